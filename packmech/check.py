@@ -1,0 +1,139 @@
+"""Checks at the edge, with one message format: argument, what is required, what came, where."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def _shape_text(shape: Sequence[int | None]) -> str:
+    return "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
+
+
+def _first_bad(bad: NDArray[np.bool_], what: str) -> tuple[tuple[int, ...], str]:
+    index = tuple(int(k) for k in np.argwhere(bad)[0])
+    return index, f" for {what} {index[0]}" if index and what else ""
+
+
+def finite_array(
+    name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle", empty: bool = False
+) -> NDArray[np.float64]:
+    """Return the value as a new C-contiguous float64 array after checking shape and finiteness.
+
+    Parameters
+    ----------
+    name
+        The argument's name, for the message.
+    value
+        Anything that numpy can turn into numbers.
+    shape
+        The required shape; None stands for any size.
+    what
+        What the first axis counts, for the message.
+    empty
+        Whether a first axis of length zero is allowed.
+
+    Raises
+    ------
+    TypeError
+        If the value is not made of real numbers.
+    ValueError
+        If the shape is wrong or an entry is not finite.
+
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "biuf":
+            raise TypeError
+        array = np.array(given, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be an array of real numbers, got {_brief(value)}") from None
+    if array.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name} must have shape {_shape_text(shape)}, got {array.shape}")
+    if not empty and array.ndim and array.shape[0] == 0:
+        raise ValueError(f"{name} must hold at least one {what}, got none")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        index, where = _first_bad(bad, what)
+        raise ValueError(f"{name} must be finite, got {array[index]}{where}")
+    return array
+
+
+def positive_array(name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle") -> NDArray[np.float64]:
+    """Return the value as a float64 array after checking that every entry is finite and above zero."""
+    array = finite_array(name, value, shape=shape, what=what)
+    bad = array <= 0.0
+    if bad.any():
+        index, where = _first_bad(bad, what)
+        raise ValueError(f"{name} must be positive, got {array[index]}{where}")
+    return array
+
+
+def _brief(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def real(name: str, value: Any, *, above: float = -math.inf, at_least: float = -math.inf, below: float = math.inf, at_most: float = math.inf) -> float:
+    """Return the value as a finite float inside the stated bounds (above and below are strict)."""
+    required = [
+        f"{word} {bound:g}"
+        for word, bound in (("above", above), ("at least", at_least), ("below", below), ("at most", at_most))
+        if math.isfinite(bound)
+    ]
+    text = " ".join(["a finite number", " and ".join(required)]).strip()
+    if isinstance(value, bool | np.bool_ | str | bytes):
+        raise TypeError(f"{name} must be {text}, got {_brief(value)}")
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be {text}, got {_brief(value)}") from None
+    if not math.isfinite(number) or number <= above or number < at_least or number >= below or number > at_most:
+        raise ValueError(f"{name} must be {text}, got {_brief(value)}")
+    return number
+
+
+def positive(name: str, value: Any) -> float:
+    """Return the value as a finite float above zero."""
+    return real(name, value, above=0.0)
+
+
+def integer(name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
+    """Return the value as an int inside the stated bounds."""
+    bounds = [f"at least {at_least}"] * (at_least is not None) + [f"at most {at_most}"] * (at_most is not None)
+    text = " ".join(["an integer", " and ".join(bounds)]).strip()
+    if isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be {text}, got {value!r}")
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be {text}, got {_brief(value)}") from None
+    if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
+        raise ValueError(f"{name} must be {text}, got {number}")
+    return number
+
+
+def one_of(name: str, value: Any, choices: Collection[str]) -> str:
+    """Return the value after checking that it is one of the named choices."""
+    if not isinstance(value, str) or value not in choices:
+        listed = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name} must be one of {listed}, got {_brief(value)}")
+    return value
+
+
+def instance(name: str, value: Any, kind: type, article: str = "a") -> None:
+    """Check that the value is of the given class.
+
+    Raises
+    ------
+    TypeError
+        Naming the argument, the class and what came.
+
+    """
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be {article} {kind.__name__}, got {_brief(value)}")

@@ -1,0 +1,148 @@
+"""Compiled functions, cached on disk under a key that sees every file they were made of.
+
+Numba's own disk cache looks at the file of the outermost function only: after an edit in a called file it returns the stale
+machine code. Here the key also holds a hash of all packmech files that the function's file imports, directly or not, and of
+the files that define the record types in its signature (a user's own law, for instance).
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import inspect
+import pathlib
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import Any, TypeVar
+
+from numba import njit
+from numba.core.caching import FunctionCache
+from numba.extending import register_jitable
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# contraction to fused multiply-add and no signed zeros; everything else stays IEEE, so infinities and NaN are seen
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
+
+_PACKAGE = pathlib.Path(__file__).parent
+
+
+@functools.cache
+def _file_hash(path: pathlib.Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return f"unreadable:{path.name}"
+
+
+def _module_files(name: str) -> Iterator[pathlib.Path]:
+    stem = _PACKAGE.parent.joinpath(*name.split("."))
+    for candidate in (stem.with_suffix(".py"), stem / "__init__.py"):
+        if candidate.is_file():
+            yield candidate
+
+
+@functools.cache
+def _imported_files(path: pathlib.Path) -> tuple[pathlib.Path, ...]:
+    """Return the packmech files that this file names in an import statement."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ()
+    if "packmech" not in text:
+        return ()
+    found: set[pathlib.Path] = set()
+    for node in ast.walk(ast.parse(text)):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            if name.split(".")[0] == "packmech" and name != "packmech":
+                found.update(_module_files(name))
+    return tuple(sorted(found))
+
+
+@functools.cache
+def source_hash(path: pathlib.Path) -> str:
+    """Return a hash of a source file and of every packmech file that it imports, directly or not.
+
+    Parameters
+    ----------
+    path
+        The file to start from.
+
+    """
+    seen: set[pathlib.Path] = set()
+    queue = [path]
+    while queue:
+        current = queue.pop()
+        if current not in seen:
+            seen.add(current)
+            queue.extend(_imported_files(current))
+    joined = "".join(_file_hash(p) for p in sorted(seen))
+    return hashlib.sha256(joined.encode()).hexdigest()
+
+
+def _record_classes(numba_type: Any) -> Iterator[type]:
+    cls = getattr(numba_type, "instance_class", None)
+    if cls is not None:
+        yield cls
+    for part in getattr(numba_type, "types", None) or ():
+        yield from _record_classes(part)
+
+
+@functools.cache
+def _class_hash(cls: type) -> str:
+    try:
+        return source_hash(pathlib.Path(inspect.getsourcefile(cls) or ""))
+    except (OSError, TypeError):
+        # a law typed at the prompt has no file: its methods' bytecode and constants stand in for it
+        parts = [
+            (name, value.__code__.co_code, repr(value.__code__.co_consts), value.__code__.co_names)
+            for name, value in sorted(vars(cls).items())
+            if inspect.isfunction(value)
+        ]
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+class _SourceCache(FunctionCache):
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        path = pathlib.Path(inspect.getsourcefile(self._py_func) or "")
+        hashes = {_class_hash(cls) for part in sig for cls in _record_classes(part)}
+        return (*super()._index_key(sig, codegen), source_hash(path), *sorted(hashes))
+
+
+def kernel(function: F) -> F:
+    """Return the function compiled by numba on first use, its machine code cached on disk.
+
+    The cache lies beside the source file, or in the user's cache folder where that is read-only. Module-level functions
+    only: one that closes over another compiled function would never be found in the cache again.
+    """
+    dispatcher = njit(**OPTIONS)(function)
+    dispatcher._cache = _SourceCache(function)
+    return dispatcher  # type: ignore[no-any-return]
+
+
+def device(function: F) -> F:
+    """Return a helper that kernels may call and that plain Python may call too."""
+    return register_jitable(**OPTIONS)(function)  # type: ignore[no-any-return]
+
+
+def single_thread() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS uses one thread, so that sums have the same bits on every machine.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> with single_thread():
+    ...     total = float(np.ones(4) @ np.ones(4))
+    >>> total
+    4.0
+
+    """
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(limits=1)  # type: ignore[no-any-return]
