@@ -1,0 +1,152 @@
+"""The periodic box: any lattice vectors, in two or three dimensions."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import finite_array, integer, positive
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A periodic box whose lattice vectors are the columns of `lattice_dd`.
+
+    Parameters
+    ----------
+    lattice_dd
+        (d, d) lattice vectors as columns [length]; d = 2 or 3. A point is x = lattice_dd @ fraction.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the array is not a finite square matrix of two or three linearly independent columns.
+
+    Examples
+    --------
+    >>> box = Box([[2.0, 1.0], [0.0, 3.0]])
+    >>> box.volume
+    6.0
+
+    """
+
+    lattice_dd: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")
+        if lattice.shape not in ((2, 2), (3, 3)):
+            raise ValueError(f"lattice_dd must have shape (2, 2) or (3, 3), got {lattice.shape}")
+        length = np.linalg.norm(lattice, axis=0)
+        if not (length > 0).all() or abs(np.linalg.det(lattice / length)) < 1e-12:
+            raise ValueError(f"lattice_dd must have linearly independent columns, got {lattice.tolist()}")
+        lattice.setflags(write=False)
+        object.__setattr__(self, "lattice_dd", lattice)
+
+    @staticmethod
+    def cubic(side: float, dimension: int) -> Box:
+        """Return a square (d = 2) or cubic (d = 3) box of the given side [length]."""
+        side = positive("side", side)
+        return Box(side * np.eye(integer("dimension", dimension, at_least=2, at_most=3)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Box) and bool(np.array_equal(self.lattice_dd, other.lattice_dd))
+
+    def __hash__(self) -> int:
+        return hash(self.lattice_dd.tobytes())
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes, 2 or 3."""
+        return int(self.lattice_dd.shape[0])
+
+    @functools.cached_property
+    def volume(self) -> float:
+        """Area (d = 2) or volume (d = 3) of the box [length^d]."""
+        return abs(float(np.linalg.det(self.lattice_dd)))
+
+    @functools.cached_property
+    def inverse_dd(self) -> NDArray[np.float64]:
+        """The (d, d) inverse of the lattice [1/length]; rows are the reciprocal vectors."""
+        # scaled by the column lengths first, so that flat boxes and any unit of length invert equally well
+        length = np.linalg.norm(self.lattice_dd, axis=0)
+        inverse: NDArray[np.float64] = np.linalg.inv(self.lattice_dd / length) / length[:, None]
+        inverse.setflags(write=False)
+        return inverse
+
+    @functools.cached_property
+    def height_d(self) -> NDArray[np.float64]:
+        """The (d,) distances between opposite faces [length]."""
+        height: NDArray[np.float64] = 1.0 / np.linalg.norm(self.inverse_dd, axis=1)
+        height.setflags(write=False)
+        return height
+
+    def wrap(self, position_nd: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return positions inside the cell, and the (N, d) integer vectors taken away: x = wrapped + lattice @ image.
+
+        Parameters
+        ----------
+        position_nd
+            (N, d) Cartesian positions [length].
+
+        """
+        position = finite_array("position_nd", position_nd, shape=(None, self.dimension), empty=True)
+        image = np.floor(position @ self.inverse_dd.T)
+        wrapped = position - image @ self.lattice_dd.T
+        return wrapped, image.astype(np.int64)
+
+    def strained(self, strain_dd: ArrayLike) -> Box:
+        """Return the box with lattice (1 + strain) lattice, for a (d, d) displacement gradient."""
+        strain = finite_array("strain_dd", strain_dd, shape=(self.dimension, self.dimension), what="row")
+        return Box((np.eye(self.dimension) + strain) @ self.lattice_dd)
+
+    def scaled(self, factor: float) -> Box:
+        """Return the box with every length multiplied by the factor."""
+        return Box(positive("factor", factor) * self.lattice_dd)
+
+    @functools.cached_property
+    def _reduction(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        return _reduce(self.lattice_dd)
+
+    def reduced(self) -> tuple[Box, NDArray[np.int64]]:
+        """Return a box of short lattice vectors of the same lattice, and the integer matrix U with reduced = lattice @ U.
+
+        Pairs of vectors are shortened against each other until none gets shorter (Lagrange-Gauss in 2D; in 3D the
+        same, with sums of two, after Semaev 2001), so the vectors are the shortest independent ones.
+
+        Examples
+        --------
+        >>> box, change = Box([[1.0, 10.0], [0.0, 1.0]]).reduced()
+        >>> box.lattice_dd.tolist(), change.tolist()
+        ([[1.0, 0.0], [0.0, 1.0]], [[1, -10], [0, 1]])
+
+        """
+        lattice, change = self._reduction
+        return Box(lattice), change.copy()
+
+
+def _reduce(lattice_dd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    dimension = lattice_dd.shape[0]
+    change = np.eye(dimension, dtype=np.int64)
+    steps = np.array(np.meshgrid(*[[-1, 0, 1]] * (dimension - 1), indexing="ij")).reshape(dimension - 1, -1).T
+    for _ in range(200):
+        lattice = lattice_dd @ change
+        length2 = (lattice**2).sum(axis=0)
+        done = True
+        for k in np.argsort(-length2, kind="stable"):
+            others = [m for m in range(dimension) if m != k]
+            basis = lattice[:, others]
+            # nearest point of the sub-lattice of the other vectors, then its neighbors
+            center = np.rint(np.linalg.lstsq(basis, lattice[:, k], rcond=None)[0]).astype(np.int64)
+            trial = -(center + steps)
+            vectors = lattice[:, [k]] + basis @ trial.T
+            best = int(np.argmin((vectors**2).sum(axis=0)))
+            if (vectors[:, best] ** 2).sum() < length2[k] * (1 - 1e-12):
+                change[:, k] += change[:, others] @ trial[best]
+                done = False
+                break
+        if done:
+            break
+    return np.ascontiguousarray(lattice_dd @ change), change

@@ -1,0 +1,273 @@
+"""Laws of repulsion: energy of a touching pair and its first two derivatives with respect to distance.
+
+A law is a small record of numbers with three methods. Each is a scalar function of the distance r of two centers and
+of their contact distance sigma, asked for only while r < sigma, and works both in plain Python and inside compiled loops,
+which choose it by its type. A user's own law is written the same way::
+
+    @pm.law
+    class Quartic(NamedTuple):
+        energy_scale: float = 1.0
+
+        def energy(self, distance, contact_distance):
+            return self.energy_scale * (1.0 - distance / contact_distance) ** 4 / 4.0
+
+        def first(self, distance, contact_distance): ...
+
+        def second(self, distance, contact_distance): ...
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+from numba.extending import overload
+
+from packmech.compiled import OPTIONS, device
+
+
+class Law(Protocol):
+    """What every law offers; distances are [length], `energy_scale` (or `stiffness`) is a field."""
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy of a touching pair [energy]."""
+        ...
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr [energy/length]."""
+        ...
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        ...
+
+
+L = TypeVar("L", bound=type)
+
+_METHODS = ("energy", "first", "second")
+_COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
+
+
+def law(cls: L) -> L:
+    """Return the class registered as a law that compiled loops can call.
+
+    Parameters
+    ----------
+    cls
+        A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), and with
+        a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy.
+
+    Raises
+    ------
+    TypeError
+        If the class is not such a NamedTuple; the message names what is missing.
+
+    Examples
+    --------
+    >>> @law
+    ... class Cubic(NamedTuple):
+    ...     energy_scale: float = 1.0
+    ...     def energy(self, distance, contact_distance):
+    ...         return self.energy_scale * (1.0 - distance / contact_distance) ** 3 / 3.0
+    ...     def first(self, distance, contact_distance):
+    ...         return -self.energy_scale * (1.0 - distance / contact_distance) ** 2 / contact_distance
+    ...     def second(self, distance, contact_distance):
+    ...         return 2.0 * self.energy_scale * (1.0 - distance / contact_distance) / contact_distance**2
+    >>> round(Cubic().energy(0.5, 1.0), 12)
+    0.041666666667
+
+    """
+    if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
+        raise TypeError(f"law must be a NamedTuple class, got {cls!r}")
+    for name in _METHODS:
+        method = vars(cls).get(name)
+        if not inspect.isfunction(method):
+            raise TypeError(f"law {cls.__name__} must define the method {name}(self, distance, contact_distance), got none")
+        if len(inspect.signature(method).parameters) != 3:
+            raise TypeError(f"law {cls.__name__}.{name} must take (self, distance, contact_distance)")
+    if not {"energy_scale", "stiffness"} & set(cls._fields):
+        raise TypeError(f"law {cls.__name__} must have a field energy_scale or stiffness, got {cls._fields}")
+    _COMPILED[cls] = {name: device(vars(cls)[name]) for name in _METHODS}
+    return cls
+
+
+def is_law(value: object) -> bool:
+    """Return whether the value is an instance of a registered law."""
+    return type(value) in _COMPILED
+
+
+def law_energy(law: Law, distance: float, contact_distance: float) -> float:
+    """Return the energy of a touching pair; compiled loops choose the law by its type."""
+    return law.energy(distance, contact_distance)
+
+
+def law_first(law: Law, distance: float, contact_distance: float) -> float:
+    """Return du/dr of a touching pair; compiled loops choose the law by its type."""
+    return law.first(distance, contact_distance)
+
+
+def law_second(law: Law, distance: float, contact_distance: float) -> float:
+    """Return d2u/dr2 of a touching pair; compiled loops choose the law by its type."""
+    return law.second(distance, contact_distance)
+
+
+def _method(numba_type: Any, name: str) -> Callable[..., float] | None:
+    cls = getattr(numba_type, "instance_class", None)
+    return _COMPILED[cls][name] if cls in _COMPILED else None
+
+
+@overload(law_energy, jit_options=OPTIONS, strict=False)
+def _law_energy(law: Any, distance: Any, contact_distance: Any) -> Any:
+    function = _method(law, "energy")
+    if function is not None:
+        return lambda law, distance, contact_distance: function(law, distance, contact_distance)
+
+
+@overload(law_first, jit_options=OPTIONS, strict=False)
+def _law_first(law: Any, distance: Any, contact_distance: Any) -> Any:
+    function = _method(law, "first")
+    if function is not None:
+        return lambda law, distance, contact_distance: function(law, distance, contact_distance)
+
+
+@overload(law_second, jit_options=OPTIONS, strict=False)
+def _law_second(law: Any, distance: Any, contact_distance: Any) -> Any:
+    function = _method(law, "second")
+    if function is not None:
+        return lambda law, distance, contact_distance: function(law, distance, contact_distance)
+
+
+@law
+class PowerLaw(NamedTuple):
+    """u = (energy_scale / exponent) xi^exponent with the relative overlap xi = 1 - r/sigma.
+
+    Equation 2.1 of Schreck and O'Hern; exponent 2 is harmonic, 5/2 Hertzian. Any exponent of at least 1.5 keeps forces
+    continuous; below 2 the stiffness diverges as contacts open.
+    """
+
+    energy_scale: float = 1.0
+    exponent: float = 2.0
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy [energy]."""
+        return self.energy_scale / self.exponent * (1.0 - distance / contact_distance) ** self.exponent
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr [energy/length]."""
+        overlap = 1.0 - distance / contact_distance
+        return -self.energy_scale / contact_distance * overlap ** (self.exponent - 1.0)
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        overlap = 1.0 - distance / contact_distance
+        scale = self.energy_scale * (self.exponent - 1.0) / (contact_distance * contact_distance)
+        return scale * overlap ** (self.exponent - 2.0)
+
+
+@law
+class Harmonic(NamedTuple):
+    """u = (energy_scale / 2) xi^2 with the relative overlap xi = 1 - r/sigma."""
+
+    energy_scale: float = 1.0
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy [energy]."""
+        overlap = 1.0 - distance / contact_distance
+        return 0.5 * self.energy_scale * overlap * overlap
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr [energy/length]."""
+        return -self.energy_scale * (1.0 - distance / contact_distance) / contact_distance
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        return self.energy_scale / (contact_distance * contact_distance)
+
+
+@law
+class Hertz(NamedTuple):
+    """u = (2 energy_scale / 5) xi^(5/2) with the relative overlap xi = 1 - r/sigma."""
+
+    energy_scale: float = 1.0
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy [energy]."""
+        overlap = 1.0 - distance / contact_distance
+        return 0.4 * self.energy_scale * overlap * overlap * math.sqrt(overlap)
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr [energy/length]."""
+        overlap = 1.0 - distance / contact_distance
+        return -self.energy_scale / contact_distance * overlap * math.sqrt(overlap)
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        overlap = 1.0 - distance / contact_distance
+        return 1.5 * self.energy_scale / (contact_distance * contact_distance) * math.sqrt(overlap)
+
+
+@law
+class RepulsiveLennardJones(NamedTuple):
+    """u = energy_scale (s^-12 - 2 s^-6 + 1) with s = r/sigma: the repulsive side, shifted to vanish with its slope at s = 1.
+
+    Equation 2.2 of Schreck and O'Hern, evaluated through expm1(-6 ln s), which keeps full precision near contact.
+    """
+
+    energy_scale: float = 1.0
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy [energy]."""
+        change = math.expm1(-6.0 * math.log(distance / contact_distance))
+        return self.energy_scale * change * change
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr [energy/length]."""
+        s = distance / contact_distance
+        change = math.expm1(-6.0 * math.log(s))
+        return -12.0 * self.energy_scale * change / (s**7 * contact_distance)
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        s = distance / contact_distance
+        inverse2 = 1.0 / (s * s)
+        inverse8 = inverse2 * inverse2 * inverse2 * inverse2
+        inverse6 = inverse2 * inverse2 * inverse2
+        scale = self.energy_scale / (contact_distance * contact_distance)
+        return scale * inverse8 * (156.0 * inverse6 - 84.0)
+
+
+@law
+class LinearSpring(NamedTuple):
+    """u = (stiffness / 2) (sigma - r)^2: a spring of the same stiffness [energy/length^2] for every pair of sizes."""
+
+    stiffness: float = 1.0
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy [energy]."""
+        overlap = contact_distance - distance
+        return 0.5 * self.stiffness * overlap * overlap
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr [energy/length]."""
+        return -self.stiffness * (contact_distance - distance)
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        return self.stiffness
+
+
+def law_scale(law: Any, length: float) -> float:
+    """Return the energy unit of a law: its energy_scale, or stiffness * length^2 [energy].
+
+    Parameters
+    ----------
+    law
+        An instance of a registered law.
+    length
+        Reference diameter [length], used by laws with a stiffness.
+
+    """
+    scale = getattr(law, "energy_scale", None)
+    return float(scale) if scale is not None else float(law.stiffness) * length * length

@@ -1,0 +1,98 @@
+"""A packing: positions, radii and the periodic box, checked once."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.check import finite_array, instance, positive_array
+
+# more sizes than this are a continuous distribution, whose reference diameter is the mean
+DISCRETE_SIZES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """Discs (d = 2) or spheres (d = 3) in a periodic box.
+
+    Parameters
+    ----------
+    position_nd
+        (N, d) centers [length], inside the cell or not.
+    radius_n
+        (N,) radii [length].
+    box
+        The periodic box.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what is required, what came and for which particle.
+
+    Examples
+    --------
+    >>> packing = Packing([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], Box.cubic(2.0, 2))
+    >>> packing.particles, packing.dimension, packing.reference_diameter
+    (2, 2, 1.0)
+
+    """
+
+    position_nd: NDArray[np.float64]
+    radius_n: NDArray[np.float64]
+    box: Box
+
+    def __post_init__(self) -> None:
+        instance("box", self.box, Box)
+        position = finite_array("position_nd", self.position_nd, shape=(None, self.box.dimension))
+        radius = positive_array("radius_n", self.radius_n, shape=(None,))
+        if len(radius) != len(position):
+            raise ValueError(f"radius_n must have one entry per particle ({len(position)}), got {len(radius)}")
+        for name, array in (("position_nd", position), ("radius_n", radius)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Packing) and (
+            self.box == other.box
+            and np.array_equal(self.position_nd, other.position_nd)
+            and np.array_equal(self.radius_n, other.radius_n)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.position_nd.tobytes(), self.radius_n.tobytes(), self.box))
+
+    @property
+    def particles(self) -> int:
+        """Number of particles N."""
+        return len(self.radius_n)
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes, 2 or 3."""
+        return self.box.dimension
+
+    @property
+    def diameter_n(self) -> NDArray[np.float64]:
+        """The (N,) diameters [length]."""
+        return 2.0 * self.radius_n
+
+    @functools.cached_property
+    def reference_diameter(self) -> float:
+        """Diameter that sets the unit of length: the smallest of a mixture, the mean of a continuous distribution."""
+        diameter = np.sort(self.diameter_n)
+        distinct = 1 + int(np.count_nonzero(np.diff(diameter) > 1e-9 * diameter[1:]))
+        return float(diameter[0] if distinct <= DISCRETE_SIZES else diameter.mean())
+
+    def replace(self, **changes: Any) -> Packing:
+        """Return a packing with the named fields exchanged."""
+        return dataclasses.replace(self, **changes)
+
+    def wrapped(self) -> Packing:
+        """Return the same packing with every center inside the cell."""
+        return self.replace(position_nd=self.box.wrap(self.position_nd)[0])
