@@ -1,0 +1,77 @@
+"""Effects: what acts in a scene, each a small record of numbers, compiled in by type."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from packmech.effects.damping import ContactDamping
+from packmech.effects.laws import (
+    Harmonic,
+    Hertz,
+    Law,
+    LinearSpring,
+    PowerLaw,
+    RepulsiveLennardJones,
+    is_law,
+    law,
+    law_energy,
+    law_first,
+    law_scale,
+    law_second,
+)
+from packmech.effects.pair import (
+    ContactTerms,
+    contact_terms,
+    effect,
+    is_effect,
+    pair_energy,
+    pair_first,
+    pair_second,
+)
+from packmech.effects.repulsion import Repulsion
+
+__all__ = [
+    "ContactDamping",
+    "ContactTerms",
+    "Harmonic",
+    "Hertz",
+    "Law",
+    "LinearSpring",
+    "PowerLaw",
+    "Repulsion",
+    "RepulsiveLennardJones",
+    "contact_terms",
+    "effect",
+    "energy_scale_of",
+    "is_effect",
+    "is_law",
+    "law",
+    "law_energy",
+    "law_first",
+    "law_of",
+    "law_scale",
+    "law_second",
+    "pair_energy",
+    "pair_first",
+    "pair_second",
+]
+
+
+def law_of(effects: tuple[Any, ...]) -> Any:
+    """Return the law of the first repulsion among the effects.
+
+    Raises
+    ------
+    ValueError
+        If no effect repels.
+
+    """
+    for one in effects:
+        if isinstance(one, Repulsion):
+            return one.law
+    raise ValueError(f"effects must contain a Repulsion, got {tuple(type(one).__name__ for one in effects)}")
+
+
+def energy_scale_of(effects: tuple[Any, ...], length: float) -> float:
+    """Return the unit of energy that the repulsion sets: its energy_scale, or stiffness * length^2 [energy]."""
+    return law_scale(law_of(effects), length)

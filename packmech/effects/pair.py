@@ -1,0 +1,172 @@
+"""Effects on touching pairs, chosen by type: what a scene does not name is not compiled in.
+
+An effect is a NamedTuple of numbers and laws whose class is decorated with `effect`. It may define any of
+
+    pair_energy(self, distance, contact_distance)        energy of a touching pair [energy]
+    pair_first(self, distance, contact_distance, rate)   radial derivative [force]; the force on j along n is minus this;
+                                                         rate = d(distance)/dt
+    pair_second(self, distance, contact_distance)        second radial derivative [force/length]
+
+each valid for distance < contact_distance. What it leaves out is zero. Compiled loops walk the scene's tuple of effects with
+`literal_unroll` and call the functions below.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numba import literal_unroll
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from packmech.compiled import OPTIONS, device, kernel
+
+E = TypeVar("E", bound=type)
+
+_HOOKS = {"pair_energy": 3, "pair_first": 4, "pair_second": 3}
+_COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
+
+
+def effect(cls: E) -> E:
+    """Return the class registered as an effect that compiled loops can call.
+
+    Parameters
+    ----------
+    cls
+        A NamedTuple class that defines at least one of the hooks listed at the top of this module.
+
+    Raises
+    ------
+    TypeError
+        If it is not, or if a hook takes the wrong number of arguments.
+
+    """
+    if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
+        raise TypeError(f"effect must be a NamedTuple class, got {cls!r}")
+    hooks = {name: vars(cls)[name] for name in _HOOKS if inspect.isfunction(vars(cls).get(name))}
+    if not hooks:
+        raise TypeError(f"effect {cls.__name__} must define at least one of {', '.join(_HOOKS)}")
+    for name, function in hooks.items():
+        if len(inspect.signature(function).parameters) != _HOOKS[name]:
+            raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
+    _COMPILED[cls] = {name: device(function) for name, function in hooks.items()}
+    return cls
+
+
+def is_effect(value: object) -> bool:
+    """Return whether the value is an instance of a registered effect."""
+    return type(value) in _COMPILED
+
+
+def pair_energy(effect: Any, distance: float, contact_distance: float) -> float:
+    """Return the energy of a touching pair under one effect [energy]."""
+    hook = getattr(effect, "pair_energy", None)
+    return 0.0 if hook is None else hook(distance, contact_distance)
+
+
+def pair_first(effect: Any, distance: float, contact_distance: float, rate: float) -> float:
+    """Return the radial derivative of a touching pair under one effect [force]."""
+    hook = getattr(effect, "pair_first", None)
+    return 0.0 if hook is None else hook(distance, contact_distance, rate)
+
+
+def pair_second(effect: Any, distance: float, contact_distance: float) -> float:
+    """Return the second radial derivative of a touching pair under one effect [force/length]."""
+    hook = getattr(effect, "pair_second", None)
+    return 0.0 if hook is None else hook(distance, contact_distance)
+
+
+def _hook(numba_type: Any, name: str) -> Callable[..., float] | None:
+    return _COMPILED.get(getattr(numba_type, "instance_class", None), {}).get(name)  # type: ignore[arg-type]
+
+
+@overload(pair_energy, jit_options=OPTIONS, strict=False)
+def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
+    function = _hook(effect, "pair_energy")
+    if function is None:
+        return lambda effect, distance, contact_distance: 0.0
+    return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)
+
+
+@overload(pair_first, jit_options=OPTIONS, strict=False)
+def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) -> Any:
+    function = _hook(effect, "pair_first")
+    if function is None:
+        return lambda effect, distance, contact_distance, rate: 0.0
+    return lambda effect, distance, contact_distance, rate: function(effect, distance, contact_distance, rate)
+
+
+@overload(pair_second, jit_options=OPTIONS, strict=False)
+def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
+    function = _hook(effect, "pair_second")
+    if function is None:
+        return lambda effect, distance, contact_distance: 0.0
+    return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)
+
+
+class ContactTerms(NamedTuple):
+    """Energy and radial derivatives of each contact, summed over the effects at zero rate; zero where not touching."""
+
+    energy_c: NDArray[np.float64]
+    first_c: NDArray[np.float64]
+    second_c: NDArray[np.float64]
+
+
+@kernel
+def _contact_terms(effects, distance_c, contact_distance_c, touching_c, energy_c, first_c, second_c):  # type: ignore[no-untyped-def]
+    for c in range(distance_c.shape[0]):
+        if touching_c[c]:
+            r = distance_c[c]
+            sigma = contact_distance_c[c]
+            energy = 0.0
+            first = 0.0
+            second = 0.0
+            for one in literal_unroll(effects):
+                energy += pair_energy(one, r, sigma)
+                first += pair_first(one, r, sigma, 0.0)
+                second += pair_second(one, r, sigma)
+            energy_c[c] = energy
+            first_c[c] = first
+            second_c[c] = second
+
+
+def contact_terms(
+    effects: tuple[Any, ...],
+    distance_c: NDArray[np.float64],
+    contact_distance_c: NDArray[np.float64],
+    *,
+    closing: bool = False,
+) -> ContactTerms:
+    """Return energy, du/dr and d2u/dr2 of each contact, summed over the effects.
+
+    Parameters
+    ----------
+    effects
+        The scene's effects.
+    distance_c, contact_distance_c
+        (C,) center distances and contact distances [length].
+    closing
+        Give pairs that just touch, or are open, the derivatives of the closed side at contact (distance = contact
+        distance). A lattice at its jamming point has the stiffness V''(1-) this way.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> effects = (pm.Repulsion(law=pm.Harmonic()),)
+    >>> contact_terms(effects, np.array([0.8, 1.2]), np.array([1.0, 1.0])).second_c.tolist()
+    [1.0, 0.0]
+
+    """
+    distance = np.ascontiguousarray(distance_c, dtype=np.float64)
+    sigma = np.ascontiguousarray(contact_distance_c, dtype=np.float64)
+    touching = distance < sigma
+    if closing:
+        distance = np.minimum(distance, sigma)
+        touching = np.ones_like(touching)
+    energy, first, second = (np.zeros_like(distance) for _ in range(3))
+    if effects:
+        _contact_terms(effects, distance, sigma, touching, energy, first, second)
+    return ContactTerms(energy, first, second)

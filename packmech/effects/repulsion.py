@@ -1,0 +1,27 @@
+"""Repulsion of overlapping particles by a law of the distance."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from packmech.effects.laws import Harmonic, Law, law_energy, law_first, law_second
+from packmech.effects.pair import effect
+
+
+@effect
+class Repulsion(NamedTuple):
+    """Touching particles repel along the line of centers by the given law."""
+
+    law: Law = Harmonic()
+
+    def pair_energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy [energy]."""
+        return law_energy(self.law, distance, contact_distance)
+
+    def pair_first(self, distance: float, contact_distance: float, rate: float) -> float:
+        """Return du/dr [force]."""
+        return law_first(self.law, distance, contact_distance)
+
+    def pair_second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2 [force/length]."""
+        return law_second(self.law, distance, contact_distance)

@@ -1,0 +1,119 @@
+"""A scene: a packing, the effects that act on it, and what is done to it. Data only."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from packmech.check import instance, one_of, positive
+from packmech.effects import energy_scale_of, is_effect, is_law
+from packmech.packing import Packing
+
+
+@dataclass(frozen=True)
+class QuenchDrive:
+    """Minimize the energy in the box as it is, to `force_tolerance` times the mean contact force."""
+
+    force_tolerance: float = 1e-12
+
+    def __post_init__(self) -> None:
+        positive("drive.force_tolerance", self.force_tolerance)
+
+
+@dataclass(frozen=True)
+class JamDrive:
+    """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d], box shape fixed or every strain free."""
+
+    pressure: float = 1e-8
+    strain: str = "free"
+
+    def __post_init__(self) -> None:
+        positive("drive.pressure", self.pressure)
+        one_of("drive.strain", self.strain, ("fixed", "free"))
+
+
+Drive = QuenchDrive | JamDrive
+
+
+def _check_numbers(where: str, record: Any) -> None:
+    for name, value in zip(record._fields, record, strict=True):
+        if is_law(value):
+            _check_numbers(f"{where}.{name}", value)
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
+        elif name in ("energy_scale", "stiffness") and value <= 0:
+            raise ValueError(f"{where}.{name} must be positive, got {value!r}")
+        elif value < 0:
+            raise ValueError(f"{where}.{name} must not be negative, got {value!r}")
+        elif name == "exponent" and value < 1.5:
+            raise ValueError(f"{where}.{name} must be at least 1.5 for continuous forces, got {value!r}")
+
+
+def _plain(record: Any) -> Any:
+    """Return the record with every number a float, so that one combination of effects compiles once."""
+    return type(record)(*(_plain(value) if is_law(value) else float(value) for value in record))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A packing, a tuple of effects and, if one was chosen, a drive.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    effects
+        Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
+    drive
+        What `packmech run` does with the scene: a QuenchDrive or a JamDrive.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the field that is wrong.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    >>> scene = pm.Scene(packing, effects=(pm.Repulsion(law=pm.Harmonic(energy_scale=2.0)),))
+    >>> scene.pressure_unit
+    2.0
+
+    """
+
+    packing: Packing
+    effects: tuple[Any, ...]
+    drive: Drive | None = None
+
+    def __post_init__(self) -> None:
+        instance("packing", self.packing, Packing)
+        if is_effect(self.effects):
+            raise TypeError("effects must be a tuple of effects, got one effect; write effects=(effect,)")
+        if not isinstance(self.effects, tuple | list):
+            raise TypeError(f"effects must be a tuple of effects, got {self.effects!r}")
+        for k, one in enumerate(self.effects):
+            if not is_effect(one):
+                raise TypeError(f"effects[{k}] must be an effect such as Repulsion(...), got {one!r}")
+            if hasattr(one, "law") and not is_law(one.law):
+                raise TypeError(f"effects[{k}].law must be a law such as Harmonic(...), got {one.law!r}")
+            _check_numbers(f"effects[{k}]", one)
+        object.__setattr__(self, "effects", tuple(_plain(one) for one in self.effects))
+        if self.drive is not None and not isinstance(self.drive, QuenchDrive | JamDrive):
+            raise TypeError(f"drive must be a QuenchDrive, a JamDrive or None, got {self.drive!r}")
+
+    @property
+    def energy_scale(self) -> float:
+        """Unit of energy that the repulsion sets [energy]."""
+        return energy_scale_of(self.effects, self.packing.reference_diameter)
+
+    @property
+    def pressure_unit(self) -> float:
+        """Unit of pressures and moduli: energy_scale / reference_diameter^d [energy/length^d]."""
+        return self.energy_scale / self.packing.reference_diameter**self.packing.dimension
+
+    def replace(self, **changes: Any) -> Scene:
+        """Return a scene with the named fields exchanged."""
+        return dataclasses.replace(self, **changes)
