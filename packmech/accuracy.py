@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.accuracy_table import WorkPrecision
+from packmech.check import integer
 
 __all__ = ["Answer", "Trial", "WorkPrecision", "work_precision"]
 
@@ -122,8 +123,7 @@ def work_precision(
     solvers = dict(problem) if isinstance(problem, Mapping) else {"": problem}
     _check_methods(solvers)
     setting_t = _checked_settings(settings)
-    if repeats < 1:
-        raise ValueError(f"repeats must be at least 1, got {repeats}")
+    repeats = integer("repeats", repeats, at_least=1)
     measure = largest_difference if error is None else error
     trials: list[Trial] = []
     first_seconds: dict[str, float] = {}
@@ -164,9 +164,7 @@ def largest_difference(value: Any, reference: Any) -> float | dict[str, float]:
 def _difference(value: npt.ArrayLike, reference: npt.ArrayLike) -> float:
     value_array, reference_array = np.asarray(value, float), np.asarray(reference, float)
     if value_array.shape != reference_array.shape:
-        raise ValueError(
-            f"value must have the reference's shape {reference_array.shape}, got {value_array.shape}"
-        )
+        raise ValueError(f"value must have the reference's shape {reference_array.shape}, got {value_array.shape}")
     return float(np.max(np.abs(value_array - reference_array), initial=0.0))
 
 
@@ -190,9 +188,7 @@ def _checked_settings(settings: Sequence[float]) -> tuple[float, ...]:
     return setting_t
 
 
-def _attempt(
-    solver: Solver, setting: float, failures: tuple[type[Exception], ...]
-) -> tuple[Answer | None, str]:
+def _attempt(solver: Solver, setting: float, failures: tuple[type[Exception], ...]) -> tuple[Answer | None, str]:
     """Answer, or None with the reason of the failure."""
     try:
         value = solver(setting)

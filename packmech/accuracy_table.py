@@ -78,7 +78,7 @@ class WorkPrecision:
         return self.fit(method, quantity=quantity).floor
 
     def cheapest(self, *, error_below: float, quantity: str | None = None) -> Trial | None:
-        """The quickest trial that did not fail and whose error is below the bound; None when there is none."""
+        """Return the quickest trial that did not fail and whose error is below the bound; None when there is none."""
         if not error_below > 0.0:
             raise ValueError(f"error_below must be positive, got {error_below}")
         name = self._quantity(quantity)
@@ -86,7 +86,7 @@ class WorkPrecision:
         return min(good, key=lambda trial: trial.seconds, default=None)
 
     def to_csv(self) -> str:
-        """The table as comma-separated values, numbers with every digit."""
+        """Return the table as comma-separated values, numbers with every digit."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -96,13 +96,11 @@ class WorkPrecision:
         for trial in self.trials:
             errors = (repr(trial.errors[name]) if name in trial.errors else "" for name in self.quantities)
             counts = (repr(trial.work[name]) if name in trial.work else "" for name in work)
-            writer.writerow(
-                (trial.method, repr(trial.setting), *errors, repr(trial.seconds), *counts, trial.failed)
-            )
+            writer.writerow((trial.method, repr(trial.setting), *errors, repr(trial.seconds), *counts, trial.failed))
         return text.getvalue()
 
     def to_markdown(self) -> str:
-        """The table as Markdown: short numbers, failures in words."""
+        """Return the table as Markdown: short numbers, failures in words."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
         header = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "CPU s", *work, "failed")
         lines = [_row(header), _row(["---"] * len(header))]
