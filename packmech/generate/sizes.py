@@ -13,6 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import positive, real
+
 # A gaussian factor this far from 1 is drawn again: radii stay positive, and cutting both tails alike keeps the mean.
 _LARGEST_DEVIATION = 0.9
 _LARGEST_SPREAD = 0.3
@@ -25,19 +27,6 @@ class Sizes(Protocol):
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return radius_n: (N,) positive radii [length], the same for the same state of the generator."""
         ...
-
-
-def _number(name: str, value: object, low: float, high: float, *, low_included: bool) -> float:
-    """Return ``value`` as a float after checking low < value <= high (or low <= value <= high)."""
-    bound = f"{'at least' if low_included else 'larger than'} {low:g}"
-    if math.isfinite(high):
-        bound += f" and at most {high:g}"
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{name} must be a number {bound}, got {value!r}")
-    number = float(value)
-    if not (math.isfinite(number) and number <= high and (number > low or (low_included and number == low))):
-        raise ValueError(f"{name} must be {bound}, got {number!r}")
-    return number
 
 
 def apportion(particles: int, fractions: tuple[float, ...]) -> tuple[int, ...]:
@@ -101,7 +90,7 @@ class Monodisperse:
     scatter: float = 0.0
 
     def __post_init__(self) -> None:
-        _number("scatter", self.scatter, 0.0, _LARGEST_SPREAD, low_included=True)
+        real("scatter", self.scatter, at_least=0.0, at_most=_LARGEST_SPREAD)
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return radius_n: (N,) radii [length]."""
@@ -134,16 +123,13 @@ class Bidisperse:
     scatter: float = 0.0
 
     def __post_init__(self) -> None:
-        _number("ratio", self.ratio, 1.0, math.inf, low_included=False)
-        _number("scatter", self.scatter, 0.0, _LARGEST_SPREAD, low_included=True)
+        real("ratio", self.ratio, above=1.0)
+        real("scatter", self.scatter, at_least=0.0, at_most=_LARGEST_SPREAD)
         self._small_fraction()
 
     def _small_fraction(self) -> float:
         if not isinstance(self.fraction, str):
-            value = _number("fraction", self.fraction, 0.0, 1.0, low_included=False)
-            if value == 1.0:
-                raise ValueError("fraction must be less than 1 (Monodisperse is the name for one size), got 1.0")
-            return value
+            return real("fraction", self.fraction, above=0.0, below=1.0)
         parts = self.fraction.split(":")
         if len(parts) != 2 or not all(part.strip().isdigit() and int(part) > 0 for part in parts):
             raise ValueError(f"fraction must be a number or like '50:50' or '2:1' (small:large), got {self.fraction!r}")
@@ -185,9 +171,7 @@ class Mixture:
             values = getattr(self, name)
             if isinstance(values, str) or not hasattr(values, "__iter__"):
                 raise TypeError(f"{name} must be a sequence of numbers, got {values!r}")
-            checked = tuple(
-                _number(f"{name}[{k}]", v, 0.0, math.inf, low_included=False) for k, v in enumerate(values)
-            )
+            checked = tuple(positive(f"{name}[{k}]", value) for k, value in enumerate(values))
             object.__setattr__(self, name, checked)
         if not self.ratios:
             raise ValueError("ratios must hold at least one number, got ()")
@@ -195,7 +179,7 @@ class Mixture:
             raise ValueError(
                 f"fractions must hold one number for each of the {len(self.ratios)} ratios, got {len(self.fractions)}"
             )
-        _number("scatter", self.scatter, 0.0, _LARGEST_SPREAD, low_included=True)
+        real("scatter", self.scatter, at_least=0.0, at_most=_LARGEST_SPREAD)
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return radius_n: (N,) radii [length], in the order of ``ratios``."""
@@ -224,7 +208,7 @@ class Uniform:
     ratio: float = 1.4
 
     def __post_init__(self) -> None:
-        _number("ratio", self.ratio, 1.0, math.inf, low_included=False)
+        real("ratio", self.ratio, above=1.0)
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return radius_n: (N,) radii [length]."""
@@ -238,7 +222,7 @@ class Normal:
     Parameters
     ----------
     spread
-        Standard deviation over mean, larger than 0 and at most 0.3 [1]. Values outside 0.1 to 1.9 means are drawn again.
+        Standard deviation over mean, larger than 0 and at most 0.3 [1]. Values outside 0.1 to 1.9 means: drawn again.
 
     Examples
     --------
@@ -251,7 +235,7 @@ class Normal:
     spread: float = 0.1
 
     def __post_init__(self) -> None:
-        _number("spread", self.spread, 0.0, _LARGEST_SPREAD, low_included=False)
+        real("spread", self.spread, above=0.0, at_most=_LARGEST_SPREAD)
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return radius_n: (N,) radii [length]."""
@@ -278,7 +262,7 @@ class LogNormal:
     spread: float = 0.1
 
     def __post_init__(self) -> None:
-        _number("spread", self.spread, 0.0, math.inf, low_included=False)
+        positive("spread", self.spread)
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return radius_n: (N,) radii [length]."""

@@ -1,0 +1,1 @@
+"""Starting packings: sizes, random positions, lattices."""

@@ -1,0 +1,171 @@
+"""Crystals: nearest neighbors exactly touching, in primitive, conventional or any other cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.box import Box
+from packmech.check import integer, one_of, positive, real
+from packmech.packing import Packing
+
+_ROOT_2, _ROOT_3 = math.sqrt(2.0), math.sqrt(3.0)
+Columns = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    """Primitive cell for touching spheres of diameter 1, and the conventional cell as integer columns of it."""
+
+    vectors: Columns  # one primitive lattice vector a line [diameter]
+    basis: Columns  # fractional coordinates of the particles in the primitive cell
+    conventional: tuple[tuple[int, ...], ...]  # one conventional vector a line, in primitive vectors
+
+
+_TRIANGULAR: Columns = ((1.0, 0.0), (0.5, _ROOT_3 / 2))
+_RECTANGLE = ((1, 0), (-1, 2))
+_FCC: Columns = tuple(tuple(x / _ROOT_2 for x in v) for v in ((0, 1, 1), (1, 0, 1), (1, 1, 0)))
+_FCC_CUBE = ((-1, 1, 1), (1, -1, 1), (1, 1, -1))
+
+
+def _times(factor: float, vectors: Columns) -> Columns:
+    return tuple(tuple(factor * x for x in vector) for vector in vectors)
+
+
+_LATTICES = {
+    "triangular": _Lattice(_TRIANGULAR, ((0, 0),), _RECTANGLE),
+    "square": _Lattice(((1, 0), (0, 1)), ((0, 0),), ((1, 0), (0, 1))),
+    "honeycomb": _Lattice(_times(_ROOT_3, _TRIANGULAR), ((0, 0), (1 / 3, 1 / 3)), _RECTANGLE),
+    "kagome": _Lattice(_times(2.0, _TRIANGULAR), ((0, 0), (0.5, 0), (0, 0.5)), _RECTANGLE),
+    "sc": _Lattice(((1, 0, 0), (0, 1, 0), (0, 0, 1)), ((0, 0, 0),), ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    "bcc": _Lattice(
+        tuple(tuple(x / _ROOT_3 for x in v) for v in ((-1, 1, 1), (1, -1, 1), (1, 1, -1))),
+        ((0, 0, 0),),
+        ((0, 1, 1), (1, 0, 1), (1, 1, 0)),
+    ),
+    "fcc": _Lattice(_FCC, ((0, 0, 0),), _FCC_CUBE),
+    "hcp": _Lattice(
+        ((1, 0, 0), (0.5, _ROOT_3 / 2, 0), (0, 0, math.sqrt(8 / 3))),
+        ((0, 0, 0), (1 / 3, 1 / 3, 0.5)),
+        ((1, 0, 0), (-1, 2, 0), (0, 0, 1)),
+    ),
+    "diamond": _Lattice(
+        _times(4 / math.sqrt(6), _FCC), ((0, 0, 0), (0.25, 0.25, 0.25)), _FCC_CUBE
+    ),
+}  # fmt: skip
+
+LATTICE_NAMES = tuple(_LATTICES)
+
+
+def lattice_packing(
+    name: str,
+    repeats: int | Sequence[int] | None = None,
+    *,
+    supercell: ArrayLike | None = None,
+    conventional: bool = False,
+    relative_overlap: float = 0.0,
+    diameter: float = 1.0,
+) -> Packing:
+    """Return a crystal of equal discs or spheres in which every particle overlaps its nearest neighbors alike.
+
+    Parameters
+    ----------
+    name
+        ``"triangular"``, ``"square"``, ``"honeycomb"``, ``"kagome"`` (2D); ``"sc"``, ``"bcc"``, ``"fcc"``, ``"hcp"``,
+        ``"diamond"`` (3D).
+    repeats
+        Number of cells along each cell vector, one number for all or d of them; 1 when nothing is said. The packing may
+        be a single particle that touches its own images.
+    supercell
+        Instead of ``repeats``: (d, d) integers whose columns are the box vectors in cell vectors, determinant not 0.
+    conventional
+        Whether a cell is the usual right-angled one (triangular, honeycomb and kagome: 1 by sqrt 3; bcc, fcc, diamond:
+        cube; hcp: 1 by sqrt 3 by sqrt(8/3)) instead of the primitive one.
+    relative_overlap
+        xi = 1 - r/sigma of nearest neighbors [1], below 1. 0: they touch exactly; negative: they are apart.
+    diameter
+        Diameter of the particles [length].
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, for an unknown name, repeats below 1, a singular supercell, an overlap of 1 or more.
+
+    Examples
+    --------
+    >>> packing = lattice_packing("kagome", repeats=(2, 2))
+    >>> packing.particles, packing.box.lattice_dd[:, 0].tolist()
+    (12, [4.0, 0.0])
+    >>> lattice_packing("fcc", conventional=True).particles
+    4
+
+    """
+    lattice = _LATTICES[one_of("name", name, LATTICE_NAMES)]
+    diameter = positive("diameter", diameter)
+    spacing = diameter * (1.0 - real("relative_overlap", relative_overlap, below=1.0))
+    if not isinstance(conventional, bool):
+        raise TypeError(f"conventional must be True or False, got {conventional!r}")
+    dimension = len(lattice.vectors)
+    if supercell is None:
+        cells_dd = np.diag(_repeats(repeats, dimension))
+    elif repeats is None:
+        cells_dd = _integer_matrix(supercell, dimension)
+    else:
+        raise ValueError(f"repeats must be left out when supercell is given, got {repeats!r}")
+    if conventional:
+        cells_dd = np.array(lattice.conventional).T @ cells_dd
+    vectors_dd = spacing * np.array(lattice.vectors, dtype=np.float64).T
+    basis_bd = np.array(lattice.basis, dtype=np.float64)
+    fraction_nd = (_cells_inside(cells_dd)[:, None, :] + basis_bd[None, :, :]).reshape(-1, dimension)
+    position_nd = np.einsum("de,ne->nd", vectors_dd, fraction_nd)
+    radius_n = np.full(len(position_nd), 0.5 * diameter)
+    return Packing(position_nd, radius_n, box=Box(np.einsum("de,ef->df", vectors_dd, cells_dd)))
+
+
+def _repeats(repeats: int | Sequence[int] | None, dimension: int) -> list[int]:
+    if repeats is None:
+        return [1] * dimension
+    if isinstance(repeats, (list, tuple, np.ndarray)):
+        if len(repeats) != dimension:
+            raise ValueError(f"repeats must hold {dimension} integers, got {len(repeats)}")
+        return [integer(f"repeats[{k}]", value, at_least=1) for k, value in enumerate(repeats)]
+    return [integer("repeats", repeats, at_least=1)] * dimension
+
+
+def _integer_matrix(supercell: ArrayLike, dimension: int) -> NDArray[np.int64]:
+    matrix = np.asarray(supercell)
+    if matrix.dtype.kind not in "iu":
+        raise TypeError(f"supercell must be an array of integers, got {supercell!r}")
+    if matrix.shape != (dimension, dimension):
+        raise ValueError(f"supercell must have shape ({dimension}, {dimension}), got {matrix.shape}")
+    matrix = matrix.astype(np.int64)
+    if _adjugate(matrix)[1] == 0:
+        raise ValueError(f"supercell must have a determinant other than 0, got {matrix.tolist()}")
+    return matrix
+
+
+def _adjugate(matrix_dd: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Return the integer adjugate and determinant: adjugate @ matrix = determinant * identity, without rounding."""
+    if len(matrix_dd) == 2:
+        (a, b), (c, d) = matrix_dd.tolist()
+        adjugate = np.array([[d, -b], [-c, a]])
+    else:
+        # the rows of the adjugate are the cross products of the columns
+        u, v, w = matrix_dd.T
+        adjugate = np.array([np.cross(v, w), np.cross(w, u), np.cross(u, v)])
+    return adjugate, int(adjugate[0] @ matrix_dd[:, 0])
+
+
+def _cells_inside(cells_dd: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the integer points z with matrix^-1 z in [0, 1)^d, last index fastest: |det| of them, found exactly."""
+    adjugate, determinant = _adjugate(cells_dd)
+    low, high = np.minimum(cells_dd, 0).sum(axis=1), np.maximum(cells_dd, 0).sum(axis=1)
+    grid = np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(low, high, strict=True)], indexing="ij")
+    point_kd = np.stack([axis.ravel() for axis in grid], axis=1)
+    scaled_kd = np.sign(determinant) * point_kd @ adjugate.T
+    inside_k = ((scaled_kd >= 0) & (scaled_kd < abs(determinant))).all(axis=1)
+    return point_kd[inside_k]

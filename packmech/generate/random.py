@@ -1,0 +1,98 @@
+"""Random starting packings: points placed independently and uniformly, at a stated packing fraction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from packmech.box import Box
+from packmech.check import finite_array, integer, positive
+from packmech.generate.sizes import Bidisperse, Sizes
+from packmech.packing import Packing
+
+
+def random_packing(
+    particles: int,
+    *,
+    dimension: int,
+    packing_fraction: float,
+    sizes: Sizes | None = None,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+    box: Box | ArrayLike | None = None,
+) -> Packing:
+    """Return discs or spheres at independent uniform positions, in a box that gives the packing fraction asked for.
+
+    The usual start of a quench: particles overlap at random, some of them deeply. The unit of length is the smallest
+    diameter of a mixture, the mean diameter of a continuous distribution.
+
+    Parameters
+    ----------
+    particles
+        Number of particles N.
+    dimension
+        2 (discs) or 3 (spheres).
+    packing_fraction
+        Sum of the particle areas or volumes over that of the box [1], overlaps and rattlers counted in full.
+    sizes
+        Distribution of the radii: ``Monodisperse``, ``Bidisperse``, ``Mixture``, ``Uniform``, ``Normal`` or
+        ``LogNormal``; ``Bidisperse()`` (50:50, 1:1.4) when nothing is said.
+    seed, rng
+        Exactly one of them: a seed for ``numpy.random.default_rng``, or a generator. The same seed gives the same bits.
+    box
+        Shape of the box, a ``Box`` or (d, d) lattice vectors as columns; its size is set by the packing fraction.
+        Square or cubic when nothing is said.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what it must be and what came.
+
+    Examples
+    --------
+    >>> from packmech.generate.sizes import Bidisperse
+    >>> packing = random_packing(256, dimension=2, sizes=Bidisperse(ratio=1.4), packing_fraction=0.9, seed=1)
+    >>> packing.particles, float(packing.radius_n.min())
+    (256, 0.5)
+
+    """
+    particles = integer("particles", particles, at_least=1)
+    dimension = integer("dimension", dimension, at_least=2, at_most=3)
+    packing_fraction = positive("packing_fraction", packing_fraction)
+    sizes = Bidisperse() if sizes is None else sizes
+    if not isinstance(sizes, Sizes) or isinstance(sizes, type):
+        raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
+    rng = _generator(seed, rng)
+    shape_dd = np.eye(dimension) if box is None else _shape(box, dimension)
+
+    radius_n = sizes.radii(particles, rng)
+    ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
+    volume = ball * math.fsum(radius_n**dimension) / packing_fraction
+    shape = Box(shape_dd)
+    scaled = shape.scaled((volume / shape.volume) ** (1.0 / dimension))
+    # einsum, not BLAS: the same bits for any number of threads
+    position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
+    return Packing(position_nd, radius_n, box=scaled)
+
+
+def _generator(seed: int | None, rng: np.random.Generator | None) -> np.random.Generator:
+    if rng is None:
+        if seed is None:
+            raise ValueError("seed must be an integer (or give rng, a numpy Generator), got None")
+        return np.random.default_rng(integer("seed", seed, at_least=0))
+    if seed is not None:
+        raise ValueError(f"seed must be left out when rng is given, got {seed!r}")
+    if not isinstance(rng, np.random.Generator):
+        raise TypeError(f"rng must be a numpy Generator, got {rng!r}")
+    return rng
+
+
+def _shape(box: Box | ArrayLike, dimension: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    lattice_dd = box.lattice_dd if isinstance(box, Box) else box
+    checked = finite_array("box", lattice_dd, shape=(dimension, dimension), what="row")
+    length_d = np.linalg.norm(checked, axis=0)
+    if not (length_d > 0).all() or abs(np.linalg.det(checked / length_d)) < 1e-12:
+        raise ValueError(f"box must have linearly independent columns, got {checked.tolist()}")
+    return checked
