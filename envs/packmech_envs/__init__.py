@@ -1,0 +1,1 @@
+"""Gymnasium environments over packmech; empty until they are built."""

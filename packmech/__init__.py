@@ -1,0 +1,63 @@
+"""packmech: mechanics of jammed packings.
+
+Names are found on first use, so that `import packmech` is light and a command pays only for what it touches.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+# public name -> module that holds it
+_PUBLIC = {
+    # packings
+    "Box": "packmech.box",
+    "Packing": "packmech.packing",
+    # scenes and effects
+    "JamDrive": "packmech.scene",
+    "QuenchDrive": "packmech.scene",
+    "Scene": "packmech.scene",
+    "ContactDamping": "packmech.effects",
+    "Harmonic": "packmech.effects",
+    "Hertz": "packmech.effects",
+    "LinearSpring": "packmech.effects",
+    "PowerLaw": "packmech.effects",
+    "Repulsion": "packmech.effects",
+    "RepulsiveLennardJones": "packmech.effects",
+    "effect": "packmech.effects",
+    "law": "packmech.effects",
+    # contacts
+    "Contacts": "packmech.contacts",
+    "find_contacts": "packmech.contacts",
+    # measures
+    "coordination_number": "packmech.measure",
+    "energy": "packmech.measure",
+    "forces": "packmech.measure",
+    "packing_fraction": "packmech.measure",
+    "pressure": "packmech.measure",
+    "stress_tensor": "packmech.measure",
+    # outcomes
+    "NotConverged": "packmech.outcome",
+    "Outcome": "packmech.outcome",
+    "Run": "packmech.outcome",
+    "Solve": "packmech.outcome",
+    "Stage": "packmech.outcome",
+    "Trace": "packmech.outcome",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    module = _PUBLIC.get(name)
+    if module is None:
+        raise AttributeError(f"module 'packmech' has no attribute {name!r}")
+    value = getattr(importlib.import_module(module), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(_PUBLIC))

@@ -1,0 +1,153 @@
+"""The contact network: which particles touch, through which image, and how deeply."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import instance, real
+from packmech.contacts.neighbors import candidate_pairs
+from packmech.packing import Packing
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Touching pairs as a multigraph, each physical pair once, sorted by (i, j, image).
+
+    Attributes
+    ----------
+    i_c, j_c
+        (C,) particles; i < j, or i == j for a particle that touches its own image.
+    image_cd
+        (C, d) integer vectors: v = x_j - x_i + lattice @ image for the positions as they stand in the packing.
+    normal_cd
+        (C, d) unit vectors from i to j [1].
+    distance_c, contact_distance_c
+        (C,) center distance and sum of radii [length].
+    particles, dimension
+        N and d of the packing.
+
+    """
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    image_cd: NDArray[np.int64]
+    normal_cd: NDArray[np.float64]
+    distance_c: NDArray[np.float64]
+    contact_distance_c: NDArray[np.float64]
+    particles: int
+    dimension: int
+
+    def __len__(self) -> int:
+        return len(self.i_c)
+
+    @property
+    def gap_c(self) -> NDArray[np.float64]:
+        """The (C,) signed surface distances, negative where particles overlap [length]."""
+        return self.distance_c - self.contact_distance_c
+
+    @property
+    def overlap_c(self) -> NDArray[np.float64]:
+        """The (C,) relative overlaps xi = 1 - r/sigma [1]."""
+        return 1.0 - self.distance_c / self.contact_distance_c
+
+    @property
+    def vector_cd(self) -> NDArray[np.float64]:
+        """The (C, d) vectors from center i to center j [length]."""
+        return self.normal_cd * self.distance_c[:, None]
+
+    def select(self, keep_c: ArrayLike) -> Contacts:
+        """Return the contacts that a boolean mask or an index array names, in their order."""
+        keep = np.asarray(keep_c)
+        return Contacts(
+            self.i_c[keep],
+            self.j_c[keep],
+            self.image_cd[keep],
+            self.normal_cd[keep],
+            self.distance_c[keep],
+            self.contact_distance_c[keep],
+            self.particles,
+            self.dimension,
+        )
+
+    def count_n(self) -> NDArray[np.int64]:
+        """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
+        ends = np.concatenate([self.i_c, self.j_c])
+        return np.bincount(ends, minlength=self.particles)
+
+
+def pair_contacts(
+    packing: Packing, i_c: NDArray[np.int64], j_c: NDArray[np.int64], image_cd: NDArray[np.int64]
+) -> Contacts:
+    """Return the geometry of the given pairs, touching or not.
+
+    Coincident centers have no direction: their normal is a fixed unit vector that depends on the pair's numbers only, so
+    that forces of a deep overlap separate them and every repetition takes the same way.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    i_c, j_c, image_cd
+        (C,), (C,), (C, d) pairs and images.
+
+    """
+    position = packing.position_nd
+    vector = position[j_c] - position[i_c] + image_cd @ packing.box.lattice_dd.T
+    # scaled by the largest component, so that no unit of length under- or overflows
+    largest = np.abs(vector).max(axis=1, initial=0.0)
+    safe = np.where(largest > 0, largest, 1.0)
+    distance = safe * np.sqrt(((vector / safe[:, None]) ** 2).sum(axis=1))
+    normal = np.zeros_like(vector)
+    apart = largest > 0
+    normal[apart] = vector[apart] / distance[apart, None]
+    if not apart.all():
+        distance = np.where(apart, distance, 0.0)
+        normal[~apart] = coincident_normal(i_c[~apart], j_c[~apart], packing.dimension)
+    sigma = packing.radius_n[i_c] + packing.radius_n[j_c]
+    return Contacts(i_c, j_c, image_cd, normal, distance, sigma, packing.particles, packing.dimension)
+
+
+def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension: int) -> NDArray[np.float64]:
+    """Return (C, d) unit vectors for pairs at the same place: a direction by the golden ratio of the pair's numbers."""
+    turn = np.mod((i_c + 1) * 0.6180339887498949 + (j_c + 1) * 0.7548776662466927, 1.0)
+    angle = 2.0 * np.pi * turn
+    if dimension == 2:
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    height = 2.0 * np.mod((i_c + 1) * 0.5698402909980532 + (j_c + 1) * 0.8191725133961645, 1.0) - 1.0
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+
+
+def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
+    """Return all touching pairs: gap <= gap_tolerance * (radius_i + radius_j), over every periodic image.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts; a negative one asks for overlap.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the packing is none or the tolerance is not finite or not above -1.
+
+    Examples
+    --------
+    >>> from packmech.box import Box
+    >>> packing = Packing([[0.0, 0.0]], [0.5], Box([[1.0, 0.5], [0.0, 0.75**0.5]]))
+    >>> len(find_contacts(packing, gap_tolerance=1e-12))
+    3
+
+    """
+    instance("packing", packing, Packing)
+    tolerance = real("gap_tolerance", gap_tolerance, above=-1.0)
+    scale = (1.0 + tolerance) * (1.0 + 1e-9)
+    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
+    contacts = pair_contacts(packing, *pairs)
+    touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
+    return contacts.select(touching)

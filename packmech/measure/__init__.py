@@ -1,0 +1,26 @@
+"""Measures of a scene or a packing as it stands; nothing here changes anything."""
+
+from __future__ import annotations
+
+from packmech.measure.counting import coordination_number, packing_fraction
+from packmech.measure.stress import (
+    contact_stress,
+    energy,
+    force_balance,
+    forces,
+    pressure,
+    stress_tensor,
+    sum_forces,
+)
+
+__all__ = [
+    "contact_stress",
+    "coordination_number",
+    "energy",
+    "force_balance",
+    "forces",
+    "packing_fraction",
+    "pressure",
+    "stress_tensor",
+    "sum_forces",
+]

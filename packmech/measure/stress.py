@@ -1,0 +1,150 @@
+"""Energy, forces, stress and pressure of a scene as it stands."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import contact_terms
+from packmech.scene import Scene
+
+
+def _terms(scene: Scene) -> tuple[Contacts, NDArray[np.float64], NDArray[np.float64]]:
+    instance("scene", scene, Scene)
+    contacts = find_contacts(scene.packing)
+    terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+    return contacts, terms.energy_c, terms.first_c
+
+
+def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, d) net forces of contacts that push with force_c [force].
+
+    Parameters
+    ----------
+    contacts
+        The contacts.
+    force_c
+        (C,) normal forces, positive for repulsion.
+
+    """
+    push = contacts.normal_cd * force_c[:, None]
+    net = np.empty((contacts.particles, contacts.dimension))
+    for k in range(contacts.dimension):
+        net[:, k] = np.bincount(contacts.j_c, push[:, k], contacts.particles)
+        net[:, k] -= np.bincount(contacts.i_c, push[:, k], contacts.particles)
+    return net
+
+
+def energy(scene: Scene) -> float:
+    """Return the energy of all touching pairs [energy], each pair counted once.
+
+    Equation 19 of the polymer source, with 1/w instead of its double sum.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    >>> round(pm.energy(pm.Scene(packing, (pm.Repulsion(),))), 12)
+    0.005
+
+    """
+    _, energy_c, _ = _terms(scene)
+    return float(np.add.reduce(energy_c))
+
+
+def forces(scene: Scene) -> NDArray[np.float64]:
+    """Return the (N, d) net forces on the particles [force]; equation 21 of the polymer source.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.Packing([[0.0, 0.0], [0.5, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    >>> pm.forces(pm.Scene(packing, (pm.Repulsion(),)))[1].tolist()
+    [0.5, 0.0]
+
+    """
+    contacts, _, first = _terms(scene)
+    return sum_forces(contacts, -first)
+
+
+def stress_tensor(scene: Scene) -> NDArray[np.float64]:
+    """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
+
+    sigma_ab = (1/V) sum over contacts of u' r n_a n_b: the strain derivative of the energy over the volume.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(2, 2), relative_overlap=0.01)
+    >>> stress = pm.stress_tensor(pm.Scene(packing, (pm.Repulsion(),)))
+    >>> bool(abs(stress[0, 0] + 3**0.5 * 0.01 / 0.99) < 1e-14)
+    True
+
+    """
+    contacts, _, first = _terms(scene)
+    return contact_stress(contacts, first, scene.packing.box.volume)
+
+
+def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+    """Return the (d, d) stress of contacts with radial derivatives first_c [force], tension positive.
+
+    Parameters
+    ----------
+    contacts
+        The contacts.
+    first_c
+        (C,) du/dr, negative for repulsion.
+    volume
+        Volume of the box [length^d].
+
+    """
+    weighted = contacts.normal_cd * (first_c * contacts.distance_c)[:, None]
+    return np.einsum("ca,cb->ab", weighted, contacts.normal_cd) / volume
+
+
+def pressure(scene: Scene) -> float:
+    """Return the pressure -trace(stress)/d [energy/length^d].
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(2, 2), relative_overlap=0.01)
+    >>> round(pm.pressure(pm.Scene(packing, (pm.Repulsion(),))), 10)
+    0.0174954627
+
+    """
+    return -float(np.trace(stress_tensor(scene))) / scene.packing.dimension
+
+
+def force_balance(scene: Scene) -> tuple[float, float]:
+    """Return the largest net force and the mean contact force [force]; both 0 when nothing touches.
+
+    Their ratio is the residual of a run.
+    """
+    contacts, _, first = _terms(scene)
+    if not len(contacts):
+        return 0.0, 0.0
+    net = sum_forces(contacts, -first)
+    return float(np.sqrt((net**2).sum(axis=1)).max()), float(np.abs(first).mean())
