@@ -15,6 +15,17 @@ _PUBLIC = {
     # packings
     "Box": "packmech.box",
     "Packing": "packmech.packing",
+    "Bidisperse": "packmech.generate",
+    "LogNormal": "packmech.generate",
+    "Mixture": "packmech.generate",
+    "Monodisperse": "packmech.generate",
+    "Normal": "packmech.generate",
+    "Uniform": "packmech.generate",
+    "lattice_packing": "packmech.generate",
+    "random_packing": "packmech.generate",
+    "read_law": "packmech.files",
+    "read_packing": "packmech.files",
+    "write_packing": "packmech.files",
     # scenes and effects
     "JamDrive": "packmech.scene",
     "QuenchDrive": "packmech.scene",

@@ -111,7 +111,7 @@ class Box:
         return _reduce(self.lattice_dd)
 
     def reduced(self) -> tuple[Box, NDArray[np.int64]]:
-        """Return a box of short lattice vectors of the same lattice, and the integer matrix U with reduced = lattice @ U.
+        """Return a box of short vectors of the same lattice, and the integer matrix U with reduced = lattice @ U.
 
         Pairs of vectors are shortened against each other until none gets shorter (Lagrange-Gauss in 2D; in 3D the
         same, with sums of two, after Semaev 2001), so the vectors are the shortest independent ones.

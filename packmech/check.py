@@ -53,7 +53,9 @@ def finite_array(
         array = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be an array of real numbers, got {_brief(value)}") from None
-    if array.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, array.shape, strict=True)):
+    if array.ndim != len(shape) or any(
+        want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
+    ):
         raise ValueError(f"{name} must have shape {_shape_text(shape)}, got {array.shape}")
     if not empty and array.ndim and array.shape[0] == 0:
         raise ValueError(f"{name} must hold at least one {what}, got none")
@@ -64,7 +66,9 @@ def finite_array(
     return array
 
 
-def positive_array(name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle") -> NDArray[np.float64]:
+def positive_array(
+    name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
+) -> NDArray[np.float64]:
     """Return the value as a float64 array after checking that every entry is finite and above zero."""
     array = finite_array(name, value, shape=shape, what=what)
     bad = array <= 0.0
@@ -79,7 +83,15 @@ def _brief(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def real(name: str, value: Any, *, above: float = -math.inf, at_least: float = -math.inf, below: float = math.inf, at_most: float = math.inf) -> float:
+def real(
+    name: str,
+    value: Any,
+    *,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    below: float = math.inf,
+    at_most: float = math.inf,
+) -> float:
     """Return the value as a finite float inside the stated bounds (above and below are strict)."""
     required = [
         f"{word} {bound:g}"

@@ -1,8 +1,8 @@
 """Compiled functions, cached on disk under a key that sees every file they were made of.
 
-Numba's own disk cache looks at the file of the outermost function only: after an edit in a called file it returns the stale
-machine code. Here the key also holds a hash of all packmech files that the function's file imports, directly or not, and of
-the files that define the record types in its signature (a user's own law, for instance).
+Numba's own disk cache looks at the file of the outermost function only: after an edit in a called file it returns the
+stale machine code. Here the key also holds a hash of all packmech files that the function's file imports, directly or
+not, and of the files that define the record types in its signature (a user's own law, for instance).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core.caching import FunctionCache
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -108,14 +108,14 @@ def _class_hash(cls: type) -> str:
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-class _SourceCache(FunctionCache):
+class _SourceCache(FunctionCache):  # type: ignore[misc]
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         path = pathlib.Path(inspect.getsourcefile(self._py_func) or "")
         hashes = {_class_hash(cls) for part in sig for cls in _record_classes(part)}
         return (*super()._index_key(sig, codegen), source_hash(path), *sorted(hashes))
 
 
-def kernel(function: F) -> F:
+def kernel(function: Callable[..., Any]) -> Any:
     """Return the function compiled by numba on first use, its machine code cached on disk.
 
     The cache lies beside the source file, or in the user's cache folder where that is read-only. Module-level functions
@@ -123,12 +123,22 @@ def kernel(function: F) -> F:
     """
     dispatcher = njit(**OPTIONS)(function)
     dispatcher._cache = _SourceCache(function)
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher
 
 
 def device(function: F) -> F:
     """Return a helper that kernels may call and that plain Python may call too."""
     return register_jitable(**OPTIONS)(function)  # type: ignore[no-any-return]
+
+
+def compiled_form(target: Callable[..., Any]) -> Callable[[F], F]:
+    """Return a decorator for a function that picks, by argument types, what compiled code runs for the target."""
+
+    def register(chooser: F) -> F:
+        overload(target, jit_options=OPTIONS, strict=False)(chooser)
+        return chooser
+
+    return register
 
 
 def single_thread() -> AbstractContextManager[Any]:

@@ -18,9 +18,7 @@ class Outcome(Enum):
     """How a run or a solve ended; the value is the sentence for the user."""
 
     CONVERGED = "The stated tolerance was met."
-    ROUNDING_FLOOR = (
-        "Forces fell to the floor that double precision sets for these coordinates; the tolerance asked for lies below it."
-    )
+    ROUNDING_FLOOR = "Forces fell to the floor that double precision sets here; the tolerance asked for lies below it."
     UNJAMMED = "No particles touch any more: the energy is zero and there is nothing left to minimize."
     STEP_LIMIT = "The step limit was reached before the tolerance; raise step_limit or loosen the tolerance."
     STALLED = "No further progress is possible with this method; try another method or a looser tolerance."
@@ -40,7 +38,8 @@ class Outcome(Enum):
 class Stage:
     """One step of a protocol: what it achieved and what it cost.
 
-    `residual` is the largest net force over the mean contact force [1] unless the note says otherwise; `seconds` is CPU time.
+    `residual` is the largest net force over the mean contact force [1] unless the note says otherwise; `seconds` is
+    CPU time.
     """
 
     name: str
@@ -58,7 +57,8 @@ class Trace:
     Attributes
     ----------
     step_t, energy_t, pressure_t, contacts_t, max_force_t
-        (T,) arrays: step number, energy [energy], pressure [energy/length^d], number of contacts, largest net force [force].
+        (T,) arrays: step number, energy [energy], pressure [energy/length^d], number of contacts, largest net
+        force [force].
     position_tnd, lattice_tdd
         (T, N, d) positions and (T, d, d) lattice vectors [length], or None when they were not asked for.
 

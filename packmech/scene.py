@@ -24,7 +24,10 @@ class QuenchDrive:
 
 @dataclass(frozen=True)
 class JamDrive:
-    """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d], box shape fixed or every strain free."""
+    """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d].
+
+    `strain` says whether the box keeps its shape ("fixed") or every strain is free.
+    """
 
     pressure: float = 1e-8
     strain: str = "free"

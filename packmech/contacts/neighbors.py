@@ -1,8 +1,9 @@
 """Candidate pairs: near enough to test, over all periodic images, for any lattice and any ratio of sizes.
 
-The box is reduced to its shortest lattice vectors first, so that strained and tilted boxes need no more images than compact
-ones. Particles are sorted into levels of size, a factor of two apart, each with its own grid of cells; a particle looks
-into the grid of its own level and of every coarser one, so a few large particles do not make the cells of the small ones large.
+The box is reduced to its shortest lattice vectors first, so that strained and tilted boxes need no more images than
+compact ones. Particles are sorted into levels of size, a factor of two apart, each with its own grid of cells; a
+particle looks into the grid of its own level and of every coarser one, so a few large particles do not make the cells
+of the small ones large.
 """
 
 from __future__ import annotations
@@ -31,8 +32,10 @@ class Candidates(NamedTuple):
 
 
 @kernel
-def _search(fraction, position, wrap, radius, level, lattice, height, change, cells, first, count, start, order,
-            scale, skin, coarsest, i_out, j_out, image_out):  # type: ignore[no-untyped-def]  # fmt: skip
+def _search(  # type: ignore[no-untyped-def]
+    fraction, position, wrap, radius, level, lattice, height, change, cells, first, count, start, order,
+    scale, skin, coarsest, i_out, j_out, image_out,
+):  # fmt: skip
     """Write the pairs that fit into the output arrays and return how many there are."""
     particles = radius.shape[0]
     d = position.shape[1]
@@ -56,8 +59,11 @@ def _search(fraction, position, wrap, radius, level, lattice, height, change, ce
                     shift[1] = c1 // cells[a, 1]
                     for c2 in range(low[2], high[2] + 1):
                         shift[2] = c2 // cells[a, 2]
-                        cell = first[a] + (c0 - shift[0] * cells[a, 0]) + cells[a, 0] * (
-                            (c1 - shift[1] * cells[a, 1]) + cells[a, 1] * (c2 - shift[2] * cells[a, 2])
+                        cell = (
+                            first[a]
+                            + (c0 - shift[0] * cells[a, 0])
+                            + cells[a, 0]
+                            * ((c1 - shift[1] * cells[a, 1]) + cells[a, 1] * (c2 - shift[2] * cells[a, 2]))
                         )
                         for slot in range(start[cell], start[cell + 1]):
                             j = order[slot]

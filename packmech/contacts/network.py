@@ -83,8 +83,8 @@ def pair_contacts(
 ) -> Contacts:
     """Return the geometry of the given pairs, touching or not.
 
-    Coincident centers have no direction: their normal is a fixed unit vector that depends on the pair's numbers only, so
-    that forces of a deep overlap separate them and every repetition takes the same way.
+    Coincident centers have no direction: their normal is a fixed unit vector that depends on the pair's numbers only,
+    so that forces of a deep overlap separate them and every repetition takes the same way.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Laws of repulsion: energy of a touching pair and its first two derivatives with respect to distance.
 
 A law is a small record of numbers with three methods. Each is a scalar function of the distance r of two centers and
-of their contact distance sigma, asked for only while r < sigma, and works both in plain Python and inside compiled loops,
-which choose it by its type. A user's own law is written the same way::
+of their contact distance sigma, asked for only while r < sigma, and works both in plain Python and inside compiled
+loops, which choose it by its type. A user's own law is written the same way::
 
     @pm.law
     class Quartic(NamedTuple):
@@ -23,9 +23,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from numba.extending import overload
-
-from packmech.compiled import OPTIONS, device
+from packmech.compiled import compiled_form, device
 
 
 class Law(Protocol):
@@ -56,8 +54,8 @@ def law(cls: L) -> L:
     Parameters
     ----------
     cls
-        A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), and with
-        a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy.
+        A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), and
+        with a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy.
 
     Raises
     ------
@@ -84,7 +82,9 @@ def law(cls: L) -> L:
     for name in _METHODS:
         method = vars(cls).get(name)
         if not inspect.isfunction(method):
-            raise TypeError(f"law {cls.__name__} must define the method {name}(self, distance, contact_distance), got none")
+            raise TypeError(
+                f"law {cls.__name__} must define the method {name}(self, distance, contact_distance), got none"
+            )
         if len(inspect.signature(method).parameters) != 3:
             raise TypeError(f"law {cls.__name__}.{name} must take (self, distance, contact_distance)")
     if not {"energy_scale", "stiffness"} & set(cls._fields):
@@ -96,6 +96,11 @@ def law(cls: L) -> L:
 def is_law(value: object) -> bool:
     """Return whether the value is an instance of a registered law."""
     return type(value) in _COMPILED
+
+
+def registered_laws() -> tuple[type, ...]:
+    """Return every registered law class, in the order of registration."""
+    return tuple(_COMPILED)
 
 
 def law_energy(law: Law, distance: float, contact_distance: float) -> float:
@@ -118,21 +123,21 @@ def _method(numba_type: Any, name: str) -> Callable[..., float] | None:
     return _COMPILED[cls][name] if cls in _COMPILED else None
 
 
-@overload(law_energy, jit_options=OPTIONS, strict=False)
+@compiled_form(law_energy)
 def _law_energy(law: Any, distance: Any, contact_distance: Any) -> Any:
     function = _method(law, "energy")
     if function is not None:
         return lambda law, distance, contact_distance: function(law, distance, contact_distance)
 
 
-@overload(law_first, jit_options=OPTIONS, strict=False)
+@compiled_form(law_first)
 def _law_first(law: Any, distance: Any, contact_distance: Any) -> Any:
     function = _method(law, "first")
     if function is not None:
         return lambda law, distance, contact_distance: function(law, distance, contact_distance)
 
 
-@overload(law_second, jit_options=OPTIONS, strict=False)
+@compiled_form(law_second)
 def _law_second(law: Any, distance: Any, contact_distance: Any) -> Any:
     function = _method(law, "second")
     if function is not None:
@@ -152,18 +157,18 @@ class PowerLaw(NamedTuple):
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy [energy]."""
-        return self.energy_scale / self.exponent * (1.0 - distance / contact_distance) ** self.exponent
+        return self.energy_scale / self.exponent * math.pow(1.0 - distance / contact_distance, self.exponent)
 
     def first(self, distance: float, contact_distance: float) -> float:
         """Return du/dr [energy/length]."""
         overlap = 1.0 - distance / contact_distance
-        return -self.energy_scale / contact_distance * overlap ** (self.exponent - 1.0)
+        return -self.energy_scale / contact_distance * math.pow(overlap, self.exponent - 1.0)
 
     def second(self, distance: float, contact_distance: float) -> float:
         """Return d2u/dr2 [energy/length^2]."""
         overlap = 1.0 - distance / contact_distance
         scale = self.energy_scale * (self.exponent - 1.0) / (contact_distance * contact_distance)
-        return scale * overlap ** (self.exponent - 2.0)
+        return scale * math.pow(overlap, self.exponent - 2.0)
 
 
 @law
@@ -210,7 +215,7 @@ class Hertz(NamedTuple):
 
 @law
 class RepulsiveLennardJones(NamedTuple):
-    """u = energy_scale (s^-12 - 2 s^-6 + 1) with s = r/sigma: the repulsive side, shifted to vanish with its slope at s = 1.
+    """u = energy_scale (s^-12 - 2 s^-6 + 1) with s = r/sigma; value and slope vanish at s = 1.
 
     Equation 2.2 of Schreck and O'Hern, evaluated through expm1(-6 ln s), which keeps full precision near contact.
     """

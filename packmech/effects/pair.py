@@ -3,12 +3,13 @@
 An effect is a NamedTuple of numbers and laws whose class is decorated with `effect`. It may define any of
 
     pair_energy(self, distance, contact_distance)        energy of a touching pair [energy]
-    pair_first(self, distance, contact_distance, rate)   radial derivative [force]; the force on j along n is minus this;
+    pair_first(self, distance, contact_distance, rate)   radial derivative [force]; the force on j along n is minus
+    this;
                                                          rate = d(distance)/dt
     pair_second(self, distance, contact_distance)        second radial derivative [force/length]
 
-each valid for distance < contact_distance. What it leaves out is zero. Compiled loops walk the scene's tuple of effects with
-`literal_unroll` and call the functions below.
+each valid for distance < contact_distance. What it leaves out is zero. Compiled loops walk the scene's tuple of
+effects with `literal_unroll` and call the functions below.
 """
 
 from __future__ import annotations
@@ -19,10 +20,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numba import literal_unroll
-from numba.extending import overload
 from numpy.typing import NDArray
 
-from packmech.compiled import OPTIONS, device, kernel
+from packmech.compiled import compiled_form, device, kernel
 
 E = TypeVar("E", bound=type)
 
@@ -61,6 +61,11 @@ def is_effect(value: object) -> bool:
     return type(value) in _COMPILED
 
 
+def registered_effects() -> tuple[type, ...]:
+    """Return every registered effect class, in the order of registration."""
+    return tuple(_COMPILED)
+
+
 def pair_energy(effect: Any, distance: float, contact_distance: float) -> float:
     """Return the energy of a touching pair under one effect [energy]."""
     hook = getattr(effect, "pair_energy", None)
@@ -83,7 +88,7 @@ def _hook(numba_type: Any, name: str) -> Callable[..., float] | None:
     return _COMPILED.get(getattr(numba_type, "instance_class", None), {}).get(name)  # type: ignore[arg-type]
 
 
-@overload(pair_energy, jit_options=OPTIONS, strict=False)
+@compiled_form(pair_energy)
 def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = _hook(effect, "pair_energy")
     if function is None:
@@ -91,7 +96,7 @@ def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
     return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)
 
 
-@overload(pair_first, jit_options=OPTIONS, strict=False)
+@compiled_form(pair_first)
 def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) -> Any:
     function = _hook(effect, "pair_first")
     if function is None:
@@ -99,7 +104,7 @@ def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) ->
     return lambda effect, distance, contact_distance, rate: function(effect, distance, contact_distance, rate)
 
 
-@overload(pair_second, jit_options=OPTIONS, strict=False)
+@compiled_form(pair_second)
 def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = _hook(effect, "pair_second")
     if function is None:

@@ -116,7 +116,8 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
     """
     weighted = contacts.normal_cd * (first_c * contacts.distance_c)[:, None]
-    return np.einsum("ca,cb->ab", weighted, contacts.normal_cd) / volume
+    stress: NDArray[np.float64] = np.einsum("ca,cb->ab", weighted, contacts.normal_cd) / volume
+    return stress
 
 
 def pressure(scene: Scene) -> float:
