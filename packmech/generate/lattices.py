@@ -168,4 +168,5 @@ def _cells_inside(cells_dd: NDArray[np.int64]) -> NDArray[np.int64]:
     point_kd = np.stack([axis.ravel() for axis in grid], axis=1)
     scaled_kd = np.sign(determinant) * point_kd @ adjugate.T
     inside_k = ((scaled_kd >= 0) & (scaled_kd < abs(determinant))).all(axis=1)
-    return point_kd[inside_k]
+    points: NDArray[np.int64] = point_kd[inside_k]
+    return points

@@ -1,0 +1,148 @@
+"""Small records (laws, effects, sizes, drives) as plain tables and back, with errors that name the field.
+
+A table is a dict as TOML and JSON know it. Its ``kind`` is the record's class name in lower case with hyphens
+(``RepulsiveLennardJones`` is ``repulsive-lennard-jones``); its other entries are the record's fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+Kinds = Mapping[str, type]
+
+_WORD = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+
+
+def kind_of(cls: type) -> str:
+    """Return the name that tables give to a record class.
+
+    >>> kind_of(type("RepulsiveLennardJones", (), {}))
+    'repulsive-lennard-jones'
+    """
+    return _WORD.sub("-", cls.__name__).lower()
+
+
+def kinds_of(classes: Iterable[type]) -> dict[str, type]:
+    """Return the record classes by the names that tables give them."""
+    return {kind_of(cls): cls for cls in classes}
+
+
+def _field_names(cls: type) -> tuple[str, ...]:
+    if hasattr(cls, "_fields"):
+        return tuple(cls._fields)
+    return tuple(field.name for field in dataclasses.fields(cls) if field.init)
+
+
+def is_record(value: object) -> bool:
+    """Return whether the value is an instance of a NamedTuple or of a dataclass."""
+    return (isinstance(value, tuple) and hasattr(value, "_fields")) or (
+        dataclasses.is_dataclass(value) and not isinstance(value, type)
+    )
+
+
+def to_table(record: Any) -> dict[str, Any]:
+    """Return the record as a table; fields that are None are left out."""
+    table: dict[str, Any] = {"kind": kind_of(type(record))}
+    for name in _field_names(type(record)):
+        value = getattr(record, name)
+        if is_record(value):
+            table[name] = to_table(value)
+        elif isinstance(value, tuple):
+            table[name] = list(value)
+        elif value is not None:
+            table[name] = value
+    return table
+
+
+def from_table(table: Any, where: str, kinds: Kinds, nested: Mapping[str, Kinds] | None = None) -> Any:
+    """Return the record that a table describes.
+
+    Parameters
+    ----------
+    table
+        Dict with ``kind`` and the record's fields. A string stands for a table with this kind and every default.
+    where
+        Path of the table in its file, such as ``effects[0].law``, for the messages.
+    kinds
+        The record classes that may stand here, by name.
+    nested
+        For each field name that holds a record itself, the classes that may stand there.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the path of the field, what it must be and what came.
+
+    """
+    if isinstance(table, str):
+        table = {"kind": table}
+    if not isinstance(table, dict):
+        raise TypeError(f"{where} must be a table with a kind, got {table!r}")
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        got = repr(kind) if "kind" in table else "nothing"
+        raise ValueError(f"{where}.kind must be one of {', '.join(map(repr, sorted(kinds)))}, got {got}")
+    return fill(kinds[kind], {k: v for k, v in table.items() if k != "kind"}, where, nested)
+
+
+def fill(cls: type, table: Mapping[str, Any], where: str, nested: Mapping[str, Kinds] | None = None) -> Any:
+    """Return an instance of the record class with the fields of the table; see ``from_table``."""
+    names = _field_names(cls)
+    hints = _hints(cls)
+    values: dict[str, Any] = {}
+    for name, value in table.items():
+        path = f"{where}.{name}"
+        if name not in names:
+            raise ValueError(f"{path} must be one of the fields {', '.join(names)} of {kind_of(cls)}, got another name")
+        if nested and name in nested:
+            values[name] = from_table(value, path, nested[name], nested)
+        else:
+            values[name] = _value(path, value, hints.get(name, Any))
+    for name in names:
+        if name not in values and not _has_default(cls, name):
+            raise ValueError(f"{where}.{name} must be given, got nothing")
+    try:
+        return cls(**values)
+    except (TypeError, ValueError) as error:
+        message = str(error)
+        raise type(error)(message if message.startswith(where) else f"{where}.{message}") from None
+
+
+def _has_default(cls: type, name: str) -> bool:
+    if hasattr(cls, "_field_defaults"):
+        return name in cls._field_defaults
+    field = next(field for field in dataclasses.fields(cls) if field.name == name)
+    return field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
+
+
+def _hints(cls: type) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(cls)
+    except NameError:  # a user's class may be annotated with names that only its checker sees
+        return {}
+
+
+_WORDS = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}
+
+
+def _value(path: str, value: Any, hint: Any) -> Any:
+    """Return the plain value in the type that the annotation asks for; annotations other than plain ones accept any."""
+    options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    options = tuple(option for option in options if option is not type(None))
+    if not all(option in _WORDS or typing.get_origin(option) is tuple for option in options):
+        return tuple(value) if isinstance(value, list) else value
+    for option in options:
+        if typing.get_origin(option) is tuple and isinstance(value, list):
+            inner = typing.get_args(option)[0]
+            return tuple(_value(f"{path}[{k}]", entry, inner) for k, entry in enumerate(value))
+        if option is float and isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        if option in (int, str, bool) and type(value) is option:
+            return value
+    words = " or ".join(_WORDS.get(option, "a list") for option in options)
+    raise TypeError(f"{path} must be {words}, got {value!r}")
