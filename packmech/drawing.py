@@ -1,0 +1,146 @@
+"""What a picture of a packing shows, as arrays: discs and their copies, force lines, the box, colors. Draws nothing."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import contact_terms
+from packmech.packing import Packing
+
+__all__ = ["Drawing", "arrow_scale", "box_outline", "draw_packing", "force_colors", "particle_colors"]
+
+# dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
+BACKGROUND = (13, 17, 26)
+SMALL, LARGE, RATTLER = (62, 92, 128), (98, 140, 184), (214, 158, 58)
+WEAK_FORCE, STRONG_FORCE = (168, 58, 46), (255, 236, 170)
+OUTLINE = (150, 160, 176)
+ARROW = (255, 214, 102)
+# a force line is this many diameters wide at the mean force, and no wider than at four times the mean
+LINE_WIDTH, WIDEST = 0.09, 4.0
+ARROW_RADIUS = 0.05
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Arrays to draw, all inside or at the edge of the cell.
+
+    center_nd: (N, d) wrapped centers. copy_center_kd, copy_of_k: periodic copies that reach into the cell and whose they
+    are. segment_sed: (S, 2, d) force lines, twice where a contact crosses the cell's edge. force_s: (S,) their forces over
+    the mean. outline_ed: (edges) polylines of the cell.
+    """
+
+    center_nd: NDArray[np.float64]
+    copy_center_kd: NDArray[np.float64]
+    copy_of_k: NDArray[np.int64]
+    segment_sed: NDArray[np.float64]
+    force_s: NDArray[np.float64]
+    outline_ed: list[NDArray[np.float64]]
+
+
+def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
+    """Return what to draw of a packing; without effects every touching pair gets a line of the mean width.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pair = pm.Packing([[0.2, 1.0], [1.9, 1.0]], [0.2, 0.2], pm.Box.cubic(2.0, 2))
+    >>> drawing = draw_packing(pair)
+    >>> drawing.segment_sed.shape, drawing.copy_of_k.tolist()    # one contact, across the edge: drawn at both sides
+    ((2, 2, 2), [1])
+    """
+    wrapped, _ = packing.box.wrap(packing.position_nd)
+    inside = packing.replace(position_nd=wrapped)
+    contacts = find_contacts(inside)
+    force_c = _relative_force(contacts, effects)
+    start_cd = wrapped[contacts.i_c]
+    end_cd = start_cd + contacts.vector_cd
+    crossing = np.any(contacts.image_cd != 0, axis=1)
+    far_cd = wrapped[contacts.j_c[crossing]]
+    here = np.stack([start_cd, end_cd], axis=1)
+    there = np.stack([far_cd - contacts.vector_cd[crossing], far_cd], axis=1)
+    copy_center, copy_of = _copies(inside)
+    return Drawing(
+        center_nd=wrapped,
+        copy_center_kd=copy_center,
+        copy_of_k=copy_of,
+        segment_sed=np.concatenate([here, there]),
+        force_s=np.concatenate([force_c, force_c[crossing]]),
+        outline_ed=box_outline(packing.box),
+    )
+
+
+def box_outline(box: Box) -> list[NDArray[np.float64]]:
+    """Return polylines along the edges of the cell: one closed loop in 2D, two loops and four posts in 3D."""
+    a, b = box.lattice_dd[:, 0], box.lattice_dd[:, 1]
+    loop = np.array([0 * a, a, a + b, b, 0 * a])
+    if box.dimension == 2:
+        return [loop]
+    c = box.lattice_dd[:, 2]
+    return [loop, loop + c, *(np.array([corner, corner + c]) for corner in loop[:4])]
+
+
+def particle_colors(radius_n: NDArray[np.float64], rattler_n: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return (N, 3) colors: by size between two blues, rattlers in amber."""
+    span = float(np.ptp(radius_n))
+    share_n = (radius_n - radius_n.min()) / span if span > 0 else np.ones_like(radius_n)
+    color_nc = _between(SMALL, LARGE, share_n)
+    color_nc[rattler_n] = RATTLER
+    return color_nc
+
+
+def dimmed(color_nc: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the colors mixed with the background, for periodic copies."""
+    mixed: NDArray[np.uint8] = (0.45 * color_nc + 0.55 * np.array(BACKGROUND)).astype(np.uint8)
+    return mixed
+
+
+def force_colors(force_s: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return (S, 3) colors from ember (no force) to pale yellow (three times the mean and above)."""
+    return _between(WEAK_FORCE, STRONG_FORCE, np.clip(force_s / 3.0, 0.0, 1.0))
+
+
+def force_radii(force_s: NDArray[np.float64], diameter: float) -> NDArray[np.float64]:
+    """Return half the width of each force line [length]: proportional to the force, up to four times the mean."""
+    return 0.5 * LINE_WIDTH * diameter * np.minimum(force_s, WIDEST)
+
+
+def arrow_scale(displacement_nd: NDArray[np.float64], diameter: float) -> float:
+    """Return the factor that makes the longest arrow 1.5 diameters long; 1 when nothing moves."""
+    longest = float(np.max(np.linalg.norm(displacement_nd, axis=1), initial=0.0))
+    return 1.5 * diameter / longest if longest > 0 else 1.0
+
+
+def _relative_force(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    if not len(contacts):
+        return np.zeros(0)
+    if not effects:
+        return np.ones(len(contacts))
+    force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
+    mean = float(force_c.mean())
+    return force_c / mean if mean > 0 else np.zeros(len(contacts))
+
+
+def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Periodic copies of particles that reach into the cell from outside."""
+    centers, owners = [], []
+    reach_nd = packing.radius_n[:, None] / packing.box.height_d
+    fraction_nd = packing.position_nd @ packing.box.inverse_dd.T
+    for shift in itertools.product((-1, 0, 1), repeat=packing.dimension):
+        if any(shift):
+            moved_nd = fraction_nd + np.array(shift)
+            reaches_n = np.all((moved_nd > -reach_nd) & (moved_nd < 1.0 + reach_nd), axis=1)
+            centers.append(moved_nd[reaches_n] @ packing.box.lattice_dd.T)
+            owners.append(np.flatnonzero(reaches_n))
+    return np.concatenate(centers), np.concatenate(owners).astype(np.int64)
+
+
+def _between(low: tuple[int, ...], high: tuple[int, ...], share: NDArray[np.float64]) -> NDArray[np.uint8]:
+    mixed: NDArray[np.uint8] = np.rint((1.0 - share[:, None]) * np.array(low) + share[:, None] * np.array(high)).astype(np.uint8)
+    return mixed

@@ -1,0 +1,277 @@
+"""Rerun recordings of packings and of runs. With its layout, the only importer of rerun."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech import drawing
+from packmech.check import instance, integer
+from packmech.measure import packing_fraction, pressure
+from packmech.outcome import Run
+from packmech.packing import Packing
+from packmech.recording_film import Film, Motion, film_of_packing, film_of_run, motions_of, properties_of
+from packmech.scene import Scene
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+__all__ = ["record_packing", "record_run"]
+
+# bytes of raw columns in one block: larger ones cost memory and are slower to write
+BLOCK_BYTES = 2_000_000
+
+
+def record_packing(
+    subject: Packing | Scene,
+    path: str | Path,
+    *,
+    modes: Any = None,
+    mode_count: int = 4,
+    parameters: Mapping[str, Any] | None = None,
+    results: Mapping[str, Any] | None = None,
+    summary: str = "",
+) -> Path:
+    """Write one packing as a Rerun recording and return the absolute path.
+
+    A scene's contact forces are drawn as lines as wide as the force, a bare packing's contacts as lines of one width;
+    rattlers have their own color. Positions and lattice are there twice: rounded for the picture, exact under `/state`.
+
+    Parameters
+    ----------
+    subject
+        The packing or scene.
+    path
+        Where to write, usually `name.rrd`.
+    modes
+        Normal modes of the packing (`pm.normal_modes`); the lowest that are no free motions are drawn as arrows.
+    mode_count
+        How many of them.
+    parameters, results
+        How the packing was made and what was found, by name; kept as the recording's properties.
+    summary
+        Markdown shown beside the packing.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a subject that is neither packing nor scene, modes of another packing, a negative mode_count.
+    OSError
+        When the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, packmech as pm
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = record_packing(pm.lattice_packing("kagome", repeats=(3, 3)), folder + "/kagome.rrd")
+    ...     written.stat().st_size > 1000
+    True
+
+    """
+    if not isinstance(subject, Packing | Scene):
+        raise TypeError(f"subject must be a Packing or a Scene, got {type(subject).__name__}")
+    told = dict(results or {})
+    if isinstance(subject, Scene):
+        told.setdefault("pressure", pressure(subject))
+    film = film_of_packing(subject)
+    told.setdefault("packing_fraction", packing_fraction(film.final))
+    stiffness = _stiffness(subject) if isinstance(subject, Scene) else 1.0
+    return _write(film, path, _motions(modes, film, stiffness, mode_count), parameters or {}, told, summary)
+
+
+def record_run(
+    run: Run,
+    path: str | Path,
+    *,
+    scene: Scene,
+    frames: int = 60,
+    modes: Any = None,
+    mode_count: int = 4,
+    parameters: Mapping[str, Any] | None = None,
+    results: Mapping[str, Any] | None = None,
+    summary: str = "",
+) -> Path:
+    """Write a run as a Rerun recording, from its start to its final packing, and return the absolute path.
+
+    Energy, pressure, contacts and the largest net force are drawn against the step for every saved time of the trace;
+    packings at `frames` of them at most, evenly chosen, first and last included. A run without a trace shows its start
+    and its end.
+
+    Parameters
+    ----------
+    run
+        The run. Its outcome, residual, steps, force evaluations and seconds are kept as properties.
+    path
+        Where to write, usually `name.rrd`.
+    scene
+        The scene that was run: the start, and the effects whose forces are drawn.
+    frames
+        Largest number of packings to draw.
+    modes, mode_count, parameters, results, summary
+        As in `record_packing`; modes are those of the final packing.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments of another kind, or a scene of another number of particles.
+    OSError
+        When the file cannot be written.
+
+    """
+    instance("run", run, Run)
+    instance("scene", scene, Scene)
+    frames = integer("frames", frames, at_least=2)
+    if run.packing.particles != scene.packing.particles:
+        raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
+    final = scene.replace(packing=run.packing)
+    told: dict[str, Any] = {
+        "outcome": run.outcome.name.lower(),
+        "force_residual": run.residual,
+        "steps": run.steps,
+        "force_evaluations": run.force_evaluations,
+        "seconds": run.seconds,
+        "packing_fraction": packing_fraction(run.packing),
+        "pressure": pressure(final),
+        **(results or {}),
+    }
+    film = film_of_run(run, scene, frames)
+    return _write(film, path, _motions(modes, film, _stiffness(final), mode_count), parameters or {}, told, summary)
+
+
+def _stiffness(scene: Scene) -> float:
+    return scene.energy_scale / scene.packing.reference_diameter**2
+
+
+def _motions(modes: Any, film: Film, stiffness: float, mode_count: int) -> list[Motion]:
+    mode_count = integer("mode_count", mode_count, at_least=0)
+    return [] if modes is None else motions_of(modes, film.final, stiffness, mode_count)
+
+
+def _write(
+    film: Film,
+    path: str | Path,
+    motions: list[Motion],
+    parameters: Mapping[str, Any],
+    results: Mapping[str, Any],
+    summary: str,
+) -> Path:
+    import rerun as rr
+
+    from packmech.recording_layout import blueprint
+
+    target = Path(path).absolute()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with target.open("ab"):  # the writer only logs a file that it cannot open
+        pass
+    stream = rr.RecordingStream("packmech")
+    try:
+        stream.save(target, default_blueprint=blueprint(film, motions, summary=bool(summary)))
+        stream.send_recording_name(target.stem)
+        stream.send_property("packmech", rr.AnyValues(**properties_of(film, parameters, results)))
+        _log_static(stream, film, motions, summary)
+        for name, (step_t, value_t) in film.curves.items():
+            path_of = f"series/{name.replace(' ', '_')}"
+            stream.log(path_of, rr.SeriesLines(names=name, colors=drawing.LARGE), static=True)
+            stream.send_columns(path_of, [rr.TimeColumn("step", sequence=step_t)], rr.Scalars.columns(scalars=value_t))
+        for block in _blocks(film):
+            _send_block(stream, film, block)
+    finally:
+        stream.flush()
+        stream.disconnect()
+    return target
+
+
+def _blocks(film: Film) -> list[range]:
+    """Ranges of frames whose raw columns stay near BLOCK_BYTES."""
+    packing = film.final
+    # positions in doubles and floats, copies, and about 2 d lines of two ends a particle with width and color
+    frame_bytes = packing.particles * packing.dimension * (8 + 4 + 2 * 2 * 4 * packing.dimension)
+    size = max(1, BLOCK_BYTES // frame_bytes)
+    return [range(first, min(first + size, len(film.step_f))) for first in range(0, len(film.step_f), size)]
+
+
+def _log_static(stream: rr.RecordingStream, film: Film, motions: list[Motion], summary: str) -> None:
+    import rerun as rr
+
+    packing, flat = film.final, film.final.dimension == 2
+    color_nc = drawing.particle_colors(packing.radius_n, film.rattler_n())
+    points = rr.Points2D if flat else rr.Points3D
+    if flat:  # the viewer's 2D axes point down
+        stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
+    else:
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stream.log("world/particles", points.from_fields(radii=packing.radius_n, colors=color_nc), static=True)
+    stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
+    arrows = rr.Arrows2D if flat else rr.Arrows3D
+    center_nd = drawing.draw_packing(packing).center_nd
+    last = int(film.step_f[-1])
+    stream.set_time("step", sequence=last)
+    for motion in motions:
+        scale = drawing.arrow_scale(motion.displacement_nd, packing.reference_diameter)
+        stream.log(
+            f"world/modes/{motion.name}",
+            arrows(
+                origins=center_nd,
+                vectors=scale * motion.displacement_nd,
+                colors=drawing.ARROW,
+                radii=drawing.ARROW_RADIUS * packing.reference_diameter,
+            ),
+        )
+    stream.reset_time()
+    if summary:
+        stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
+
+
+def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
+    import rerun as rr
+
+    packing_f = [film.packing_f[f] for f in block]
+    drawing_f = [drawing.draw_packing(packing, film.effects) for packing in packing_f]
+    flat = film.final.dimension == 2
+    points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
+    time = [rr.TimeColumn("step", sequence=film.step_f[block.start : block.stop])]
+
+    def send(path: str, columns: Any, sizes: list[int]) -> None:
+        stream.send_columns(path, time, columns.partition(sizes))
+
+    send("world/particles", points.columns(positions=np.concatenate([d.center_nd for d in drawing_f])), _counts(drawing_f, "center_nd"))
+    color_nc = drawing.particle_colors(film.final.radius_n, film.rattler_n())
+    owner_k = np.concatenate([d.copy_of_k for d in drawing_f])
+    if flat:
+        send(
+            "world/particles/copies",
+            points.columns(
+                positions=np.concatenate([d.copy_center_kd for d in drawing_f]),
+                radii=film.final.radius_n[owner_k],
+                colors=drawing.dimmed(color_nc[owner_k]),
+            ),
+            _counts(drawing_f, "copy_of_k"),
+        )
+    force_s = np.concatenate([d.force_s for d in drawing_f])
+    send(
+        "world/forces",
+        strips.columns(
+            strips=np.concatenate([d.segment_sed for d in drawing_f]),
+            radii=drawing.force_radii(force_s, film.final.reference_diameter),
+            colors=drawing.force_colors(force_s),
+        ),
+        _counts(drawing_f, "force_s"),
+    )
+    outline_k = [line for d in drawing_f for line in d.outline_ed]
+    send("world/box", strips.columns(strips=outline_k), [len(d.outline_ed) for d in drawing_f])
+    state = rr.AnyValues.columns(
+        position_nd=np.concatenate([packing.position_nd.ravel() for packing in packing_f]),
+    )
+    send("state/position", state, [packing.position_nd.size for packing in packing_f])
+    lattice = rr.AnyValues.columns(lattice_dd=np.concatenate([packing.box.lattice_dd.ravel() for packing in packing_f]))
+    send("state/lattice", lattice, [packing.box.lattice_dd.size for packing in packing_f])
+
+
+def _counts(drawing_f: list[drawing.Drawing], name: str) -> list[int]:
+    return [len(getattr(one, name)) for one in drawing_f]
+
+

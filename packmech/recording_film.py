@@ -1,0 +1,147 @@
+"""What a recording holds, before any of it is written: packings at some steps, curves against step. Knows no Rerun."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.contacts import find_contacts
+from packmech.contacts.rattlers import find_rattlers
+from packmech.measure import energy, force_balance, pressure
+from packmech.outcome import Run, Trace
+from packmech.packing import Packing
+from packmech.records import is_record, to_table
+from packmech.scene import Scene
+
+Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+# an eigenvalue this small against the stiffness of a contact belongs to a free motion (a translation, a rattler);
+# the softest true mode of a jammed packing of 16,000 discs is at 1e-6 (near jamming, over the contact stiffness)
+FREE_MOTION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Packings at steps step_f, curves (step, value) by name, the effects whose forces are drawn."""
+
+    step_f: NDArray[np.int64]
+    packing_f: tuple[Packing, ...]
+    effects: tuple[Any, ...]
+    curves: Mapping[str, Curve]
+
+    @property
+    def final(self) -> Packing:
+        """The last packing."""
+        return self.packing_f[-1]
+
+    def rattler_n(self) -> NDArray[np.bool_]:
+        """Return which particles are rattlers in the last packing."""
+        return find_rattlers(self.final)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A mode to draw: a short name, what to say of it, and (N, d) displacements."""
+
+    name: str
+    title: str
+    displacement_nd: NDArray[np.float64]
+
+
+def film_of_packing(subject: Packing | Scene) -> Film:
+    """Return the film of one packing: a single picture, and its numbers as curves of one point."""
+    if isinstance(subject, Packing):
+        curves = {"contacts": _point(len(find_contacts(subject)))}
+        return Film(np.array([0]), (subject,), (), curves)
+    packing = subject.packing
+    values = {"energy": energy(subject), "pressure": pressure(subject), "max force": force_balance(subject)[0]}
+    curves = {f"log10 {name}": _point(np.log10(value)) for name, value in values.items() if value > 0.0}
+    curves["contacts"] = _point(len(find_contacts(packing)))
+    return Film(np.array([0]), (packing,), subject.effects, curves)
+
+
+def film_of_run(run: Run, scene: Scene, frames: int) -> Film:
+    """Return the film of a run: evenly chosen packings of its trace, first and final included, and every saved number."""
+    trace = run.trace
+    if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
+        step_f = np.array([0, max(run.steps, 1)])
+        return Film(step_f, (scene.packing, run.packing), scene.effects, {} if trace is None else curves_of(trace))
+    count = len(trace.step_t)
+    chosen = np.unique(np.rint(np.linspace(0, count - 1, min(frames - 1, count))).astype(int))
+    packing_f = [
+        scene.packing.replace(
+            position_nd=trace.position_tnd[t],
+            box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
+        )
+        for t in chosen
+    ]
+    step_f = trace.step_t[chosen]
+    last = max(int(run.steps), int(step_f[-1]) + 1)
+    return Film(np.append(step_f, last), (*packing_f, run.packing), scene.effects, curves_of(trace))
+
+
+def curves_of(trace: Trace) -> dict[str, Curve]:
+    """Return what to plot; the viewer has no logarithmic axis, so logarithms are taken here and zeros left out."""
+    curves: dict[str, Curve] = {}
+    for name, value_t in (("energy", trace.energy_t), ("pressure", trace.pressure_t), ("max force", trace.max_force_t)):
+        seen_t = value_t > 0.0
+        curves[f"log10 {name}"] = (trace.step_t[seen_t], np.log10(value_t[seen_t]))
+    curves["contacts"] = (trace.step_t, trace.contacts_t.astype(float))
+    return curves
+
+
+def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> list[Motion]:
+    """Return the lowest modes that are no free motions, at most `count` of them.
+
+    Raises
+    ------
+    ValueError
+        When the modes belong to another packing.
+
+    """
+    displacement_mnd = np.asarray(modes.displacement_mnd)
+    if displacement_mnd.shape[1:] != packing.position_nd.shape:
+        raise ValueError(
+            f"modes must be those of the packing with positions of shape {packing.position_nd.shape}, "
+            f"got displacements of shape {displacement_mnd.shape[1:]}"
+        )
+    vibrating = np.flatnonzero(np.abs(modes.eigenvalue_m) > FREE_MOTION * stiffness)[:count]
+    return [
+        Motion(f"mode_{rank}", f"mode {rank}: frequency {modes.frequency_m[m]:.4g}", displacement_mnd[m])
+        for rank, m in enumerate(vibrating, start=1)
+    ]
+
+
+def properties_of(film: Film, parameters: Mapping[str, Any], results: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a recording tells of itself: every parameter and result as JSON, and each plain result by name."""
+    told = {
+        "particles": film.final.particles,
+        "dimension": film.final.dimension,
+        "effects": [to_table(effect) for effect in film.effects],
+        **parameters,
+    }
+    plain = {name: value for name, value in results.items() if isinstance(value, bool | int | float | str)}
+    return {
+        "parameters_json": json.dumps(told, default=plain_value),
+        "results_json": json.dumps(results, default=plain_value),
+        **plain,
+    }
+
+
+def plain_value(value: Any) -> Any:
+    """Return numpy values, records and paths as JSON knows them; anything else as its text."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if is_record(value):
+        return to_table(value)
+    return str(value)
+
+
+def _point(value: float) -> Curve:
+    return np.array([0]), np.array([float(value)])
