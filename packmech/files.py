@@ -24,7 +24,8 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -95,27 +96,20 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
 
     """
     instance("packing", packing, Packing)
-    target = _named(path)
+    target = target_file(path)
     ending = _ending(target)
     if law is not None:
         if not is_law(law):
             raise TypeError(f"law must be a law such as Harmonic(...) or None, got {law!r}")
         if ending != ".npz":
             raise ValueError(f"law must be None for {ending} files (only .npz keeps it), got {law!r}")
-    if not target.parent.is_dir():
-        raise ValueError(f"path must lie in an existing folder, got {str(target)!r}")
-    # beside its target, so that replacing is one step and an interrupted write leaves the old file as it was
-    partial = target.with_name(f".{target.stem}.{os.getpid()}{ending}")
-    try:
+    with replacing(target) as partial:
         if ending == ".npz":
             _write_npz(packing, partial, law)
         elif ending == ".gsd":
             write_gsd(packing, partial)
         else:
             partial.write_text(_text(packing), encoding="utf-8")
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def read_law(path: PathLike) -> Any:
@@ -141,6 +135,25 @@ def read_law(path: PathLike) -> Any:
         return None if text is None else from_table(json.loads(str(text)), "law", kinds_of(registered_laws()))
 
     return _in_file(found, read)
+
+
+def target_file(path: PathLike) -> Path:
+    """Return the file to be written, after checking that its folder exists."""
+    target = _named(path)
+    if not target.parent.is_dir():
+        raise ValueError(f"path must lie in an existing folder, got {str(target)!r}")
+    return target
+
+
+@contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """Give a file to write beside the target, which it replaces in one step once it is whole."""
+    partial = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        yield partial
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _named(path: PathLike) -> Path:

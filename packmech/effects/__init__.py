@@ -18,6 +18,7 @@ from packmech.effects.laws import (
     law_first,
     law_scale,
     law_second,
+    registered_laws,
 )
 from packmech.effects.pair import (
     ContactTerms,
@@ -27,6 +28,7 @@ from packmech.effects.pair import (
     pair_energy,
     pair_first,
     pair_second,
+    registered_effects,
 )
 from packmech.effects.repulsion import Repulsion
 
@@ -54,6 +56,8 @@ __all__ = [
     "pair_energy",
     "pair_first",
     "pair_second",
+    "registered_effects",
+    "registered_laws",
 ]
 
 

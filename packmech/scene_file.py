@@ -1,0 +1,279 @@
+"""Scenes as TOML files: a packing (generated, read or written out), the effects, what is done with it.
+
+A scene file looks like this; `kind` names a class of the package in lower case with hyphens::
+
+    description = "256 bidisperse discs, every strain free"      # optional
+
+    [packing]
+    kind = "random"                     # or "lattice", "file", "inline"
+    particles = 256
+    dimension = 2
+    packing_fraction = 0.87
+    seed = 1
+    sizes = { kind = "bidisperse", ratio = 1.4, fraction = "50:50" }
+
+    [[effects]]
+    kind = "repulsion"
+    law = { kind = "harmonic", energy_scale = 1.0 }
+
+    [drive]                             # optional
+    kind = "jam"
+    pressure = 1e-8
+    strain = "free"
+
+The other packings: `lattice` takes the arguments of `pm.lattice_packing`; `file` takes a `path`, relative to the scene
+file; `inline` takes `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+import typing
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from packmech.box import Box
+from packmech.check import instance
+from packmech.effects import registered_effects, registered_laws
+from packmech.files import PathLike, read_packing, replacing, target_file
+from packmech.generate import (
+    Bidisperse,
+    LogNormal,
+    Mixture,
+    Monodisperse,
+    Normal,
+    Sizes,
+    Uniform,
+    lattice_packing,
+    random_packing,
+)
+from packmech.packing import Packing
+from packmech.records import from_table, kinds_of, to_table
+from packmech.scene import Drive, Scene
+from packmech.toml_text import toml_text
+
+Vectors = tuple[tuple[float, ...], ...]
+
+_SIZES = kinds_of((Monodisperse, Bidisperse, Mixture, Uniform, Normal, LogNormal))
+_DRIVES = {kind.removesuffix("-drive"): cls for kind, cls in kinds_of(typing.get_args(Drive)).items()}
+_TOP = ("description", "packing", "effects", "drive")
+
+
+@dataclass(frozen=True)
+class _Random:
+    """The arguments of `random_packing`."""
+
+    particles: int
+    packing_fraction: float
+    seed: int
+    dimension: int = 2
+    sizes: Sizes = Bidisperse()
+    lattice_vectors: Vectors | None = None
+
+    def packing(self, folder: Path) -> Packing:
+        return random_packing(
+            self.particles,
+            dimension=self.dimension,
+            packing_fraction=self.packing_fraction,
+            sizes=self.sizes,
+            seed=self.seed,
+            box=None if self.lattice_vectors is None else _columns(self.lattice_vectors),
+        )
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    """The arguments of `lattice_packing`; `supercell` has one box vector a line."""
+
+    name: str
+    repeats: int | tuple[int, ...] | None = None
+    supercell: tuple[tuple[int, ...], ...] | None = None
+    conventional: bool = False
+    relative_overlap: float = 0.0
+    diameter: float = 1.0
+
+    def packing(self, folder: Path) -> Packing:
+        return lattice_packing(
+            self.name,
+            self.repeats,
+            supercell=None if self.supercell is None else np.array(self.supercell).T,
+            conventional=self.conventional,
+            relative_overlap=self.relative_overlap,
+            diameter=self.diameter,
+        )
+
+
+@dataclass(frozen=True)
+class _File:
+    """A packing file; its path is relative to the scene file."""
+
+    path: str
+
+    def packing(self, folder: Path) -> Packing:
+        return read_packing(folder / self.path)
+
+
+@dataclass(frozen=True)
+class _Inline:
+    """Lattice vectors and positions one in a line, and radii."""
+
+    lattice_vectors: Vectors
+    positions: Vectors
+    radii: tuple[float, ...]
+
+    def packing(self, folder: Path) -> Packing:
+        return Packing(_rows("positions", self.positions), np.array(self.radii), Box(_columns(self.lattice_vectors)))
+
+
+_PACKINGS: dict[str, type] = {"random": _Random, "lattice": _Lattice, "file": _File, "inline": _Inline}
+
+
+def _rows(name: str, rows: Vectors) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError(f"{name} must hold rows of one length, got lengths {sorted({len(row) for row in rows})}")
+    return np.array(rows, dtype=np.float64)
+
+
+def _columns(vectors: Vectors) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return _rows("lattice_vectors", vectors).T
+
+
+def list_scenes() -> dict[str, str]:
+    """Return the scenes that ship inside the package: name -> one sentence on it, the default one first.
+
+    Examples
+    --------
+    >>> next(iter(list_scenes()))
+    'default'
+
+    """
+    names = sorted(
+        (entry.name.removesuffix(".toml") for entry in _shipped().iterdir() if entry.name.endswith(".toml")),
+        key=lambda name: (name != "default", name),
+    )
+    texts = {name: (_shipped() / f"{name}.toml").read_text(encoding="utf-8") for name in names}
+    return {name: str(tomllib.loads(text).get("description", "")) for name, text in texts.items()}
+
+
+def _shipped() -> Any:
+    return resources.files("packmech") / "scenes"
+
+
+def read_scene(path: PathLike) -> Scene:
+    """Return the scene in a TOML file, or the shipped scene of that name.
+
+    Parameters
+    ----------
+    path
+        A file, or a bare name without an ending such as ``"default"`` (see ``pm.list_scenes``).
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file or shipped scene.
+    TypeError, ValueError
+        Naming the field by its path, such as ``effects[0].law.kind``, what it must be, what came, and the file.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> scene = pm.read_scene("default")
+    >>> scene.packing.particles, scene.drive.strain
+    (256, 'free')
+
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be a file name or the name of a shipped scene, got {path!r}")
+    name = os.fspath(path)
+    if isinstance(path, str) and not Path(name).suffix and Path(name).name == name:
+        entry = _shipped() / f"{name}.toml"
+        if not entry.is_file():
+            raise FileNotFoundError(
+                f"path must name a file or a shipped scene ({', '.join(list_scenes())}), got {name!r}"
+            )
+        data, folder = entry.read_bytes(), Path(".")
+    else:
+        if not Path(name).is_file():
+            raise FileNotFoundError(f"path must name an existing file, got {name!r}")
+        data, folder = Path(name).read_bytes(), Path(name).parent
+    try:
+        return _scene(tomllib.loads(data.decode("utf-8")), folder)
+    except (TypeError, ValueError, OSError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        said = f"path must name a TOML file: {error}" if isinstance(error, _NOT_TOML) else str(error)
+        raise kind(f"{said} (in scene file {name!r})") from error
+
+
+_NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
+
+
+def _scene(tables: dict[str, Any], folder: Path) -> Scene:
+    for name in tables:
+        if name not in _TOP:
+            raise ValueError(f"{name} must be one of the fields {', '.join(_TOP)} of a scene, got another name")
+    if not isinstance(tables.get("description", ""), str):
+        raise TypeError(f"description must be a string, got {tables['description']!r}")
+    if "packing" not in tables:
+        raise ValueError("packing must be given, got nothing")
+    entries = tables.get("effects")
+    if not isinstance(entries, list) or not entries:
+        raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries if entries else 'nothing'!r}")
+    laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects())
+    effects = tuple(from_table(table, f"effects[{k}]", acting, {"law": laws}) for k, table in enumerate(entries))
+    drive = from_table(tables["drive"], "drive", _DRIVES) if "drive" in tables else None
+    recipe = from_table(tables["packing"], "packing", _PACKINGS, {"sizes": _SIZES})
+    try:
+        packing = recipe.packing(folder)
+    except (TypeError, ValueError, OSError) as error:
+        raise type(error)(f"packing.{error}") from error
+    return Scene(packing, effects, drive)
+
+
+def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
+    """Write the scene as TOML with its packing inline; `read_scene` returns an equal scene, to the last bit.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    path
+        The file. An existing file is replaced, whole or not at all.
+    description
+        One sentence on the scene.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument: not a scene, not a file name, a folder that does not exist.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> scene = pm.Scene(pm.lattice_packing("square"), effects=(pm.Repulsion(law=pm.Hertz()),))
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "square.toml"
+    >>> pm.write_scene(scene, path)
+    >>> pm.read_scene(path) == scene
+    True
+
+    """
+    instance("scene", scene, Scene)
+    instance("description", description, str)
+    target = target_file(path)
+    tables: dict[str, Any] = {"description": description} if description else {}
+    tables["packing"] = {
+        "kind": "inline",
+        "lattice_vectors": scene.packing.box.lattice_dd.T.tolist(),
+        "radii": scene.packing.radius_n.tolist(),
+        "positions": scene.packing.position_nd.tolist(),
+    }
+    tables["effects"] = [to_table(effect) for effect in scene.effects]
+    if scene.drive is not None:
+        drive = to_table(scene.drive)
+        tables["drive"] = drive | {"kind": drive["kind"].removesuffix("-drive")}
+    with replacing(target) as partial:
+        partial.write_text(toml_text(tables), encoding="utf-8")
