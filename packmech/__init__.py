@@ -45,6 +45,8 @@ _PUBLIC = {
     # contacts
     "Contacts": "packmech.contacts",
     "find_contacts": "packmech.contacts",
+    "find_rattlers": "packmech.contacts",
+    "remove_rattlers": "packmech.contacts",
     # measures
     "coordination_number": "packmech.measure",
     "energy": "packmech.measure",

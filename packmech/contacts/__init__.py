@@ -4,5 +4,14 @@ from __future__ import annotations
 
 from packmech.contacts.neighbors import Candidates, candidate_pairs
 from packmech.contacts.network import Contacts, find_contacts, pair_contacts
+from packmech.contacts.rattlers import find_rattlers, remove_rattlers
 
-__all__ = ["Candidates", "Contacts", "candidate_pairs", "find_contacts", "pair_contacts"]
+__all__ = [
+    "Candidates",
+    "Contacts",
+    "candidate_pairs",
+    "find_contacts",
+    "find_rattlers",
+    "pair_contacts",
+    "remove_rattlers",
+]

@@ -1,0 +1,213 @@
+"""Rattlers: particles that their contacts do not hold, found again and again until none is left.
+
+A particle can move freely, to first order, when there is a direction u != 0 along which it approaches no neighbor:
+n . u <= 0 for all its contact normals n (pointing outwards). It is held exactly when there is none, that is when the
+normals span the space and admit a strictly positive balance, sum of s n = 0 with every s > 0. Fewer than d + 1 contacts
+never do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.compiled import device, kernel
+from packmech.contacts.network import Contacts, find_contacts
+from packmech.packing import Packing
+
+# Two contacts opposite to within this angle [rad] count as exactly opposite, as in crystals: a third contact between
+# them could only be balanced by forces a hundred million times larger than itself.
+_OPPOSITE = 1e-8
+
+
+@device
+def _within_half_plane(x: NDArray[np.float64], y: NDArray[np.float64], count: int) -> bool:
+    """Return whether some direction of the plane makes no acute angle with the first `count` vectors (x, y)."""
+    angle = np.empty(count)
+    used = 0
+    for k in range(count):
+        # a vector this short puts no bound on motions within the plane
+        if x[k] * x[k] + y[k] * y[k] > _OPPOSITE * _OPPOSITE:
+            angle[used] = np.arctan2(y[k], x[k])
+            used += 1
+    if used < 3:
+        return True
+    angle = np.sort(angle[:used])
+    widest = angle[0] + 2.0 * np.pi - angle[used - 1]
+    for k in range(1, used):
+        widest = max(widest, angle[k] - angle[k - 1])
+    return bool(widest > np.pi - _OPPOSITE)
+
+
+@device
+def _is_free(normal: NDArray[np.float64], count: int) -> bool:
+    """Return whether a particle with the first `count` rows of `normal` as its contact normals can move."""
+    d = normal.shape[1]
+    if count < d + 1:
+        return True
+    if d == 2:
+        return _within_half_plane(normal[:, 0], normal[:, 1], count)
+    # If any motion is free, one is that slides along some contact a: look for it in the plane across each normal.
+    x = np.empty(count)
+    y = np.empty(count)
+    for a in range(count):
+        n0, n1, n2 = normal[a, 0], normal[a, 1], normal[a, 2]
+        # e, f: an orthonormal basis of that plane, e across the smallest component of the normal
+        if abs(n0) <= abs(n1) and abs(n0) <= abs(n2):
+            e0, e1, e2 = 0.0, n2, -n1
+        elif abs(n1) <= abs(n2):
+            e0, e1, e2 = -n2, 0.0, n0
+        else:
+            e0, e1, e2 = n1, -n0, 0.0
+        size = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
+        e0, e1, e2 = e0 / size, e1 / size, e2 / size
+        f0, f1, f2 = n1 * e2 - n2 * e1, n2 * e0 - n0 * e2, n0 * e1 - n1 * e0
+        for k in range(count):
+            x[k] = normal[k, 0] * e0 + normal[k, 1] * e1 + normal[k, 2] * e2
+            y[k] = normal[k, 0] * f0 + normal[k, 1] * f1 + normal[k, 2] * f2
+        if _within_half_plane(x, y, count):
+            return True
+    return False
+
+
+@kernel
+def _find_loose(
+    start: NDArray[np.int64], neighbor: NDArray[np.int64], outward: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return who is loose; outward[start[i]:start[i+1]] are the normals of particle i, towards `neighbor`."""
+    particles = start.shape[0] - 1
+    d = outward.shape[1]
+    loose = np.zeros(particles, np.bool_)
+    waiting = np.ones(particles, np.bool_)
+    stack = np.arange(particles)[::-1].copy()
+    height = particles
+    most = 0
+    for i in range(particles):
+        most = max(most, start[i + 1] - start[i])
+    normal = np.empty((most, d))
+    while height > 0:
+        height -= 1
+        i = stack[height]
+        waiting[i] = False
+        count = 0
+        for h in range(start[i], start[i + 1]):
+            if not loose[neighbor[h]]:
+                for k in range(d):
+                    normal[count, k] = outward[h, k]
+                count += 1
+        if not _is_free(normal, count):
+            continue
+        loose[i] = True
+        for h in range(start[i], start[i + 1]):
+            j = neighbor[h]
+            if not loose[j] and not waiting[j]:
+                waiting[j] = True
+                stack[height] = j
+                height += 1
+    return loose
+
+
+def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
+    """Return, for each particle, whether the given contacts leave it free, the free ones removed first.
+
+    Parameters
+    ----------
+    contacts
+        The contacts; one with the particle's own image holds it from both sides.
+
+    """
+    end = np.concatenate([contacts.i_c, contacts.j_c])
+    order = np.argsort(end, kind="stable")
+    neighbor = np.concatenate([contacts.j_c, contacts.i_c])[order]
+    outward = np.concatenate([contacts.normal_cd, -contacts.normal_cd])[order]
+    start = np.concatenate([[0], np.cumsum(np.bincount(end, minlength=contacts.particles))])
+    return _find_loose(start, neighbor, outward)
+
+
+def find_rattlers(
+    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
+) -> NDArray[np.bool_]:
+    """Return, for each particle, whether it rattles: its contacts with particles that do not rattle fail to hold it.
+
+    A particle is held when its contact normals positively span the space. Particles in contact with none are rattlers.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching. The default admits the
+        rounding of crystals and of exact hard-particle packings.
+    contacts
+        The contacts to judge by instead of those within `gap_tolerance`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, or the contacts belong to another number of particles.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3))
+    >>> int(find_rattlers(crystal).sum())
+    0
+    >>> apart = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=-1e-6)
+    >>> int(find_rattlers(apart).sum()), int(find_rattlers(apart, gap_tolerance=1e-5).sum())
+    (9, 0)
+
+    """
+    instance("packing", packing, Packing)
+    if contacts is None:
+        contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    check_contacts(packing, contacts)
+    return loose_particles(contacts)
+
+
+def remove_rattlers(
+    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
+) -> tuple[Packing, NDArray[np.int64]]:
+    """Return the packing without its rattlers, and the (N',) numbers that its particles had before.
+
+    Parameters
+    ----------
+    packing, gap_tolerance, contacts
+        As in `find_rattlers`.
+
+    Raises
+    ------
+    ValueError
+        If every particle rattles, so that nothing is left.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2))
+    >>> backbone, index_n = remove_rattlers(crystal)
+    >>> backbone == crystal, index_n.tolist()
+    (True, [0, 1, 2, 3, 4, 5, 6, 7])
+
+    """
+    loose = find_rattlers(packing, gap_tolerance=gap_tolerance, contacts=contacts)
+    kept = np.flatnonzero(~loose)
+    if not len(kept):
+        raise ValueError(f"packing must have particles that do not rattle, got {packing.particles} rattlers")
+    return packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept]), kept
+
+
+def check_contacts(packing: Packing, contacts: Contacts) -> None:
+    """Check that the contacts can belong to the packing.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are of the wrong kind, or made for another number of particles or axes.
+
+    """
+    instance("contacts", contacts, Contacts)
+    if (contacts.particles, contacts.dimension) != (packing.particles, packing.dimension):
+        raise ValueError(
+            f"contacts must belong to {packing.particles} particles in {packing.dimension} dimensions,"
+            f" got {contacts.particles} in {contacts.dimension}"
+        )
