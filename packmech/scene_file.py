@@ -130,6 +130,8 @@ class _Inline:
         return Packing(_rows("positions", self.positions), np.array(self.radii), Box(_columns(self.lattice_vectors)))
 
 
+# what the functions that make packings call a field of the file
+_FIELD_OF = {"box": "lattice_vectors", "lattice_dd": "lattice_vectors", "position_nd": "positions", "radius_n": "radii"}
 _PACKINGS: dict[str, type] = {"random": _Random, "lattice": _Lattice, "file": _File, "inline": _Inline}
 
 
@@ -222,7 +224,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         raise ValueError("packing must be given, got nothing")
     entries = tables.get("effects")
     if not isinstance(entries, list) or not entries:
-        raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries if entries else 'nothing'!r}")
+        raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}")
     laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects())
     effects = tuple(from_table(table, f"effects[{k}]", acting, {"law": laws}) for k, table in enumerate(entries))
     drive = from_table(tables["drive"], "drive", _DRIVES) if "drive" in tables else None
@@ -230,7 +232,8 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     try:
         packing = recipe.packing(folder)
     except (TypeError, ValueError, OSError) as error:
-        raise type(error)(f"packing.{error}") from error
+        argument, must, rest = str(error).partition(" must ")
+        raise type(error)(f"packing.{_FIELD_OF.get(argument, argument)}{must}{rest}") from error
     return Scene(packing, effects, drive)
 
 
