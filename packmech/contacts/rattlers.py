@@ -122,7 +122,8 @@ def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
     neighbor = np.concatenate([contacts.j_c, contacts.i_c])[order]
     outward = np.concatenate([contacts.normal_cd, -contacts.normal_cd])[order]
     start = np.concatenate([[0], np.cumsum(np.bincount(end, minlength=contacts.particles))])
-    return _find_loose(start, neighbor, outward)
+    loose: NDArray[np.bool_] = _find_loose(start, neighbor, outward)
+    return loose
 
 
 def find_rattlers(
