@@ -54,6 +54,13 @@ _PUBLIC = {
     "packing_fraction": "packmech.measure",
     "pressure": "packmech.measure",
     "stress_tensor": "packmech.measure",
+    # accuracy and recording
+    "Answer": "packmech.accuracy",
+    "Trial": "packmech.accuracy",
+    "WorkPrecision": "packmech.accuracy",
+    "work_precision": "packmech.accuracy",
+    "record_packing": "packmech.recording",
+    "record_run": "packmech.recording",
     # outcomes
     "NotConverged": "packmech.outcome",
     "Outcome": "packmech.outcome",

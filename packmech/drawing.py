@@ -22,18 +22,28 @@ SMALL, LARGE, RATTLER = (62, 92, 128), (98, 140, 184), (214, 158, 58)
 WEAK_FORCE, STRONG_FORCE = (168, 58, 46), (255, 236, 170)
 OUTLINE = (150, 160, 176)
 ARROW = (255, 214, 102)
+CURVE = (122, 174, 230)
 # a force line is this many diameters wide at the mean force, and no wider than at four times the mean
-LINE_WIDTH, WIDEST = 0.09, 4.0
-ARROW_RADIUS = 0.05
+LINE_WIDTH, WIDEST = 0.13, 4.0
+ARROW_RADIUS, OUTLINE_RADIUS = 0.08, 0.03
 
 
 @dataclass(frozen=True)
 class Drawing:
     """Arrays to draw, all inside or at the edge of the cell.
 
-    center_nd: (N, d) wrapped centers. copy_center_kd, copy_of_k: periodic copies that reach into the cell and whose they
-    are. segment_sed: (S, 2, d) force lines, twice where a contact crosses the cell's edge. force_s: (S,) their forces over
-    the mean. outline_ed: (edges) polylines of the cell.
+    Attributes
+    ----------
+    center_nd
+        (N, d) wrapped centers [length].
+    copy_center_kd, copy_of_k
+        (K, d) centers of periodic copies that reach into the cell [length], and whose they are.
+    segment_sed, force_s
+        (S, 2, d) ends of the force lines [length], two lines where a contact crosses the cell's edge; (S,) their forces
+        over the mean [1].
+    outline_ed
+        Polylines along the cell's edges [length].
+
     """
 
     center_nd: NDArray[np.float64]
@@ -106,9 +116,9 @@ def force_colors(force_s: NDArray[np.float64]) -> NDArray[np.uint8]:
     return _between(WEAK_FORCE, STRONG_FORCE, np.clip(force_s / 3.0, 0.0, 1.0))
 
 
-def force_radii(force_s: NDArray[np.float64], diameter: float) -> NDArray[np.float64]:
-    """Return half the width of each force line [length]: proportional to the force, up to four times the mean."""
-    return 0.5 * LINE_WIDTH * diameter * np.minimum(force_s, WIDEST)
+def force_radii(force_s: NDArray[np.float64], diameter: float, dimension: int) -> NDArray[np.float64]:
+    """Return half the width of each force line [length]: proportional to the force, thinner in 3D."""
+    return LINE_WIDTH / dimension * diameter * np.minimum(force_s, WIDEST)
 
 
 def arrow_scale(displacement_nd: NDArray[np.float64], diameter: float) -> float:
@@ -142,5 +152,7 @@ def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _between(low: tuple[int, ...], high: tuple[int, ...], share: NDArray[np.float64]) -> NDArray[np.uint8]:
-    mixed: NDArray[np.uint8] = np.rint((1.0 - share[:, None]) * np.array(low) + share[:, None] * np.array(high)).astype(np.uint8)
+    mixed: NDArray[np.uint8] = np.rint((1.0 - share[:, None]) * np.array(low) + share[:, None] * np.array(high)).astype(
+        np.uint8
+    )
     return mixed

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from packmech import drawing
 from packmech.check import instance, integer
@@ -175,7 +174,7 @@ def _write(
         _log_static(stream, film, motions, summary)
         for name, (step_t, value_t) in film.curves.items():
             path_of = f"series/{name.replace(' ', '_')}"
-            stream.log(path_of, rr.SeriesLines(names=name, colors=drawing.LARGE), static=True)
+            stream.log(path_of, rr.SeriesLines(names=name, colors=drawing.CURVE, widths=2.0), static=True)
             stream.send_columns(path_of, [rr.TimeColumn("step", sequence=step_t)], rr.Scalars.columns(scalars=value_t))
         for block in _blocks(film):
             _send_block(stream, film, block)
@@ -199,12 +198,21 @@ def _log_static(stream: rr.RecordingStream, film: Film, motions: list[Motion], s
 
     packing, flat = film.final, film.final.dimension == 2
     color_nc = drawing.particle_colors(packing.radius_n, film.rattler_n())
-    points = rr.Points2D if flat else rr.Points3D
+    points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
     if flat:  # the viewer's 2D axes point down
         stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
     else:
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/particles", points.from_fields(radii=packing.radius_n, colors=color_nc), static=True)
+    if flat:  # what lies over what; 3D views know it by themselves
+        stream.log("world/particles/copies", rr.Points2D.from_fields(draw_order=20.0), static=True)
+        stream.log("world/particles", rr.Points2D.from_fields(draw_order=30.0), static=True)
+        stream.log("world/forces", rr.LineStrips2D.from_fields(draw_order=40.0), static=True)
+        stream.log("world/box", rr.LineStrips2D.from_fields(draw_order=60.0), static=True)
+        for motion in motions:
+            stream.log(f"world/modes/{motion.name}", rr.Arrows2D.from_fields(draw_order=50.0), static=True)
+    width = drawing.OUTLINE_RADIUS * packing.reference_diameter
+    stream.log("world/box", strips.from_fields(radii=width, colors=drawing.OUTLINE), static=True)
     stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
     arrows = rr.Arrows2D if flat else rr.Arrows3D
     center_nd = drawing.draw_packing(packing).center_nd
@@ -238,7 +246,11 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
     def send(path: str, columns: Any, sizes: list[int]) -> None:
         stream.send_columns(path, time, columns.partition(sizes))
 
-    send("world/particles", points.columns(positions=np.concatenate([d.center_nd for d in drawing_f])), _counts(drawing_f, "center_nd"))
+    send(
+        "world/particles",
+        points.columns(positions=np.concatenate([d.center_nd for d in drawing_f])),
+        _counts(drawing_f, "center_nd"),
+    )
     color_nc = drawing.particle_colors(film.final.radius_n, film.rattler_n())
     owner_k = np.concatenate([d.copy_of_k for d in drawing_f])
     if flat:
@@ -256,7 +268,7 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
         "world/forces",
         strips.columns(
             strips=np.concatenate([d.segment_sed for d in drawing_f]),
-            radii=drawing.force_radii(force_s, film.final.reference_diameter),
+            radii=drawing.force_radii(force_s, film.final.reference_diameter, film.final.dimension),
             colors=drawing.force_colors(force_s),
         ),
         _counts(drawing_f, "force_s"),
@@ -273,5 +285,3 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
 
 def _counts(drawing_f: list[drawing.Drawing], name: str) -> list[int]:
     return [len(getattr(one, name)) for one in drawing_f]
-
-

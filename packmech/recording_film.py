@@ -67,7 +67,7 @@ def film_of_packing(subject: Packing | Scene) -> Film:
 
 
 def film_of_run(run: Run, scene: Scene, frames: int) -> Film:
-    """Return the film of a run: evenly chosen packings of its trace, first and final included, and every saved number."""
+    """Return the film of a run: packings evenly chosen from its trace, first and final included, every saved number."""
     trace = run.trace
     if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
         step_f = np.array([0, max(run.steps, 1)])
@@ -128,19 +128,31 @@ def properties_of(film: Film, parameters: Mapping[str, Any], results: Mapping[st
     }
     plain = {name: value for name, value in results.items() if isinstance(value, bool | int | float | str)}
     return {
-        "parameters_json": json.dumps(told, default=plain_value),
-        "results_json": json.dumps(results, default=plain_value),
+        "parameters_json": json.dumps(plain_value(told)),
+        "results_json": json.dumps(plain_value(results)),
         **plain,
     }
 
 
 def plain_value(value: Any) -> Any:
-    """Return numpy values, records and paths as JSON knows them; anything else as its text."""
+    """Return the value as JSON knows it: records as tables, arrays as lists, what has no such form as its text.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> plain_value({"law": pm.Hertz(), "shares": np.array([0.5, 0.5])})
+    {'law': {'kind': 'hertz', 'energy_scale': 1.0}, 'shares': [0.5, 0.5]}
+
+    """
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
-    if is_record(value):
-        return to_table(value)
-    return str(value)
+    if is_record(value):  # before the plain tuples, which some records are
+        return plain_value(to_table(value))
+    if isinstance(value, Mapping):
+        return {str(name): plain_value(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_value(entry) for entry in value]
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
 def _point(value: float) -> Curve:
