@@ -1,0 +1,198 @@
+"""Whether a cone of motions is trivial, decided so that either answer can be checked.
+
+Jammed comes with full rank and contact forces that balance to rounding, all positive. Not jammed comes with a motion
+that closes no contact. An answer that passes neither check is none, whatever the solver said about itself.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.mechanics.motions import FLOPPY, MotionCone
+from packmech.mechanics.programs import largest_smallest_force, open_all, yield_to_load
+from packmech.outcome import Outcome, Solve
+
+# Smallest over mean force at which a contact counts as loaded: a hundred times the programs' usual tolerance. If a
+# motion lengthens the contacts by o on average and shortens none by more than q, no self stress exceeds q / o here.
+LOADED = 1e-6
+# a motion of the load programs longer than this fraction of its bound is one
+MOVED = 1e-3
+# up to here a simplex solution decides when the interior-point method did not
+SIMPLEX_PARTICLES = 1000
+# largest net force that the certificate's contact forces may leave, of their mean
+BALANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What is known about one cone of motions.
+
+    Attributes
+    ----------
+    jammed
+        Whether it holds translations only; None when no solver could tell.
+    reason
+        One sentence.
+    softest
+        Smallest over largest singular value of the rows [1]; infinity without rows to have one, NaN where not asked.
+    smallest_force
+        Smallest over mean contact force of the certificate [1]; minus infinity when no self stress exists, NaN where
+        not asked.
+    weight
+        (C + h + b,) the certificate: contact forces of mean 1, then multipliers; None unless jammed.
+    motion
+        (n,) a motion that closes no contact; None unless not jammed.
+    balance
+        Largest component of the net force of `weight` [mean contact force]; 0 without one.
+    solves
+        What each solver achieved.
+
+    """
+
+    jammed: bool | None
+    reason: str
+    softest: float = np.nan
+    smallest_force: float = np.nan
+    weight: NDArray[np.float64] | None = None
+    motion: NDArray[np.float64] | None = None
+    balance: float = 0.0
+    solves: tuple[Solve, ...] = field(default=())
+
+
+_VACUOUS = "no motion but translations exists for one particle in a fixed box: jammed without any condition"
+
+
+def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e-8) -> Finding:
+    """Return whether the cone is trivial, by rank and the force program.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    solver, tolerance
+        As in `programs.largest_smallest_force`.
+
+    """
+    count = cone.opening.shape[0]
+    if cone.unknowns == cone.dimension:
+        return Finding(True, _VACUOUS, np.inf, 1.0, np.ones(count + cone.volume_rows))
+    start = time.process_time()
+    softest, motion = cone.softest()
+    status = "shift-invert Lanczos on rows^T rows"
+    rank = Solve(Outcome.CONVERGED, residual=softest, seconds=time.process_time() - start, status=status)
+    if softest**2 <= FLOPPY:
+        reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
+        return Finding(False, reason, softest, motion=motion, solves=(rank,))
+    solves = [rank]
+    for name in _order(solver, len(cone.kept_n)):
+        stress = largest_smallest_force(cone, solver=name, tolerance=tolerance)
+        solves.append(stress.solve)
+        finding = _checked(cone, softest, stress.weight, stress.motion, tuple(solves))
+        if finding.jammed is None and name == "highs":
+            # a simplex that found no self stress gives no motion: the opening program does
+            opened = open_all(cone, solver=name, tolerance=tolerance)
+            solves.append(opened.solve)
+            finding = _checked(cone, softest, opened.weight, opened.motion, tuple(solves))
+        if finding.jammed is not None:
+            return finding
+    return finding
+
+
+def _order(solver: str, particles: int) -> tuple[str, ...]:
+    return (solver,) if solver == "highs" or particles > SIMPLEX_PARTICLES else (solver, "highs")
+
+
+def _checked(
+    cone: MotionCone,
+    softest: float,
+    weight: NDArray[np.float64],
+    motion: NDArray[np.float64] | None,
+    solves: tuple[Solve, ...],
+) -> Finding:
+    """Return what the candidate forces or the candidate motion prove, for a cone of full rank."""
+    count = cone.opening.shape[0]
+    mean = float(weight[:count].mean())
+    smallest = -np.inf
+    if np.isfinite(mean) and mean > 0:
+        weight = cone.balanced(weight / mean)
+        weight /= weight[:count].mean()
+        smallest = float(weight[:count].min())
+        balance = float(np.abs(cone.rows.T @ weight).max())
+        pressing = bool((weight[count + cone.held.shape[0] :] > 0).all())
+        if smallest > LOADED and balance <= BALANCE and pressing:
+            reason = f"full rank, and contact forces in balance with smallest over mean {smallest:.2e}"
+            return Finding(True, reason, softest, smallest, weight, balance=balance, solves=solves)
+    if motion is not None and closes_nothing(cone, motion := cone.keeping_volume(motion)):
+        if smallest == -np.inf:
+            reason = "contacts push in no balanced way (no state of self stress without tension)"
+        else:
+            reason = f"every balance of the contacts pulls on one (largest smallest over mean force {smallest:.2e})"
+        return Finding(False, reason, softest, smallest, motion=motion, solves=solves)
+    status = "; ".join(solve.status for solve in solves[1:])
+    return Finding(None, f"neither forces nor a motion passed the check ({status})", softest, solves=solves)
+
+
+def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
+    """Return whether the motion opens contacts and closes none by more than `LOADED` of their mean opening.
+
+    The volume's rule is enforced first, so what breaks it counts as closing contacts.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    motion
+        (n,) a motion.
+
+    """
+    stretch = cone.opening @ cone.keeping_volume(motion)
+    opening = float(stretch.mean()) if len(stretch) else 0.0
+    return opening > 0 and -float(stretch.min()) < LOADED * opening
+
+
+def yield_to_loads(
+    cone: MotionCone,
+    rng: np.random.Generator,
+    *,
+    bound: str = "ball",
+    solver: str = "clarabel",
+    tolerance: float = 1e-8,
+) -> Finding:
+    """Return whether the cone is trivial, by the source's programs: a random load b, then -b, move nothing.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    rng
+        Draws the load.
+    bound, solver, tolerance
+        As in `programs.yield_to_load`.
+
+    """
+    if cone.unknowns == cone.dimension:
+        return Finding(True, _VACUOUS)
+    load = cone.without_translations(rng.standard_normal(cone.unknowns))
+    load /= np.sqrt(load @ load)
+    solves: list[Solve] = []
+    longest = 0.0
+    for sign in (1.0, -1.0):
+        for name in _order(solver, len(cone.kept_n)):
+            shape = "box" if name == "highs" else bound
+            motion, solve = yield_to_load(cone, sign * load, bound=shape, solver=name, tolerance=tolerance)
+            solves.append(solve)
+            if solve.outcome is Outcome.CONVERGED:
+                break
+        else:
+            return Finding(None, f"the load program was not solved ({solve.status})", solves=tuple(solves))
+        size = float(np.sqrt(motion @ motion) if shape == "ball" else np.abs(motion).max())
+        longest = max(longest, size)
+        if size > MOVED:
+            reason = f"a load moves the contacts apart (motion {size:.1e} of its bound)"
+            return Finding(False, reason, motion=motion, solves=tuple(solves))
+    reason = f"neither a random load nor its opposite moves anything (motion {longest:.1e} of its bound)"
+    return Finding(True, reason, solves=tuple(solves))

@@ -1,0 +1,267 @@
+"""Motions that contacts admit, and whether any is left: the rank of the contacts and what balances them.
+
+A motion is y = (displacements, strain_scale * strain), particles first. Contacts may open but not close; the volume may
+be held, or free to shrink. The cone of admissible motions is {0} (translations apart) exactly when the rows have full
+rank and a strictly positive combination of them vanishes (Roth and Whiteley 1981): a state of self stress.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from packmech.contacts import Contacts
+from packmech.mechanics.factor import eigenvalues_below, factorize
+from packmech.mechanics.rigidity import rigidity_matrix
+from packmech.mechanics.strain import mandel_tensor, strain_components, trace_vector
+from packmech.packing import Packing
+
+# Smallest over largest eigenvalue of R^T R at which a motion counts as floppy (1e-5 in singular values). Jammed
+# packings stay above 1e-7 of it up to N = 16384, floppy modes come out below 1e-15.
+FLOPPY = 1e-10
+# keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
+_LIFT = 1e-11
+_DENSE_UNKNOWNS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCone:
+    """The motions y with opening @ y >= 0, held @ y = 0 and one_sided @ y >= 0.
+
+    Attributes
+    ----------
+    opening
+        (C, n) change of each contact's distance.
+    held, one_sided
+        (h, n) and (b, n) rows for what may not change, and for what may only grow (minus the volume).
+    kept_n
+        (N',) numbers of the particles that move; the others have no columns.
+    dimension
+        Number of Cartesian axes; also the number of translations.
+    strain_scale
+        Length that a unit strain counts as [length]; 0 when the box is fixed.
+
+    """
+
+    opening: sp.csr_array
+    held: sp.csr_array
+    one_sided: sp.csr_array
+    kept_n: NDArray[np.int64]
+    dimension: int
+    strain_scale: float
+
+    @property
+    def unknowns(self) -> int:
+        """Number n of components of a motion, translations included."""
+        return int(self.opening.shape[1])
+
+    @property
+    def freedoms(self) -> int:
+        """Number of independent motions: components less translations and held combinations."""
+        return self.unknowns - self.dimension - self.volume_rows
+
+    @property
+    def volume_rows(self) -> int:
+        """1 when the box may change shape, for its volume; 0 in a fixed box."""
+        return int(self.held.shape[0] + self.one_sided.shape[0])
+
+    @functools.cached_property
+    def rows(self) -> sp.csr_array:
+        """All rows: contacts, held, one-sided."""
+        return sp.csr_array(sp.vstack([self.opening, self.held, self.one_sided], format="csr"))
+
+    def without_translations(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the motion less its mean displacement."""
+        result = motion.copy()
+        displacement = result[: len(self.kept_n) * self.dimension].reshape(-1, self.dimension)
+        displacement -= displacement.mean(axis=0)
+        return result
+
+    def keeping_volume(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the motion less the uniform strain by which it breaks the rule for the volume."""
+        # unit rows on the strains alone
+        change = np.concatenate([self.held @ motion, np.minimum(self.one_sided @ motion, 0.0)])
+        return np.asarray(motion - sp.vstack([self.held, self.one_sided]).T @ change)
+
+    @functools.cached_property
+    def _gram(self) -> sp.csr_array:
+        return sp.csr_array(self.rows.T @ self.rows)
+
+    @functools.cached_property
+    def largest_eigenvalue(self) -> float:
+        """Largest eigenvalue of rows^T rows."""
+        gram = self._gram
+        if self.unknowns <= _DENSE_UNKNOWNS:
+            return float(np.linalg.eigvalsh(gram.toarray())[-1])
+        found = spla.eigsh(gram, k=1, which="LA", tol=1e-6, v0=_start(self.unknowns), return_eigenvectors=False)
+        return float(found[0])
+
+    @functools.cached_property
+    def _solve(self) -> Any:
+        """Return a function that solves rows^T rows y = load for loads and motions without translation."""
+        d = self.dimension
+        # one particle held; its rows and columns come back through the loads' balance
+        held = self._gram[d:, d:] + _LIFT * self.largest_eigenvalue * sp.eye_array(self.unknowns - d)
+        factor = factorize(held)
+
+        def solve(load: NDArray[np.float64]) -> NDArray[np.float64]:
+            motion = np.zeros(self.unknowns)
+            motion[d:] = factor.solve(np.asarray(load, dtype=np.float64).reshape(-1)[d:])
+            return self.without_translations(motion)
+
+        return solve
+
+    def softest(self) -> tuple[float, NDArray[np.float64]]:
+        """Return the smallest singular value of the rows over the largest, translations removed, and its motion.
+
+        The motion has unit length. A cone without motions but translations has no smallest value: infinity, and zeros.
+        """
+        n, d = self.unknowns, self.dimension
+        if n == d:
+            return np.inf, np.zeros(n)
+        if not self.rows.nnz:
+            return 0.0, _unit(self.without_translations(_start(n)))
+        if n <= _DENSE_UNKNOWNS:
+            _, vector = np.linalg.eigh(self._free_basis.T @ self._gram.toarray() @ self._free_basis)
+            motion = self._free_basis @ vector[:, 0]
+        else:
+            inverse = spla.LinearOperator(
+                (n, n), matvec=lambda load: self._solve(self.without_translations(np.ravel(load))), dtype=np.float64
+            )
+            start = self.without_translations(_start(n))
+            _, vector = spla.eigsh(inverse, k=1, which="LA", tol=1e-10, v0=start)
+            motion = _unit(self.without_translations(vector[:, 0]))
+        stretch = self.rows @ motion
+        return float(np.sqrt(stretch @ stretch / self.largest_eigenvalue)), motion
+
+    @functools.cached_property
+    def _free_basis(self) -> NDArray[np.float64]:
+        """Orthonormal columns that span everything but translations; for small systems."""
+        n, d, particles = self.unknowns, self.dimension, len(self.kept_n)
+        translations = np.zeros((n, d))
+        translations[: particles * d] = np.tile(np.eye(d), (particles, 1)) / np.sqrt(particles)
+        basis, _ = np.linalg.qr(translations, mode="complete")
+        return np.asarray(basis[:, d:])
+
+    def floppy_modes(self) -> int:
+        """Return the number of independent motions, translations apart, that change no row."""
+        d = self.dimension
+        if self.unknowns == d:
+            return 0
+        if not self.rows.nnz:
+            return self.unknowns - d
+        return eigenvalues_below(self._gram[d:, d:], FLOPPY * self.largest_eigenvalue)
+
+    def balanced(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the nearest weights of the rows that balance: rows^T weight = 0 to rounding."""
+        result = weight.copy()
+        if self.unknowns == self.dimension:
+            return result
+        for _ in range(3):
+            result -= self.rows @ self._solve(self.without_translations(self.rows.T @ result))
+        return result
+
+
+def _start(size: int) -> NDArray[np.float64]:
+    """Return a fixed start vector for Lanczos, so that repetitions have the same bits."""
+    return np.random.default_rng(size).standard_normal(size)
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.sqrt(vector @ vector)
+    return vector / length if length > 0 else vector
+
+
+def motion_cone(packing: Packing, contacts: Contacts, *, strain: bool, volume: str = "nonincreasing") -> MotionCone:
+    """Return the cone of motions that the contacts admit; particles without contacts are left out.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    contacts
+        Its contacts, those of rattlers taken out.
+    strain
+        Whether the box may change shape.
+    volume
+        "nonincreasing" or "fixed": what its volume may do then, to first order.
+
+    """
+    d = packing.dimension
+    kept = np.unique(np.concatenate([contacts.i_c, contacts.j_c]))
+    matrix = rigidity_matrix(packing, strain, contacts=contacts)
+    moving = (kept[:, None] * d + np.arange(d)).ravel()
+    position = matrix[:, moving]
+    if not strain:
+        none = sp.csr_array((0, len(moving)))
+        return MotionCone(position, none, none, kept, d, 0.0)
+    scale = float(packing.box.volume ** (1.0 / d))
+    opening = sp.csr_array(sp.hstack([position, matrix[:, packing.particles * d :] / scale], format="csr"))
+    row = np.concatenate([np.zeros(len(moving)), -trace_vector(d) / np.sqrt(d)])
+    grow, none = sp.csr_array(row[None, :]), sp.csr_array((0, len(row)))
+    held, one_sided = (grow, none) if volume == "fixed" else (none, grow)
+    return MotionCone(opening, held, one_sided, kept, d, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class UnjammingMotion:
+    """A motion along which contacts open or keep their length and none closes, to first order.
+
+    Attributes
+    ----------
+    displacement_nd
+        (N, d) displacements, without translation; the largest of them, or strain_scale times the largest strain, is one
+        reference diameter [length]. Rattlers stay.
+    strain_dd
+        (d, d) symmetric strain of the box [1]; zero in a fixed box.
+    closing, opening
+        Largest shortening and largest lengthening of a contact [length].
+
+    """
+
+    displacement_nd: NDArray[np.float64]
+    strain_dd: NDArray[np.float64]
+    closing: float
+    opening: float
+
+    def moved(self, packing: Packing, amplitude: float) -> Packing:
+        """Return the packing moved along the motion: x -> (1 + a strain)(x + a displacement), the box strained alike.
+
+        Parameters
+        ----------
+        packing
+            The packing that was classified.
+        amplitude
+            a, in reference diameters [1].
+
+        """
+        change = np.eye(packing.dimension) + amplitude * self.strain_dd
+        position = (packing.position_nd + amplitude * self.displacement_nd) @ change.T
+        return packing.replace(position_nd=position, box=packing.box.strained(amplitude * self.strain_dd))
+
+
+def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.float64]) -> UnjammingMotion:
+    """Return the motion of a cone as displacements of all particles of the packing and a strain of its box."""
+    d = packing.dimension
+    moving = len(cone.kept_n) * d
+    motion = cone.without_translations(motion)
+    displacement = np.zeros((packing.particles, d))
+    displacement[cone.kept_n] = motion[:moving].reshape(-1, d)
+    strain = np.zeros(strain_components(d))
+    if cone.strain_scale:
+        strain = motion[moving:] / cone.strain_scale
+    size = max(np.sqrt((displacement**2).sum(axis=1)).max(), cone.strain_scale * np.abs(strain).max())
+    factor = packing.reference_diameter / size if size > 0 else 0.0
+    stretch = factor * (cone.opening @ motion)
+    return UnjammingMotion(
+        factor * displacement,
+        factor * mandel_tensor(strain),
+        closing=float(max(0.0, -stretch.min(initial=0.0))),
+        opening=float(max(0.0, stretch.max(initial=0.0))),
+    )
