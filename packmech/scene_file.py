@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from packmech.box import Box
-from packmech.check import instance
+from packmech.check import instance, integer
 from packmech.effects import registered_effects, registered_laws
 from packmech.files import PathLike, read_packing, replacing, target_file
 from packmech.generate import (
@@ -166,13 +166,15 @@ def _shipped() -> Any:
     return resources.files("packmech") / "scenes"
 
 
-def read_scene(path: PathLike) -> Scene:
+def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
     """Return the scene in a TOML file, or the shipped scene of that name.
 
     Parameters
     ----------
     path
         A file, or a bare name without an ending such as ``"default"`` (see ``pm.list_scenes``).
+    seed
+        Another seed than the file's, for a scene whose packing is random.
 
     Raises
     ------
@@ -204,11 +206,22 @@ def read_scene(path: PathLike) -> Scene:
             raise FileNotFoundError(f"path must name an existing file, got {name!r}")
         data, folder = Path(name).read_bytes(), Path(name).parent
     try:
-        return _scene(tomllib.loads(data.decode("utf-8")), folder)
+        tables = tomllib.loads(data.decode("utf-8"))
+        if seed is not None:
+            _reseed(tables, integer("seed", seed, at_least=0))
+        return _scene(tables, folder)
     except (TypeError, ValueError, OSError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
         said = f"path must name a TOML file: {error}" if isinstance(error, _NOT_TOML) else str(error)
         raise kind(f"{said} (in scene file {name!r})") from error
+
+
+def _reseed(tables: dict[str, Any], seed: int) -> None:
+    packing = tables.get("packing")
+    if not isinstance(packing, dict) or packing.get("kind") != "random":
+        kind = packing.get("kind") if isinstance(packing, dict) else None
+        raise ValueError(f"seed must be left out for a packing that is not random, got {seed} for kind {kind!r}")
+    packing["seed"] = seed
 
 
 _NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
