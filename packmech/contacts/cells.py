@@ -1,0 +1,299 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""The cell search, compiled: pairs near enough to test, in two flat lists sorted by (i, j, image).
+
+Particles are sorted into levels of size, a factor of two apart, each with its own grid of cells; a particle looks into
+the grid of its own level and of every coarser one, so a few large particles do not make the cells of the small ones
+large.
+
+A row holds x, y, z and radius in its first four columns (z = 0 in two dimensions). Neighbor and image share one word,
+`code = (j << bits) | k`, where row k of a table is the image: the loop over pairs then needs no rounding to the
+nearest image.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.compiled import device, kernel
+
+# a particle more than 2^16 times smaller than the largest shares the last level
+_MAX_LEVELS = 16
+
+
+class Sizes(NamedTuple):
+    """Level of each particle (0 the coarsest), and largest radius and number of particles of each level."""
+
+    level_n: NDArray[np.int64]
+    largest_a: NDArray[np.float64]
+    count_a: NDArray[np.int64]
+
+
+class Frame(NamedTuple):
+    """A box in three dimensions as the compiled loops take it: lattice, its inverse, and the distances between faces.
+
+    A plane has the third vector (0, 0, 1), along which nothing repeats.
+    """
+
+    lattice_dd: NDArray[np.float64]
+    inverse_dd: NDArray[np.float64]
+    height_d: NDArray[np.float64]
+
+
+class PairTable(NamedTuple):
+    """Pairs (i, code), the images that code refers to, and the number of bits of the image's place in code."""
+
+    i_p: NDArray[np.uint32]
+    code_p: NDArray[np.uint32]
+    image_kd: NDArray[np.float64]
+    bits: int
+
+
+def size_levels(radius_n: NDArray[np.float64]) -> Sizes:
+    """Return the levels of size, a factor of two apart.
+
+    Parameters
+    ----------
+    radius_n
+        (N,) radii [length].
+
+    """
+    level = np.clip(np.floor(np.log2(radius_n.max() / radius_n)), 0, _MAX_LEVELS - 1).astype(np.int64)
+    levels = int(level.max()) + 1
+    largest = np.zeros(levels)
+    np.maximum.at(largest, level, radius_n)
+    return Sizes(level, largest, np.bincount(level, minlength=levels).astype(np.int64))
+
+
+def frame_of(box: Box) -> Frame:
+    """Return the box as compiled loops take it; reduce it first (`box.reduced()`) when it may be tilted.
+
+    Parameters
+    ----------
+    box
+        The periodic box.
+
+    """
+    d = box.dimension
+    lattice, inverse, height = np.eye(3), np.eye(3), np.ones(3)
+    lattice[:d, :d] = box.lattice_dd
+    inverse[:d, :d] = box.inverse_dd
+    height[:d] = box.height_d
+    return Frame(lattice, inverse, height)
+
+
+@device
+def _sort_row(value, low, high):
+    """Sort value[low:high] in place: insertion for short rows, Shell's gaps for the long rows of large particles."""
+    gap = 1
+    while gap < (high - low) // 9:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for p in range(low + gap, high):
+            key = value[p]
+            q = p - gap
+            while q >= low and value[q] > key:
+                value[q + gap] = value[q]
+                q -= gap
+            value[q + gap] = key
+        gap //= 3
+
+
+@device
+def _sort_pairs(particles, i_raw, code_raw, found):
+    start = np.zeros(particles + 1, np.int64)
+    for p in range(found):
+        start[i_raw[p] + 1] += 1
+    for i in range(particles):
+        start[i + 1] += start[i]
+    i_p = np.empty(found, np.uint32)
+    code_p = np.empty(found, np.uint32)
+    for p in range(found):
+        i = i_raw[p]
+        code_p[start[i]] = code_raw[p]
+        i_p[start[i]] = i
+        start[i] += 1
+    low = 0
+    for i in range(particles):
+        _sort_row(code_p, low, start[i])
+        low = start[i]
+    return i_p, code_p
+
+
+@device
+def _wrap(row, frame):
+    """Return fractions in [0, 1), wrapped points with radius, whole lattice steps taken away, and their range."""
+    n = row.shape[0]
+    fraction = np.empty((n, 3))
+    point = np.empty((n, 4))
+    step = np.empty((n, 3), np.int64)
+    least = np.zeros(3, np.int64)
+    most = np.zeros(3, np.int64)
+    for i in range(n):
+        for k in range(3):
+            raw = (
+                frame.inverse_dd[k, 0] * row[i, 0]
+                + frame.inverse_dd[k, 1] * row[i, 1]
+                + frame.inverse_dd[k, 2] * row[i, 2]
+            )
+            whole = np.floor(raw)
+            fraction[i, k] = min(max(raw - whole, 0.0), 1.0 - 1e-16)
+            step[i, k] = int(whole)
+            if i == 0 or step[i, k] < least[k]:
+                least[k] = step[i, k]
+            if i == 0 or step[i, k] > most[k]:
+                most[k] = step[i, k]
+        for k in range(3):
+            point[i, k] = row[i, k] - (
+                frame.lattice_dd[k, 0] * step[i, 0]
+                + frame.lattice_dd[k, 1] * step[i, 1]
+                + frame.lattice_dd[k, 2] * step[i, 2]
+            )
+        point[i, 3] = row[i, 3]
+    return fraction, point, step, most - least
+
+
+@device
+def _grids(axes, sizes, frame, scale, skin):
+    """Return the cells of each level's grid along each lattice vector, as wide as its pairs reach."""
+    d = len(axes)
+    levels = sizes.count_a.shape[0]
+    cells = np.ones((levels, 3), np.int64)
+    for a in range(levels):
+        if sizes.count_a[a] > 0:
+            reach = scale * 2.0 * sizes.largest_a[a] + skin
+            product = 1.0
+            for k in range(d):
+                product *= max(frame.height_d[k] / reach, 1.0)
+            crowd = max(1.0, (product / (2.0 * sizes.count_a[a])) ** (1.0 / d))
+            for k in range(d):
+                cells[a, k] = max(1, int(min(frame.height_d[k] / (reach * crowd), 1048576.0)))
+    return cells
+
+
+@device
+def _fill(sizes, cells, fraction):
+    """Sort particles into cells by counting: order[start[c]:start[c + 1]] are those of cell c."""
+    n = fraction.shape[0]
+    levels = cells.shape[0]
+    first = np.zeros(levels + 1, np.int64)
+    for a in range(levels):
+        first[a + 1] = first[a] + cells[a, 0] * cells[a, 1] * cells[a, 2]
+    home = np.empty(n, np.int64)
+    start = np.zeros(first[levels] + 1, np.int64)
+    for i in range(n):
+        a = sizes.level_n[i]
+        c0 = min(int(fraction[i, 0] * cells[a, 0]), cells[a, 0] - 1)
+        c1 = min(int(fraction[i, 1] * cells[a, 1]), cells[a, 1] - 1)
+        c2 = min(int(fraction[i, 2] * cells[a, 2]), cells[a, 2] - 1)
+        home[i] = first[a] + c0 + cells[a, 0] * (c1 + cells[a, 1] * c2)
+        start[home[i] + 1] += 1
+    for c in range(first[levels]):
+        start[c + 1] += start[c]
+    fill = start[:-1].copy()
+    order = np.empty(n, np.int64)
+    for i in range(n):
+        order[fill[home[i]]] = i
+        fill[home[i]] += 1
+    return first, start, order
+
+
+@kernel
+def find_pairs(axes, row, sizes, frame, scale, skin):
+    """Return the PairTable of all pairs, over all images, with distance <= scale * (radius_i + radius_j) + skin.
+
+    Each pair is found once, with i < j, or i == j and the image's first nonzero component positive. `axes` is a tuple
+    as long as the dimension, which is thereby known when the loop is compiled.
+    """
+    d = len(axes)
+    n = row.shape[0]
+    lattice = frame.lattice_dd
+    fraction, point, step, spread = _wrap(row, frame)
+    cells = _grids(axes, sizes, frame, scale, skin)
+    first, start, order = _fill(sizes, cells, fraction)
+
+    # the table of images spans what the reach of the largest pair and unwrapped positions can ask for
+    most = np.zeros(3, np.int64)
+    reach = scale * 2.0 * sizes.largest_a.max() + skin
+    for k in range(d):
+        most[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
+    n1 = 2 * most[1] + 1
+    n2 = 2 * most[2] + 1
+    table = (2 * most[0] + 1) * n1 * n2
+    bits = 0
+    while (1 << bits) < table:
+        bits += 1
+    if bits > 24 or (n << bits) > (1 << 32):
+        raise ValueError("packing must not reach over so many periodic images: the box is too small for its particles")
+    image = np.empty((table, 3))
+    for k in range(table):
+        image[k, 0] = k // (n1 * n2) - most[0]
+        image[k, 1] = k // n2 % n1 - most[1]
+        image[k, 2] = k % n2 - most[2]
+
+    room = 8 * n + 64
+    i_raw = np.empty(room, np.uint32)
+    code_raw = np.empty(room, np.uint32)
+    found = 0
+    low = np.zeros(3, np.int64)
+    high = np.zeros(3, np.int64)
+    for i in range(n):
+        own = sizes.level_n[i]
+        xi, yi, zi = point[i, 0], point[i, 1], point[i, 2]
+        for a in range(own + 1):
+            if sizes.count_a[a] == 0:
+                continue
+            reach = scale * (point[i, 3] + sizes.largest_a[a]) + skin
+            for k in range(d):
+                width = reach / frame.height_d[k] * cells[a, k] + 1e-9
+                low[k] = int(np.floor(fraction[i, k] * cells[a, k] - width))
+                high[k] = int(np.floor(fraction[i, k] * cells[a, k] + width))
+            for c2 in range(low[2], high[2] + 1):
+                s2 = c2 // cells[a, 2]
+                for c1 in range(low[1], high[1] + 1):
+                    s1 = c1 // cells[a, 1]
+                    line = first[a] + cells[a, 0] * ((c1 - s1 * cells[a, 1]) + cells[a, 1] * (c2 - s2 * cells[a, 2]))
+                    for c0 in range(low[0], high[0] + 1):
+                        s0 = c0 // cells[a, 0]
+                        cell = line + c0 - s0 * cells[a, 0]
+                        if start[cell] == start[cell + 1]:
+                            continue
+                        ox = lattice[0, 0] * s0 + lattice[0, 1] * s1 + lattice[0, 2] * s2 - xi
+                        oy = lattice[1, 0] * s0 + lattice[1, 1] * s1 + lattice[1, 2] * s2 - yi
+                        oz = lattice[2, 0] * s0 + lattice[2, 1] * s1 + lattice[2, 2] * s2 - zi
+                        for slot in range(start[cell], start[cell + 1]):
+                            j = order[slot]
+                            if a == own and j < i:
+                                continue
+                            dx = point[j, 0] + ox
+                            dy = point[j, 1] + oy
+                            dz = point[j, 2] + oz
+                            limit = scale * (point[i, 3] + point[j, 3]) + skin
+                            if dx * dx + dy * dy + dz * dz > limit * limit * (1.0 + 1e-12):
+                                continue
+                            z0 = s0 - step[j, 0] + step[i, 0]
+                            z1 = s1 - step[j, 1] + step[i, 1]
+                            z2 = s2 - step[j, 2] + step[i, 2]
+                            if i == j and (z0 < 0 or (z0 == 0 and (z1 < 0 or (z1 == 0 and z2 <= 0)))):
+                                continue
+                            if found == room:
+                                i_more = np.empty(2 * room, np.uint32)
+                                code_more = np.empty(2 * room, np.uint32)
+                                i_more[:room] = i_raw
+                                code_more[:room] = code_raw
+                                i_raw, code_raw = i_more, code_more
+                                room *= 2
+                            if j < i:
+                                k = ((most[0] - z0) * n1 + most[1] - z1) * n2 + most[2] - z2
+                                i_raw[found] = j
+                                code_raw[found] = (i << bits) | k
+                            else:
+                                k = ((most[0] + z0) * n1 + most[1] + z1) * n2 + most[2] + z2
+                                i_raw[found] = i
+                                code_raw[found] = (j << bits) | k
+                            found += 1
+    i_p, code_p = _sort_pairs(n, i_raw, code_raw, found)
+    return PairTable(i_p, code_p, image, bits)

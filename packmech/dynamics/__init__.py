@@ -1,0 +1,1 @@
+"""Minimizers and protocols: what moves particles."""

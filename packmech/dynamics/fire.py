@@ -1,0 +1,181 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""FIRE, the fast inertial relaxation engine: damped motion steered downhill.
+
+Bitzek et al., Phys. Rev. Lett. 97, 170201 (2006), and its second form, Guénolé et al., Comput. Mater. Sci.
+175, 109584 (2020).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.compiled import kernel
+from packmech.dynamics.kernels import (
+    RUNNING,
+    clear_forces,
+    force_pass,
+    judge,
+    move_pass,
+    power_pass,
+    stiffest,
+    travel,
+)
+from packmech.dynamics.pair_list import TRAVEL
+
+# places in the state that a run of steps leaves behind
+DT, ALPHA, DOWNHILL, SPEED2, FASTEST2, STEP, STIFF, MOBILITY, TOTAL, TOUCHING, MOST2, UPHILL = range(12)
+STATE = 12
+
+# the stiffness is looked at again after this many steps, and whenever motion starts anew
+_RENEW = 64
+
+
+class Fire(NamedTuple):
+    """FIRE as Bitzek et al. describe it, with semi-implicit Euler steps.
+
+    Times are in units of sqrt(m / k) with k a fifth of the largest sum of contact stiffnesses on one particle, so that
+    one set of numbers serves every law, size and unit; particles have equal mass.
+
+    Parameters
+    ----------
+    dt, dt_max, dt_min
+        First, largest and smallest time step [sqrt(m / k)].
+    delay
+        Steps downhill before dt grows.
+    grow, shrink
+        Factors on dt downhill and after a stop.
+    mixing, mixing_decay
+        Fraction of the velocity turned towards the force each step, and the factor on it downhill.
+    largest_step
+        Nobody moves farther than this in one step [smallest diameter].
+
+    """
+
+    dt: float = 0.3
+    dt_max: float = 0.5
+    dt_min: float = 0.02
+    delay: float = 10.0
+    grow: float = 1.1
+    shrink: float = 0.5
+    mixing: float = 0.15
+    mixing_decay: float = 0.97
+    largest_step: float = 0.1
+
+
+class Fire2(NamedTuple):
+    """FIRE 2.0: velocities are mixed after the kick, and an uphill step is taken half back.
+
+    The parameters are those of Fire. The step limit keeps strongly overlapping starts together.
+    """
+
+    dt: float = 0.1
+    dt_max: float = 0.5
+    dt_min: float = 0.002
+    delay: float = 20.0
+    grow: float = 1.1
+    shrink: float = 0.5
+    mixing: float = 0.25
+    mixing_decay: float = 0.99
+    largest_step: float = 0.1
+
+
+class FireForm(NamedTuple):
+    """What tells the two forms apart: the part of an uphill step taken back; whether mixing sees the kick."""
+
+    step_back: float
+    mix_kicked: float
+
+
+@kernel
+def fire_steps(effects, axes, row, velocity_nd, space, pairs, settings, form, goal, largest_step, state, steps):
+    """Advance up to `steps` steps and return how they ended and the pair list; the last forces stay in the rows."""
+    dt = state[DT]
+    alpha = state[ALPHA]
+    downhill = state[DOWNHILL]
+    speed2 = state[SPEED2]
+    fastest2 = state[FASTEST2]
+    stiffness = state[STIFF]
+    mobility = state[MOBILITY]
+    status = RUNNING
+    step = 0
+    clear_forces(row)
+    while True:
+        total, touching = force_pass(effects, axes, row, velocity_nd, pairs)
+        power, square, most = power_pass(axes, row, velocity_nd)
+        now = int(state[STEP]) + step
+        stopped = power <= 0.0
+        if stopped or now % _RENEW == 0:
+            stiffness = stiffest(effects, axes, row, pairs)
+            if stiffness > 0.0:
+                mobility = 5.0 / stiffness
+        status = judge(total, touching, most, stiffness, space, goal)
+        if status != RUNNING or step == steps:
+            break
+        step += 1
+        if stopped:
+            if now > 0:
+                state[UPHILL] += 1.0
+                if form.step_back > 0.0:
+                    back = form.step_back * dt
+                    for i in range(row.shape[0]):
+                        for a in range(len(axes)):
+                            row[i, a] -= back * velocity_nd[i, a]
+                    pairs.number[TRAVEL] += back * math.sqrt(fastest2)
+                dt = max(settings.dt_min, settings.shrink * dt)
+            alpha = settings.mixing
+            downhill = 0.0
+            keep = 0.0
+            push = dt * mobility
+        else:
+            downhill += 1.0
+            if downhill > settings.delay:
+                dt = min(settings.grow * dt, settings.dt_max)
+                alpha *= settings.mixing_decay
+            kick = dt * mobility
+            keep = 1.0 - alpha
+            if form.mix_kicked > 0.0:
+                kicked2 = speed2 + 2.0 * kick * power + kick * kick * square
+                push = keep * kick + alpha * math.sqrt(kicked2 / square)
+            else:
+                push = kick + alpha * math.sqrt(speed2 / square)
+        # nobody moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
+        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(most))
+        if reach > largest_step:
+            keep *= largest_step / reach
+            push *= largest_step / reach
+        speed2, fastest2 = move_pass(axes, row, velocity_nd, keep, push, dt)
+        pairs = travel(axes, row, space, pairs, dt * math.sqrt(fastest2))
+    state[DT] = dt
+    state[ALPHA] = alpha
+    state[DOWNHILL] = downhill
+    state[SPEED2] = speed2
+    state[FASTEST2] = fastest2
+    state[STEP] += step
+    state[STIFF] = stiffness
+    state[MOBILITY] = mobility
+    state[TOTAL] = total
+    state[TOUCHING] = touching
+    state[MOST2] = most
+    return status, pairs
+
+
+def fresh_state(settings: Fire | Fire2) -> NDArray[np.float64]:
+    """Return the state of a run that has not started.
+
+    Parameters
+    ----------
+    settings
+        The method.
+
+    """
+    state = np.zeros(STATE)
+    state[DT] = settings.dt
+    state[ALPHA] = settings.mixing
+    return state
+
+
+__all__ = ["Fire", "Fire2", "FireForm", "fire_steps", "fresh_state"]

@@ -1,0 +1,190 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Pair lists that follow moving particles, inside compiled loops.
+
+Two lists are kept. The outer one comes from the cell search, with a wide skin. The inner one is picked from the outer
+one with a narrow skin that adapts to the pace of the motion, so that nearly all of its pairs touch; it is what the loop
+over pairs walks. Pairs that do not touch add nothing, and both lists are sorted by (i, j, image), so no list history
+changes a bit of the forces.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.compiled import device, kernel
+from packmech.contacts.cells import Frame, Sizes, find_pairs
+
+# places in PairList.number
+SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
+SKIN_INNER = 1  # the same for the inner list and anchor
+TRAVEL = 2  # bound on the largest displacement since it was last measured
+BUDGET = 3  # displacement at which the inner list must be looked at again
+AGE = 4  # steps since the inner list was made
+SKIN_FULL = 5  # the outer skin that a new outer list gets
+SEARCHES = 6  # outer lists made
+NUMBERS = 8
+
+# an inner list that lasted fewer or more steps than these gets a wider or narrower skin
+_SHORT_LIFE, _LONG_LIFE = 16, 64
+_NARROWEST = 1.0 / 256.0  # of the outer skin
+
+
+class PairList(NamedTuple):
+    """Outer and inner pairs, image vectors, the positions at which each list was made, and the numbers above."""
+
+    outer_i_p: NDArray[np.uint32]
+    outer_code_p: NDArray[np.uint32]
+    i_p: NDArray[np.uint32]
+    code_p: NDArray[np.uint32]
+    image_kd: NDArray[np.float64]
+    shift_kd: NDArray[np.float64]
+    outer_anchor_nd: NDArray[np.float64]
+    anchor_nd: NDArray[np.float64]
+    number: NDArray[np.float64]
+    bits: int
+    picked: int
+
+
+def empty_list(particles: int, skin: float) -> PairList:
+    """Return a list that is out of date, so that its first use makes it.
+
+    Parameters
+    ----------
+    particles
+        Number of particles.
+    skin
+        Outer skin [length].
+
+    """
+    number = np.zeros(NUMBERS)
+    number[SKIN_OUTER] = -1.0
+    number[SKIN_FULL] = skin
+    number[SKIN_INNER] = 0.25 * skin
+    number[TRAVEL] = np.inf
+    none = np.zeros(0, dtype=np.uint32)
+    image = np.zeros((1, 3))
+    far = np.zeros((particles, 3))
+    return PairList(none, none, none, none, image, image, far, far.copy(), number, 0, 0)
+
+
+@device
+def _farthest(row, anchor_nd):
+    most = 0.0
+    for i in range(row.shape[0]):
+        x = row[i, 0] - anchor_nd[i, 0]
+        y = row[i, 1] - anchor_nd[i, 1]
+        z = row[i, 2] - anchor_nd[i, 2]
+        most = max(most, x * x + y * y + z * z)
+    return np.sqrt(most)
+
+
+@device
+def _pick(axes, row, pairs, skin):
+    """Copy the outer pairs nearer than contact plus skin to the inner list; return their number."""
+    bits = np.uint64(pairs.bits)
+    mask = np.uint64((1 << pairs.bits) - 1)
+    count = 0
+    for p in range(pairs.outer_i_p.shape[0]):
+        i = pairs.outer_i_p[p]
+        code = pairs.outer_code_p[p]
+        j = code >> bits
+        k = code & mask
+        dx = row[j, 0] - row[i, 0] + pairs.shift_kd[k, 0]
+        dy = row[j, 1] - row[i, 1] + pairs.shift_kd[k, 1]
+        square = dx * dx + dy * dy
+        if len(axes) == 3:
+            dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
+            square += dz * dz
+        limit = row[i, 3] + row[j, 3] + skin
+        pairs.i_p[count] = i
+        pairs.code_p[count] = code
+        count += square < limit * limit
+    return count
+
+
+@kernel
+def follow(axes, row, sizes, frame, pairs):
+    """Return a pair list that is valid at the positions in row, remade only as far as it must be."""
+    number = pairs.number
+    n = row.shape[0]
+    if number[TRAVEL] < np.inf:
+        moved = _farthest(row, pairs.anchor_nd)
+        if moved < 0.375 * number[SKIN_INNER]:
+            # the bound added up the lengths of all steps; the true displacement leaves room
+            number[TRAVEL] = 0.0
+            number[BUDGET] = 0.5 * number[SKIN_INNER] - moved
+            return pairs
+        if number[AGE] < _SHORT_LIFE:
+            number[SKIN_INNER] = min(1.5 * number[SKIN_INNER], 0.6 * number[SKIN_FULL])
+        elif number[AGE] > _LONG_LIFE:
+            number[SKIN_INNER] = max(number[SKIN_INNER] / 1.5, _NARROWEST * number[SKIN_FULL])
+    new = pairs
+    if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
+        found = find_pairs(axes, row, sizes, frame, 1.0, number[SKIN_FULL])
+        number[SKIN_OUTER] = number[SKIN_FULL]
+        number[SEARCHES] += 1.0
+        i_p = np.empty(found.i_p.shape[0] + 1, np.uint32)
+        code_p = np.empty(found.i_p.shape[0] + 1, np.uint32)
+        new = PairList(
+            found.i_p,
+            found.code_p,
+            i_p,
+            code_p,
+            found.image_kd,
+            np.empty_like(found.image_kd),
+            pairs.outer_anchor_nd,
+            pairs.anchor_nd,
+            number,
+            found.bits,
+            0,
+        )
+        new.outer_anchor_nd[:] = row[:, :3]
+    for k in range(new.image_kd.shape[0]):
+        for a in range(3):
+            shift = 0.0
+            for b in range(3):
+                shift += frame.lattice_dd[a, b] * new.image_kd[k, b]
+            new.shift_kd[k, a] = shift
+    count = _pick(axes, row, new, number[SKIN_INNER])
+    for i in range(n):
+        for a in range(3):
+            new.anchor_nd[i, a] = row[i, a]
+    number[TRAVEL] = 0.0
+    number[BUDGET] = 0.5 * number[SKIN_INNER]
+    number[AGE] = 0.0
+    return PairList(
+        new.outer_i_p,
+        new.outer_code_p,
+        new.i_p,
+        new.code_p,
+        new.image_kd,
+        new.shift_kd,
+        new.outer_anchor_nd,
+        new.anchor_nd,
+        number,
+        new.bits,
+        count,
+    )
+
+
+@kernel
+def follow_strained(axes, row, sizes, frame, pairs, map_dd, shrink, largest):
+    """Return the pair list after the box was mapped by map_dd and the particles moved anyhow.
+
+    Distances shrink at most by the factor `shrink` under the affine map, so that the outer list still holds every pair
+    nearer than contact plus shrink * skin - (1 - shrink) * largest contact distance at the mapped anchors.
+    """
+    for i in range(row.shape[0]):
+        x, y, z = pairs.outer_anchor_nd[i, 0], pairs.outer_anchor_nd[i, 1], pairs.outer_anchor_nd[i, 2]
+        for a in range(3):
+            pairs.outer_anchor_nd[i, a] = map_dd[a, 0] * x + map_dd[a, 1] * y + map_dd[a, 2] * z
+    number = pairs.number
+    number[SKIN_OUTER] = shrink * number[SKIN_OUTER] - max(1.0 - shrink, 0.0) * largest
+    number[TRAVEL] = np.inf
+    return follow(axes, row, sizes, frame, pairs)
+
+
+__all__ = ["Frame", "PairList", "Sizes", "empty_list", "follow", "follow_strained"]

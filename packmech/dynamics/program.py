@@ -1,0 +1,342 @@
+"""The program: a scene compiled to one loop over exactly the effects that it names."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.box import Box
+from packmech.check import finite_array, instance, integer, positive, real
+from packmech.contacts.cells import Sizes, frame_of, size_levels
+from packmech.dynamics.fire import STEP, Fire, Fire2, FireForm, fire_steps, fresh_state
+from packmech.dynamics.kernels import (
+    COLUMNS,
+    CONVERGED,
+    FLOOR,
+    NOT_FINITE,
+    RUNNING,
+    STALLED,
+    UNJAMMED,
+    Goal,
+    Space,
+    Tally,
+    evaluate_rows,
+)
+from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, follow_strained
+from packmech.outcome import Outcome
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+# skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
+_SKIN = 0.5
+
+OUTCOME_OF = {
+    RUNNING: Outcome.STEP_LIMIT,
+    CONVERGED: Outcome.CONVERGED,
+    FLOOR: Outcome.ROUNDING_FLOOR,
+    UNJAMMED: Outcome.UNJAMMED,
+    NOT_FINITE: Outcome.STALLED,
+    STALLED: Outcome.STALLED,
+}
+
+
+class Evaluation(NamedTuple):
+    """Energy and forces of a scene at given positions.
+
+    energy [energy]; pressure [energy/length^d]; stress_dd, Cauchy, tension positive; contacts touching pairs;
+    max_force the largest net force on a particle and mean_force the mean contact force [force]; residual their ratio,
+    0 when nothing touches; force_nd (N, d) net forces; force_floor the net force that rounding of positions alone can
+    cause [force].
+    """
+
+    energy: float
+    pressure: float
+    stress_dd: NDArray[np.float64]
+    contacts: int
+    max_force: float
+    mean_force: float
+    residual: float
+    force_nd: NDArray[np.float64]
+    force_floor: float
+
+
+class Relaxation(NamedTuple):
+    """What a minimization of arrays arrived at: the positions in the caller's order, and figures as in Evaluation."""
+
+    position_nd: NDArray[np.float64]
+    outcome: Outcome
+    residual: float
+    max_force: float
+    mean_force: float
+    energy: float
+    pressure: float
+    contacts: int
+    steps: int
+    force_evaluations: int
+
+
+@dataclass(eq=False)
+class Program:
+    """A scene compiled for its effects, with its working arrays: rows sorted in space, velocities and pair lists.
+
+    The rows are sorted once, when the program is built, by the places of the particles; relabelled particles therefore
+    go through the same arithmetic. Build one with `build_program`; one program serves many positions and boxes of the
+    same particles, one at a time.
+
+    Attributes
+    ----------
+    scene
+        The scene it was built from.
+    effects
+        Those of its effects that have an energy.
+    order_n
+        (N,) particle of each row.
+    build_seconds
+        CPU seconds spent on building.
+
+    """
+
+    scene: Scene
+    effects: tuple[Any, ...]
+    order_n: NDArray[np.int64]
+    axes: tuple[int, ...]
+    row: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    sizes: Sizes
+    home_nd: NDArray[np.float64]
+    box: Box
+    change_dd: NDArray[np.int64]
+    space: Space
+    pairs: PairList
+    build_seconds: float = 0.0
+
+    @property
+    def smallest_diameter(self) -> float:
+        """The smallest diameter [length]."""
+        return 2.0 * float(self.row[:, 3].min())
+
+    def place(self, position_nd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
+        """Put the particles at the given positions, in the given box, at rest.
+
+        Pair lists are kept as far as they still hold: they follow an affine change of the box and are checked against
+        what is left of the displacements.
+
+        Parameters
+        ----------
+        position_nd
+            (N, d) positions in the order of the scene's packing [length].
+        lattice_dd
+            (d, d) lattice vectors as columns [length]; the present box when left out.
+
+        """
+        d = len(self.axes)
+        position = finite_array("position_nd", position_nd, shape=(len(self.order_n), d))
+        affine = np.eye(d)
+        if lattice_dd is not None and not np.array_equal(lattice_dd, self.box.lattice_dd):
+            box = lattice_dd if isinstance(lattice_dd, Box) else Box(np.asarray(lattice_dd, dtype=np.float64))
+            affine = box.lattice_dd @ self.box.inverse_dd
+            self._set_box(box)
+        self.row[:, :d] = (position - self.home_nd @ self.box.lattice_dd.T)[self.order_n]
+        self.velocity_nd[:] = 0.0
+        extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
+        self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
+        full = np.eye(3)
+        full[:d, :d] = affine
+        shrink = min(1.0, float(np.linalg.svd(affine, compute_uv=False)[-1]))
+        largest = 4.0 * float(self.sizes.largest_a.max())
+        self.pairs = follow_strained(
+            self.axes, self.row, self.sizes, self.space.frame, self.pairs, full, shrink, largest
+        )
+
+    def _set_box(self, box: Box) -> None:
+        self.box = box
+        lattice = Box(box.lattice_dd @ self.change_dd)
+        shortest = box.reduced()[0].height_d.min()
+        if lattice.height_d.min() < 0.3 * shortest:
+            # the box was strained so far that other vectors are short now: start the lists afresh
+            lattice, self.change_dd = box.reduced()
+            self.pairs = empty_list(len(self.order_n), float(self.pairs.number[SKIN_FULL]))
+        self.space = self.space._replace(frame=frame_of(lattice))
+
+    def positions(self) -> NDArray[np.float64]:
+        """Return the (N, d) positions in the order of the scene's packing [length]."""
+        d = len(self.axes)
+        position = np.empty((len(self.order_n), d))
+        position[self.order_n] = self.row[:, :d]
+        return position + self.home_nd @ self.box.lattice_dd.T
+
+    def evaluate(self, position_nd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None) -> Evaluation:
+        """Return energy, stress, forces and contacts at the given, or else the present, positions.
+
+        Parameters
+        ----------
+        position_nd, lattice_dd
+            As in `place`.
+
+        """
+        if position_nd is not None:
+            self.place(position_nd, lattice_dd)
+        tally, self.pairs = evaluate_rows(self.effects, self.axes, self.row, self.space, self.pairs)
+        tally = Tally(*tally)
+        d = len(self.axes)
+        force = np.empty((len(self.order_n), d))
+        force[self.order_n] = self.row[:, 4 : 4 + d]
+        stress = tally.virial_dd[:d, :d] / self.box.volume
+        mean = tally.total_force / tally.touching if tally.touching else 0.0
+        return Evaluation(
+            energy=float(tally.energy),
+            pressure=-float(np.trace(stress)) / d,
+            stress_dd=stress,
+            contacts=int(tally.touching),
+            max_force=float(tally.max_force),
+            mean_force=float(mean),
+            residual=float(tally.max_force / mean) if mean > 0 else 0.0,
+            force_nd=force,
+            force_floor=float(tally.stiffness * self.space.resolution),
+        )
+
+    def fire(
+        self,
+        position_nd: ArrayLike | None = None,
+        lattice_dd: ArrayLike | None = None,
+        *,
+        force_tolerance: float,
+        method: Fire | Fire2 | None = None,
+        step_limit: int = 1_000_000,
+        force_floor: float = 0.0,
+    ) -> Relaxation:
+        """Return the packing that FIRE relaxes to in the box as it is; a failure to converge is told by `outcome` only.
+
+        Parameters
+        ----------
+        position_nd, lattice_dd
+            As in `place`; the present positions when left out.
+        force_tolerance
+            Stop when the largest net force falls to this times the mean contact force [1].
+        method
+            Fire() unless given.
+        step_limit
+            Largest number of steps.
+        force_floor
+            Call the packing unjammed when the mean contact force falls to this [force].
+
+        """
+        tolerance = positive("force_tolerance", force_tolerance)
+        limit = integer("step_limit", step_limit, at_least=0)
+        goal = Goal(tolerance, real("force_floor", force_floor, at_least=0.0))
+        method = Fire() if method is None else method
+        if position_nd is None:
+            self.velocity_nd[:] = 0.0
+        else:
+            self.place(position_nd, lattice_dd)
+        state = fresh_state(method)
+        status = self.fire_chunk(method, goal, state, limit)
+        end = self.evaluate()
+        return Relaxation(
+            self.positions(),
+            OUTCOME_OF[status],
+            end.residual,
+            end.max_force,
+            end.mean_force,
+            end.energy,
+            end.pressure,
+            end.contacts,
+            int(state[STEP]),
+            int(state[STEP]) + 2,
+        )
+
+    def fire_chunk(self, method: Fire | Fire2, goal: Goal, state: NDArray[np.float64], steps: int) -> int:
+        """Advance FIRE by up to `steps` steps from `state`, which is updated; return the status code."""
+        form = FireForm(0.5, 1.0) if isinstance(method, Fire2) else FireForm(0.0, 0.0)
+        status, self.pairs = fire_steps(
+            self.effects,
+            self.axes,
+            self.row,
+            self.velocity_nd,
+            self.space,
+            self.pairs,
+            Fire(*method),
+            form,
+            goal,
+            method.largest_step * self.smallest_diameter,
+            state,
+            steps,
+        )
+        return int(status)
+
+
+def _space_order(packing: Packing) -> NDArray[np.int64]:
+    """Return the order of rows: along a Z-shaped curve through the box, ties by place and radius."""
+    d = packing.dimension
+    box, _ = packing.box.reduced()
+    fraction = packing.position_nd @ box.inverse_dd.T
+    fraction -= np.floor(fraction)
+    bits = max(1, int(np.ceil(np.log2(packing.particles) / d)) + 1)
+    cell = np.minimum((fraction * (1 << bits)).astype(np.int64), (1 << bits) - 1)
+    key = np.zeros(packing.particles, dtype=np.int64)
+    for b in range(bits):
+        for k in range(d):
+            key |= ((cell[:, k] >> b) & 1) << (d * b + k)
+    order: NDArray[np.int64] = np.lexsort((packing.radius_n, *fraction.T[::-1], key))
+    return order
+
+
+def build_program(scene: Scene) -> Program:
+    """Return the scene compiled for its effects, its particles sorted in space.
+
+    Parameters
+    ----------
+    scene
+        The scene; effects without an energy (damping) have no part in minimization and are left out.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.Packing([[0.0, 0.0], [0.5, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    >>> program = build_program(pm.Scene(packing, (pm.Repulsion(),)))
+    >>> program.evaluate().force_nd[1].tolist()
+    [0.5, 0.0]
+    >>> program.fire(force_tolerance=1e-10).outcome.name
+    'UNJAMMED'
+
+    """
+    started = time.process_time()
+    instance("scene", scene, Scene)
+    packing = scene.packing
+    effects = tuple(one for one in scene.effects if hasattr(type(one), "pair_energy"))
+    if not effects:
+        raise ValueError("effects must contain one with an energy, such as Repulsion(...), got none")
+    d = packing.dimension
+    fraction = packing.position_nd @ packing.box.inverse_dd.T
+    # positions stay as given unless some lie far outside: their image vectors would make the table of images long
+    home = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
+    order = _space_order(packing)
+    row = np.zeros((packing.particles, COLUMNS))
+    row[:, 3] = packing.radius_n[order]
+    small, change = packing.box.reduced()
+    sizes = size_levels(row[:, 3].copy())
+    skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
+    program = Program(
+        scene=scene,
+        effects=effects,
+        order_n=order,
+        axes=tuple(range(d)),
+        row=row,
+        velocity_nd=np.zeros((packing.particles, d)),
+        sizes=sizes,
+        home_nd=home,
+        box=packing.box,
+        change_dd=change,
+        space=Space(sizes, frame_of(small), 0.0),
+        pairs=empty_list(packing.particles, skin),
+    )
+    program.place(packing.position_nd)
+    program.build_seconds = time.process_time() - started
+    return program
+
+
+__all__ = ["Evaluation", "Program", "Relaxation", "build_program"]
