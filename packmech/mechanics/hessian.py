@@ -1,0 +1,243 @@
+"""Second derivatives of a scene's energy with respect to positions and strains."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import finite_array, instance, one_of, positive, positive_array
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import ContactTerms, contact_terms
+from packmech.measure import contact_stress
+from packmech.mechanics.bonds import BondSums, bond_sums
+from packmech.mechanics.rigidity import TOUCHING
+from packmech.mechanics.strain import isochoric_basis, mandel_vector, strain_components, trace_vector
+from packmech.scene import Scene
+
+KINDS = ("exact", "paper", "unstressed")
+VOLUMES = ("free", "fixed")
+CURVATURES = ("det", "trace")
+
+
+def closed_terms(scene: Scene, contacts: Contacts) -> ContactTerms:
+    """Return the contacts' energies and derivatives, those that just touch taken from the closed side."""
+    return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
+
+
+def scene_sums(contacts: Contacts, terms: ContactTerms, kind: str) -> BondSums:
+    """Return the bond tensors of the named kind; "unstressed" leaves out the contact forces."""
+    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
+    return bond_sums(contacts, first, terms.second_c)
+
+
+def volume_curvature_term(contacts: Contacts, terms: ContactTerms) -> NDArray[np.float64]:
+    """Return the (s, s) curvature P V d2(det) of a volume held by pressure: P V (tr E tr F - tr E F)."""
+    stress_volume = contact_stress(contacts, terms.first_c, 1.0)
+    trace = trace_vector(contacts.dimension)
+    pressure_volume = -float(np.trace(stress_volume)) / contacts.dimension
+    return pressure_volume * (np.outer(trace, trace) - np.eye(len(trace)))
+
+
+def _check_choices(kind: str, volume: str, volume_curvature: str) -> None:
+    one_of("kind", kind, KINDS)
+    one_of("volume", volume, VOLUMES)
+    one_of("volume_curvature", volume_curvature, CURVATURES)
+
+
+def hessian(
+    scene: Scene,
+    strain: bool = True,
+    kind: str = "exact",
+    *,
+    volume: str = "free",
+    volume_curvature: str = "det",
+    gap_tolerance: float = TOUCHING,
+) -> sp.csr_array:
+    """Return the (N d + s, N d + s) second derivatives of the energy, or (N d, N d) without strain.
+
+    Rows are positions, particle-major, then Mandel strains (xx, yy, sqrt2 xy; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy); a
+    strain acts as v -> (1 + strain) v on all vectors, so that the strain part is in [energy], the mixed part in [energy/length].
+    Equations 24-26 of the polymer source with their errata.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    strain
+        Whether to append the strains.
+    kind
+        "exact": the full second derivatives, contact forces (prestress) included. "unstressed": R^T diag(u'') R, as if no contact
+        carried a force. "paper": the second derivatives of the contact energies alone, as the source projects them; without
+        links it differs from "exact" only by the curvature of a fixed volume.
+    volume
+        "free", or "fixed" if the strains are to keep the volume at its pressure P. Then "exact" adds the curvature of that constraint;
+        the matrix keeps all strains, so project it on the isochoric ones.
+    volume_curvature
+        Of a fixed volume: "det" keeps the determinant, and adds P V (tr E tr F - tr E F); "trace" keeps the trace of the strain
+        coordinate, which has no curvature.
+    gap_tolerance
+        Contacts are pairs with a gap up to this times the contact distance [1]; those that do not overlap count with the second
+        derivative of the closed side, u''(1-), so that a crystal at its touching point has its stiffness.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, a name is unknown, or touching centers coincide.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> scene = pm.Scene(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), (pm.Repulsion(),))
+    >>> pm.hessian(scene).shape
+    (21, 21)
+
+    """
+    instance("scene", scene, Scene)
+    instance("strain", strain, bool)
+    _check_choices(kind, volume, volume_curvature)
+    contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
+    terms = closed_terms(scene, contacts)
+    sums = scene_sums(contacts, terms, kind)
+    if not strain:
+        return sums.position_matrix()
+    corner = sums.strain_ee
+    if kind == "exact" and volume == "fixed" and volume_curvature == "det":
+        corner = corner + volume_curvature_term(contacts, terms)
+    return bordered(sums.position_matrix(), sums.coupling_xe, corner)
+
+
+def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:
+    """Return the sparse matrix with dense strain rows and columns appended."""
+    side = sp.csr_array(coupling_xe)
+    return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
+
+
+def strain_directions(dimension: int, volume: str) -> NDArray[np.float64]:
+    """Return an (s, k) orthonormal basis of the strains that a free or a fixed volume admits."""
+    return isochoric_basis(dimension) if volume == "fixed" else np.eye(strain_components(dimension))
+
+
+def dynamical_matrix(
+    scene: Scene,
+    strain: bool = False,
+    kind: str = "exact",
+    *,
+    volume: str = "free",
+    volume_curvature: str = "det",
+    mass_n: ArrayLike | None = None,
+    strain_scale: float | None = None,
+    gap_tolerance: float = TOUCHING,
+) -> sp.csr_array:
+    """Return M^-1/2 H M^-1/2, whose eigenvalues are squared frequencies [1/time^2].
+
+    Parameters
+    ----------
+    scene, kind, volume, volume_curvature, gap_tolerance
+        As in `hessian`.
+    strain
+        Whether strains vibrate too, as the coordinates strain_scale * e with unit mass. What mass a strain has is a convention, so
+        these frequencies depend on it; their signs do not. With a fixed volume only the s - 1 isochoric strains are kept.
+    mass_n
+        (N,) masses; 1 for all by default.
+    strain_scale
+        Length that a unit strain counts as [length]; V^(1/d) by default.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `hessian`, or if a mass or the scale is not positive.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> scene = pm.Scene(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), (pm.Repulsion(),))
+    >>> light, heavy = (pm.dynamical_matrix(scene, mass_n=[m] * 9) for m in (1.0, 4.0))
+    >>> round(float((light / heavy.max()).max()), 12)
+    4.0
+
+    """
+    instance("scene", scene, Scene)
+    instance("strain", strain, bool)
+    _check_choices(kind, volume, volume_curvature)
+    mass = checked_masses(mass_n, scene.packing.particles)
+    scale = checked_scale(strain_scale, scene)
+    full = hessian(
+        scene, strain, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance
+    )
+    dimension = scene.packing.dimension
+    weight = np.repeat(1.0 / np.sqrt(mass), dimension)
+    change = sp.diags_array(weight, format="csr")
+    if strain:
+        admitted = sp.csr_array(strain_directions(dimension, volume) / scale)
+        change = sp.csr_array(sp.block_diag([change, admitted], format="csr"))
+    result = sp.csr_array(change.T @ full @ change)
+    result.sort_indices()
+    return result
+
+
+def checked_masses(mass_n: ArrayLike | None, particles: int) -> NDArray[np.float64]:
+    """Return the masses, 1 where none were given, after checking their number and sign."""
+    if mass_n is None:
+        return np.ones(particles)
+    return positive_array("mass_n", mass_n, shape=(particles,))
+
+
+def checked_scale(strain_scale: float | None, scene: Scene) -> float:
+    """Return the length that a unit strain counts as, V^(1/d) where none was given."""
+    if strain_scale is None:
+        return float(scene.packing.box.volume ** (1.0 / scene.packing.dimension))
+    return positive("strain_scale", strain_scale)
+
+
+def perturbation_energy(
+    scene: Scene,
+    displacement_nd: ArrayLike,
+    strain_dd: ArrayLike | None = None,
+    *,
+    kind: str = "exact",
+    volume: str = "free",
+    volume_curvature: str = "det",
+    gap_tolerance: float = TOUCHING,
+) -> float:
+    """Return the second-order energy of a perturbation, (1/2) y.H.y [energy]; equation 34 of the polymer source.
+
+    At rest this is the change of energy up to third order. Elsewhere add the first-order part,
+    -sum(forces * displacement) + V sum(stress * strain).
+
+    Parameters
+    ----------
+    scene, kind, volume, volume_curvature, gap_tolerance
+        As in `hessian`.
+    displacement_nd
+        (N, d) displacements [length].
+    strain_dd
+        (d, d) symmetric strain [1], none by default; the perturbed vectors are (1 + strain)(v + dv).
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `hessian`, or if the perturbation has the wrong shape, is not finite, or the strain is not symmetric.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pair = pm.Packing([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    >>> scene = pm.Scene(pair, (pm.Repulsion(),))
+    >>> pm.perturbation_energy(scene, [[0.0, 0.0], [-0.1, 0.0]]).__round__(12)
+    0.005
+
+    """
+    instance("scene", scene, Scene)
+    packing = scene.packing
+    displacement = finite_array("displacement_nd", displacement_nd, shape=(packing.particles, packing.dimension))
+    motion = displacement.ravel()
+    if strain_dd is not None:
+        strain = finite_array("strain_dd", strain_dd, shape=(packing.dimension, packing.dimension), what="row")
+        if np.abs(strain - strain.T).max() > 1e-12 * max(np.abs(strain).max(), 1e-300):
+            raise ValueError(f"strain_dd must be symmetric, got {strain.tolist()}")
+        motion = np.concatenate([motion, mandel_vector(strain)])
+    full = hessian(
+        scene, strain_dd is not None, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance
+    )
+    return 0.5 * float(motion @ (full @ motion))
