@@ -1,0 +1,99 @@
+"""Facts about packings: arrays of one meaning, checked once, never changed."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+
+
+def two():
+    return pm.Packing([[0.0, 0.0], [1.5, 0.0]], [0.5, 1.0], pm.Box.cubic(4.0, 2))
+
+
+def test_arrays_are_copied_read_only_contiguous_doubles():
+    position = np.asfortranarray(np.arange(6, dtype=np.float32).reshape(3, 2))
+    packing = pm.Packing(position, np.array([1, 2, 3]), pm.Box.cubic(9.0, 2))
+    position[0, 0] = 7.0
+    for array in (packing.position_nd, packing.radius_n):
+        assert array.dtype == np.float64 and array.flags.c_contiguous and not array.flags.writeable
+    assert packing.position_nd[0, 0] == 0.0
+
+
+def test_numbers_that_follow_from_the_arrays():
+    packing = two()
+    assert (packing.particles, packing.dimension) == (2, 2)
+    assert packing.diameter_n.tolist() == [1.0, 2.0]
+
+
+def test_reference_diameter_of_a_mixture_is_the_smallest():
+    for count in (1, 2, 10):
+        radius = np.repeat(np.linspace(0.5, 1.0, count), 3)
+        packing = pm.Packing(np.zeros((len(radius), 2)), radius[::-1], pm.Box.cubic(9.0, 2))
+        assert packing.reference_diameter == 1.0
+
+
+def test_reference_diameter_of_continuous_sizes_is_the_mean():
+    radius = np.linspace(0.5, 1.5, 11)
+    packing = pm.Packing(np.zeros((11, 3)), radius, pm.Box.cubic(9.0, 3))
+    assert packing.reference_diameter == pytest.approx(2.0, rel=1e-15)
+
+
+def test_rounding_of_equal_radii_makes_no_new_size():
+    radius = 0.5 * (1 + 2e-16 * np.arange(40))
+    packing = pm.Packing(np.zeros((40, 2)), radius, pm.Box.cubic(9.0, 2))
+    assert packing.reference_diameter == 1.0
+
+
+def test_replace_exchanges_the_named_field_and_leaves_the_original():
+    packing = two()
+    moved = packing.replace(position_nd=packing.position_nd + 1.0)
+    assert moved.position_nd.tolist() == [[1.0, 1.0], [2.5, 1.0]]
+    assert moved.box is packing.box and packing == two()
+
+
+def test_packings_are_equal_when_every_bit_is():
+    assert two() == two() and hash(two()) == hash(two())
+    for change in (
+        {"position_nd": two().position_nd + [0.0, 2**-60]},
+        {"radius_n": [0.5, 1.0 + 2**-52]},
+        {"box": pm.Box.cubic(4.0 + 2**-50, 2)},
+    ):
+        assert two() != two().replace(**change)
+    assert two() != "packing"
+
+
+def test_wrapped_brings_every_center_into_the_cell():
+    packing = two().replace(position_nd=[[-1.0, 9.0], [4.0, 3.5]])
+    assert packing.wrapped().position_nd.tolist() == [[3.0, 1.0], [0.0, 3.5]]
+
+
+def test_a_field_cannot_be_set():
+    with pytest.raises(AttributeError):
+        two().radius_n = [1.0, 1.0]
+
+
+BOX = pm.Box.cubic(4.0, 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([[0.0, 0.0]], [0.5], np.eye(2)), "box must be a Box, got array"),
+        (([[0.0, np.nan]], [0.5], BOX), "position_nd must be finite, got nan for particle 0"),
+        (([[0.0, 0.0], [np.inf, 0.0]], [0.5, 0.5], BOX), "position_nd must be finite, got inf for particle 1"),
+        (([[0.0, 0.0, 0.0]], [0.5], BOX), r"position_nd must have shape \(any, 2\), got \(1, 3\)"),
+        ((np.zeros((0, 2)), [], BOX), "position_nd must hold at least one particle, got none"),
+        (([], [], BOX), r"position_nd must have shape \(any, 2\), got \(0,\)"),
+        (([[0.0, 0.0]], [-0.5], BOX), "radius_n must be positive, got -0.5 for particle 0"),
+        (([[0.0, 0.0], [1.0, 1.0]], [0.5, 0.0], BOX), "radius_n must be positive, got 0.0 for particle 1"),
+        (([[0.0, 0.0]], [np.nan], BOX), "radius_n must be finite, got nan for particle 0"),
+        (([[0.0, 0.0]], [0.5, 0.5], BOX), r"radius_n must have one entry per particle \(1\), got 2"),
+        (([[0.0, 0.0]], 0.5, BOX), r"radius_n must have shape \(any\), got \(\)"),
+        (([["a", "b"]], [0.5], BOX), "position_nd must be an array of real numbers"),
+        (([[0.0, 0.0]], [None], BOX), "radius_n must be an array of real numbers"),
+        (([[0.0], [0.0, 1.0]], [0.5, 0.5], BOX), "position_nd must be an array of real numbers"),
+    ],
+)
+def test_wrong_packing_is_refused_naming_argument_and_particle(arguments, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        pm.Packing(*arguments)
