@@ -61,6 +61,9 @@ _PUBLIC = {
     "work_precision": "packmech.accuracy",
     "record_packing": "packmech.recording",
     "record_run": "packmech.recording",
+    # verdict
+    "classify_jamming": "packmech.mechanics.jamming",
+    "Verdict": "packmech.mechanics.verdict",
     # outcomes
     "NotConverged": "packmech.outcome",
     "Outcome": "packmech.outcome",

@@ -1,0 +1,292 @@
+"""Is it jammed? The verdict on a packing, with its grounds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, integer, one_of, real
+from packmech.compiled import single_thread
+from packmech.contacts import Contacts
+from packmech.contacts.rattlers import check_contacts
+from packmech.mechanics.certificates import Finding, certify, closes_nothing, yield_to_loads
+from packmech.mechanics.motions import MotionCone, motion_cone, unjamming_motion
+from packmech.mechanics.programs import SOLVERS, open_all
+from packmech.mechanics.stability import is_stable
+from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching, backbone_contacts, check_rest, find_touching
+from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
+from packmech.outcome import Outcome
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+METHODS = ("certificate", "loads")
+VOLUMES = ("nonincreasing", "fixed")
+BOUNDS = ("ball", "box")
+
+
+def classify_jamming(
+    packing: Packing | Scene,
+    *,
+    method: str = "certificate",
+    solver: str = "clarabel",
+    volume: str = "nonincreasing",
+    gap_tolerance: float | None = None,
+    contacts: Contacts | None = None,
+    rest_tolerance: float = 1e-5,
+    tolerance: float = 1e-8,
+    bound: str = "ball",
+    seed: int = 0,
+) -> Verdict:
+    """Return whether a packing is locally, collectively and strictly jammed, with grounds that can be checked.
+
+    Rattlers are taken out first. What is left is collectively jammed when no motion but a translation opens or keeps
+    all contacts in the fixed box, strictly jammed when none does that with a strain of the box that does not enlarge
+    it. Motions are judged to first order, which decides for discs and spheres. Particles whose contacts can carry no
+    force are taken out too if the others are jammed by themselves.
+
+    Parameters
+    ----------
+    packing
+        The packing, or a scene: with its law the Hessian's stability is answered too, and rest is judged by its forces.
+    method
+        "certificate": rank of the rigidity matrix, and the state of self stress with the largest smallest force (Roth
+        and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b.
+    solver
+        "clarabel", "cvxpy" (the same programs as they read on paper) or "highs" (simplex; loads in a box). Where an
+        interior-point method gives no answer that passes its check, simplex decides up to N = 1000.
+    volume
+        "nonincreasing" or "fixed": what the strain may do to the volume. The same for discs and spheres.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching. By default
+        max(7 x mean relative overlap, 1e-9), and the answer is ambiguous when a tenth or ten times that tolerance gives
+        another number of excess contacts, unless the surplus pairs cannot matter: fewer contacts jam already with
+        exactly one state of self stress, or the larger number is still too few to jam.
+    contacts
+        The contacts to judge, instead of those within a gap tolerance; then neither gaps nor rest are checked.
+    rest_tolerance
+        Largest net force over mean contact force [1] at which a packing with overlaps counts as at rest; at least eight
+        rounding floors are allowed. Without a scene the forces are those of a harmonic law. Beyond it: ambiguous.
+    tolerance
+        Of the solvers.
+    bound
+        "ball" or "box": what bounds the motion of the load programs.
+    seed
+        Draws the load.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> verdict = classify_jamming(pm.lattice_packing("triangular", repeats=(4, 4)))
+    >>> verdict.collective, verdict.strict, verdict.contacts, verdict.isostatic_contacts
+    ('jammed', 'jammed', 48, 33)
+    >>> verdict = classify_jamming(pm.lattice_packing("kagome", repeats=(2, 2)))
+    >>> verdict.collective, verdict.collectively.floppy_modes, round(verdict.unjamming_motion.closing, 9)
+    ('not jammed', 4, 0.0)
+
+    """
+    start = time.process_time()
+    scene = packing if isinstance(packing, Scene) else None
+    if isinstance(packing, Scene):
+        packing = packing.packing
+    instance("packing", packing, Packing)
+    one_of("method", method, METHODS)
+    one_of("solver", solver, SOLVERS)
+    one_of("volume", volume, VOLUMES)
+    one_of("bound", bound, BOUNDS)
+    if gap_tolerance is not None:
+        gap_tolerance = real("gap_tolerance", gap_tolerance, above=-0.1, below=1.0)
+    real("tolerance", tolerance, above=0.0, at_most=1e-3)
+    if rest_tolerance != np.inf:
+        rest_tolerance = real("rest_tolerance", rest_tolerance, above=0.0)
+    integer("seed", seed, at_least=0)
+    if method == "loads" and solver == "highs":
+        bound = "box"
+
+    def decide(cone: MotionCone) -> Finding:
+        if method == "certificate":
+            return certify(cone, solver=solver, tolerance=tolerance)
+        rng = np.random.default_rng(seed)
+        return yield_to_loads(cone, rng, bound=bound, solver=solver, tolerance=tolerance)
+
+    def part(cone: MotionCone, finding: Finding, network: Contacts) -> Contacts | None:
+        if method == "certificate":
+            return _carrying(cone, network, solver, tolerance)
+        return _standing(cone, network, finding)
+
+    with single_thread():
+        if contacts is None:
+            touching = find_touching(packing, gap_tolerance)
+            rest = check_rest(packing, None if scene is None else scene.effects, rest_tolerance)
+        else:
+            check_contacts(packing, contacts)
+            touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
+        judged = _judge(packing, touching.contacts, volume, decide, part)
+        collectively, strictly = (
+            _answer(packing, one, len(judged.network)) for one in (judged.collective, judged.strict)
+        )
+        if scene is not None and contacts is None:
+            closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
+            collectively = replace(collectively, stable=is_stable(scene, strain=False, gap_tolerance=closed))
+            strictly = replace(strictly, stable=is_stable(scene, strain=True, gap_tolerance=closed))
+    held = len(judged.network) > 0
+    local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
+    doubt = "" if rest is None or rest.at_rest else _moving(rest)
+    emptiness = {level.contacts == 0 for level in touching.levels}
+    if doubt or (touching.rule != "given" and len(emptiness) > 1):
+        local, local_reason = AMBIGUOUS, doubt or _off_plateau(touching)
+    rattlers = np.ones(packing.particles, dtype=bool)
+    rattlers[np.concatenate([judged.network.i_c, judged.network.j_c])] = False
+    return Verdict(
+        local,
+        local_reason,
+        _doubted(collectively, touching, doubt),
+        _doubted(strictly, touching, doubt),
+        rattlers,
+        judged.network,
+        touching,
+        rest,
+        method,
+        solver,
+        volume,
+        time.process_time() - start,
+    )
+
+
+EMPTY = "empty backbone: every particle rattles"
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A contact network without rattlers, and the findings on it."""
+
+    network: Contacts
+    collective: tuple[MotionCone, Finding]
+    strict: tuple[MotionCone, Finding]
+
+
+def _judge(
+    packing: Packing,
+    contacts: Contacts,
+    volume: str,
+    decide: Callable[[MotionCone], Finding],
+    part: Callable[[MotionCone, Finding, Contacts], Contacts | None],
+) -> _Judged:
+    network = backbone_contacts(contacts)
+    if not len(network):
+        loose = motion_cone(packing, contacts, strain=False)
+        nothing = (loose, Finding(False, EMPTY, motion=_loosest(loose)))
+        return _Judged(network, nothing, nothing)
+    fixed = motion_cone(packing, network, strain=False)
+    free = motion_cone(packing, network, strain=True, volume=volume)
+    strict = decide(free)
+    if strict.jammed:
+        # a motion in the fixed box is one of those that were excluded
+        count = len(network)
+        weight = None if strict.weight is None else strict.weight[:count]
+        softest = np.nan if np.isnan(strict.softest) else fixed.softest()[0]
+        reason = f"strictly jammed, so collectively; {strict.reason}"
+        collective = replace(strict, reason=reason, softest=softest, weight=weight, solves=())
+        return _Judged(network, (fixed, collective), (free, strict))
+    collective = decide(fixed)
+    if collective.jammed is False:
+        smaller = part(fixed, collective, network)
+        if smaller is not None and 0 < len(smaller) < len(network):
+            judged = _judge(packing, smaller, volume, decide, part)
+            if judged.collective[1].jammed:
+                return judged
+    return _Judged(network, (fixed, collective), (free, strict))
+
+
+def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
+    """Return a motion that opens what it can, or None where there is nothing to open."""
+    if cone.unknowns <= cone.dimension:
+        return None
+    motion = open_all(cone).motion
+    return motion if closes_nothing(cone, motion) else None
+
+
+def _carrying(cone: MotionCone, network: Contacts, solver: str, tolerance: float) -> Contacts | None:
+    """Return the contacts that can carry force, or None when no solver could tell."""
+    for name in dict.fromkeys((solver, "highs")):
+        opened = open_all(cone, solver=name, tolerance=tolerance)
+        if opened.solve.outcome is Outcome.CONVERGED:
+            return network.select(opened.carrying_c)
+    return None
+
+
+def _standing(cone: MotionCone, network: Contacts, finding: Finding) -> Contacts | None:
+    """Return the contacts within the largest group of particles that a motion leaves standing to one another."""
+    if finding.motion is None:
+        return None
+    d = cone.dimension
+    displacement = finding.motion[: len(cone.kept_n) * d].reshape(-1, d)
+    grain = 1e-3 * max(float(np.abs(displacement).max()), 1e-300)
+    _, group, size = np.unique(np.rint(displacement / grain), axis=0, return_inverse=True, return_counts=True)
+    stays = np.zeros(network.particles, dtype=bool)
+    stays[cone.kept_n] = group.ravel() == int(np.argmax(size))
+    return network.select(stays[network.i_c] & stays[network.j_c])
+
+
+def _answer(packing: Packing, judged: tuple[MotionCone, Finding], count: int) -> Answer:
+    cone, finding = judged
+    # without a backbone there is nothing to count
+    independent = cone.unknowns - cone.dimension if count else 0
+    floppy = 0 if finding.jammed or not independent else cone.floppy_modes()
+    states = count + cone.volume_rows - (independent - floppy) if count else 0
+    return Answer(
+        verdict=AMBIGUOUS if finding.jammed is None else JAMMED if finding.jammed else NOT_JAMMED,
+        reason=finding.reason,
+        first_order_jammed=finding.jammed,
+        isostatic_contacts=independent + 1 - cone.volume_rows if count else 0,
+        states_of_self_stress=states,
+        floppy_modes=floppy,
+        smallest_singular_value=finding.softest,
+        smallest_force=finding.smallest_force,
+        contact_force_c=_forces(finding.weight, count),
+        balance=finding.balance,
+        unjamming_motion=None
+        if finding.motion is None
+        else unjamming_motion(packing, cone, cone.keeping_volume(finding.motion)),
+        solves=finding.solves,
+    )
+
+
+def _forces(weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
+    return None if weight is None else weight[:count]
+
+
+def _moving(rest: RestCheck) -> str:
+    return (
+        f"not at rest: the largest net force is {rest.residual:.1e} of the mean contact force,"
+        f" above {rest.limit:.1e} (law: {rest.law})"
+    )
+
+
+def _off_plateau(touching: Touching) -> str:
+    steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in touching.levels)
+    return f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}"
+
+
+def _doubted(answer: Answer, touching: Touching, doubt: str) -> Answer:
+    """Return the answer, ambiguous if the packing is not at rest or the gap tolerance decides it."""
+    if doubt:
+        return replace(answer, verdict=AMBIGUOUS, reason=doubt)
+    if answer.verdict == AMBIGUOUS or touching.rule == "given" or touching.on_plateau:
+        return answer
+    below, at, above = touching.levels
+    if answer.first_order_jammed and below.excess == at.excess and answer.states_of_self_stress == 1:
+        return answer
+    # the fewest contacts of this question at the count of particles of the widest tolerance
+    fewest = answer.isostatic_contacts - (at.contacts - at.excess) + (above.contacts - above.excess)
+    if answer.first_order_jammed is False and above.contacts < fewest:
+        return answer
+    return replace(answer, verdict=AMBIGUOUS, reason=_off_plateau(touching))

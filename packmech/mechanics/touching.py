@@ -1,0 +1,167 @@
+"""What a verdict assumes: which pairs touch, and whether the packing is at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.rattlers import loose_particles
+from packmech.effects import Harmonic, Repulsion, contact_terms
+from packmech.measure.stress import sum_forces
+from packmech.packing import Packing
+
+# gap tolerance in mean relative overlaps, and the least one: rounding of exact crystals and hard-particle packings
+OVERLAPS = 7.0
+LEAST_GAP = 1e-9
+# net forces below this many rounding floors cannot be told from zero
+FLOORS = 8.0
+
+
+@dataclass(frozen=True)
+class GapLevel:
+    """The contact network at one gap tolerance.
+
+    Attributes
+    ----------
+    tolerance
+        Largest gap relative to the contact distance [1].
+    contacts, particles
+        Counts after rattlers were taken out, and with them their contacts.
+    excess
+        Contacts beyond the fewest that can jam these particles in a fixed box, d N' - d + 1.
+
+    """
+
+    tolerance: float
+    contacts: int
+    particles: int
+    excess: int
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """The pairs that a verdict takes for contacts, and how that depends on the gap tolerance.
+
+    Attributes
+    ----------
+    contacts
+        The pairs, those of rattlers included.
+    tolerance
+        Largest gap relative to the contact distance [1]; NaN when the contacts were given.
+    mean_overlap
+        Mean of 1 - r/sigma over the overlapping pairs [1]; 0 when there are none.
+    rule
+        Where the tolerance came from.
+    levels
+        The network at a tenth of the tolerance, at the tolerance and at ten times; empty when the contacts were given.
+
+    """
+
+    contacts: Contacts
+    tolerance: float
+    mean_overlap: float
+    rule: str
+    levels: tuple[GapLevel, ...] = ()
+
+    @property
+    def on_plateau(self) -> bool:
+        """Whether the excess contacts are the same at all levels."""
+        return len({level.excess for level in self.levels}) <= 1
+
+
+def backbone_contacts(contacts: Contacts) -> Contacts:
+    """Return the contacts between particles that do not rattle."""
+    loose = loose_particles(contacts)
+    return contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c])
+
+
+def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
+    """Return the contacts within a gap tolerance; by default max(7 x mean relative overlap, 1e-9).
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    gap_tolerance
+        Largest gap relative to the contact distance [1], or None for the rule.
+
+    """
+    overlap = find_contacts(packing).overlap_c
+    mean = float(overlap[overlap > 0].mean()) if (overlap > 0).any() else 0.0
+    tolerance = max(OVERLAPS * mean, LEAST_GAP) if gap_tolerance is None else gap_tolerance
+    rule = f"max({OVERLAPS:g} x mean overlap, {LEAST_GAP:g})" if gap_tolerance is None else "given"
+    steps = (0.1 * tolerance, tolerance, 10.0 * tolerance) if tolerance > 0 else (tolerance,)
+    widest = find_contacts(packing, gap_tolerance=steps[-1])
+    gap = widest.gap_c / widest.contact_distance_c
+    d = packing.dimension
+    levels = []
+    for step in steps:
+        network = backbone_contacts(widest.select(gap <= step))
+        particles = len(np.unique(np.concatenate([network.i_c, network.j_c])))
+        levels.append(GapLevel(step, len(network), particles, len(network) - (d * particles - d + 1)))
+    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels))
+
+
+@dataclass(frozen=True)
+class RestCheck:
+    """Whether the net forces vanish.
+
+    Attributes
+    ----------
+    residual
+        Largest net force over the mean contact force [1]; 0 when nothing overlaps.
+    floor
+        What rounding of the coordinates makes of perfectly balanced forces, in the same unit.
+    limit
+        The residual up to which the packing counts as at rest: max(rest tolerance, 8 floors).
+    law
+        The law that the forces were taken from, and whether it was known or assumed.
+
+    """
+
+    residual: float
+    floor: float
+    limit: float
+    law: str
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the residual is within the limit."""
+        return self.residual <= self.limit
+
+
+def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance: float) -> RestCheck:
+    """Return how well the overlapping pairs balance, under the given effects or, failing those, a harmonic law.
+
+    Overlaps of the size of rounding errors push the floor, and so the limit, above any residual: a packing of hard
+    particles passes.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    effects
+        What acts, or None.
+    rest_tolerance
+        Largest net force over mean contact force [1] at rest.
+
+    """
+    law = "harmonic, assumed"
+    if effects is None:
+        effects = (Repulsion(law=Harmonic()),)
+    else:
+        law = ", ".join(repr(one) for one in effects)
+    contacts = find_contacts(packing)
+    contacts = contacts.select(contacts.overlap_c > 0)
+    terms = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c)
+    mean = float(np.abs(terms.first_c).mean()) if len(contacts) else 0.0
+    if mean == 0.0:
+        return RestCheck(0.0, 0.0, rest_tolerance, law)
+    net = sum_forces(contacts, -terms.first_c)
+    residual = float(np.sqrt((net**2).sum(axis=1)).max()) / mean
+    largest = max(np.abs(packing.position_nd).max(), np.abs(packing.box.lattice_dd).max())
+    floor = float(np.spacing(largest)) * float(np.abs(terms.second_c).mean()) / mean
+    return RestCheck(residual, floor, max(rest_tolerance, FLOORS * floor), law)
