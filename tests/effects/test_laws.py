@@ -1,0 +1,200 @@
+"""Facts about laws of repulsion: closed forms, derivatives, limits, and a user's own law treated as a built-in one."""
+
+import json
+import pathlib
+from decimal import Decimal, getcontext
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import packmech as pm
+from packmech.effects import contact_terms, energy_scale_of
+
+GOLDEN = json.loads((pathlib.Path(__file__).parents[1] / "golden" / "potentials.json").read_text())
+GOLDEN_LAWS = {"spring2": pm.Harmonic(), "hertz2.5": pm.Hertz(), "rlj": pm.RepulsiveLennardJones()}
+EPSILON = float(np.finfo(float).eps)
+
+getcontext().prec = 90
+
+
+@pm.law
+class Quartic(NamedTuple):
+    """A user's law, written as the documentation says."""
+
+    energy_scale: float = 1.0
+
+    def energy(self, distance, contact_distance):
+        return self.energy_scale * (1.0 - distance / contact_distance) ** 4 / 4.0
+
+    def first(self, distance, contact_distance):
+        return -self.energy_scale * (1.0 - distance / contact_distance) ** 3 / contact_distance
+
+    def second(self, distance, contact_distance):
+        return 3.0 * self.energy_scale * (1.0 - distance / contact_distance) ** 2 / contact_distance**2
+
+
+# energy of each law as a formula of exact decimal numbers: r, sigma -> u
+def _power(scale, exponent):
+    return lambda r, sigma: Decimal(scale) / Decimal(exponent) * (1 - r / sigma) ** Decimal(exponent)
+
+
+CLOSED_FORMS = {
+    pm.Harmonic(1.5): _power(1.5, 2),
+    pm.Hertz(0.7): _power(0.7, 2.5),
+    pm.PowerLaw(2.0, 2.0): _power(2.0, 2),
+    pm.PowerLaw(1.0, 2.5): _power(1.0, 2.5),
+    pm.PowerLaw(3.0, 1.75): _power(3.0, 1.75),
+    pm.PowerLaw(1.0, 6.0): _power(1.0, 6),
+    pm.RepulsiveLennardJones(2.0): lambda r, sigma: 2 * ((sigma / r) ** 12 - 2 * (sigma / r) ** 6 + 1),
+    pm.LinearSpring(4.0): lambda r, sigma: 2 * (sigma - r) ** 2,
+    Quartic(0.3): _power(0.3, 4),
+}
+LAWS = list(CLOSED_FORMS)
+
+
+def derivative(function, order, r, sigma):
+    """Return the derivative of a decimal function with respect to r, by central differences good to 25 digits."""
+    step = (sigma - r) * Decimal("1e-15")
+    coefficients = {0: [1], 1: [-1, 1], 2: [1, -2, 1], 3: [-1, 3, -3, 1]}[order]
+    places = [r + step * (2 * k - order) for k in range(order + 1)]
+    differences = sum(c * function(place, sigma) for c, place in zip(coefficients, places, strict=True))
+    return differences / (2 * step) ** order
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1e-9, 0.9), st.floats(0.1, 10.0))
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_energy_and_derivatives_are_those_of_the_formula_to_rounding(law, order, overlap, contact_distance):
+    distance = contact_distance * (1.0 - overlap)
+    r, sigma = Decimal(distance), Decimal(contact_distance)
+    exact = derivative(CLOSED_FORMS[law], order, r, sigma)
+    found = (law.energy, law.first, law.second)[order](distance, contact_distance)
+    # rounding r/sigma once costs as many units in the last place as the condition number of the function
+    sensitivity = derivative(CLOSED_FORMS[law], order + 1, r, sigma)
+    condition = abs(float(r * sensitivity / exact))
+    assert abs(Decimal(found) - exact) <= Decimal(EPSILON * (20 + condition)) * abs(exact)
+
+
+@pytest.mark.parametrize("row", GOLDEN["rows"], ids=lambda row: f"{row['pot']}-{row['r_over_sigma']}")
+def test_stored_potentials_are_met_to_1e_14(row):
+    effects = (pm.Repulsion(law=GOLDEN_LAWS[row["pot"]]),)
+    terms = contact_terms(effects, np.array([row["r_over_sigma"]]), np.array([1.0]))
+    found = [terms.energy_c[0], terms.first_c[0], terms.second_c[0]]
+    assert found == pytest.approx([row["V"], row["dV"], row["d2V"]], rel=1e-14, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "stiffness"),
+    [
+        (pm.Harmonic(), 1.0),
+        (pm.Hertz(), 0.0),
+        (pm.PowerLaw(1.0, 3.0), 0.0),
+        (pm.RepulsiveLennardJones(), 72.0),
+        (pm.LinearSpring(3.0), 3.0),
+    ],
+    ids=repr,
+)
+def test_stiffness_on_the_closed_side_of_contact_is_the_known_limit(law, stiffness):
+    # jammed-systems.md section 1: eps (p = 2), 0 (p > 2), 72 eps (repulsive Lennard-Jones), over sigma^2
+    terms = contact_terms((pm.Repulsion(law=law),), np.array([1.0, 1.3]), np.array([1.0, 1.0]), closing=True)
+    assert terms.second_c.tolist() == [stiffness] * 2
+    assert np.abs(terms.energy_c).max() == 0.0 and np.abs(terms.first_c).max() == 0.0
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_energy_and_force_vanish_at_contact_and_beyond(law):
+    terms = contact_terms((pm.Repulsion(law=law),), np.array([1.5, 1.5 + 1e-15, 2.0]), np.full(3, 1.5))
+    assert all(np.array_equal(term, np.zeros(3)) for term in terms)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_every_law_repels_and_is_convex(law):
+    distance = np.linspace(0.05, 0.999, 50)
+    terms = contact_terms((pm.Repulsion(law=law),), distance, np.ones(50))
+    assert (terms.energy_c > 0).all() and (terms.first_c < 0).all() and (terms.second_c > 0).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(1e-9, 0.95), st.floats(0.1, 10.0))
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_compiled_law_gives_what_the_plain_methods_give(law, overlap, contact_distance):
+    distance = contact_distance * (1.0 - overlap)
+    terms = contact_terms((pm.Repulsion(law=law),), np.array([distance]), np.array([contact_distance]))
+    plain = [float(method(distance, contact_distance)) for method in (law.energy, law.first, law.second)]
+    compiled = [terms.energy_c[0], terms.first_c[0], terms.second_c[0]]
+    # machine code may fuse a product and a sum and call another pow: a few units in the last place
+    assert compiled == pytest.approx(plain, rel=16 * EPSILON)
+
+
+def test_power_law_of_exponent_two_is_harmonic_and_of_five_halves_is_hertz():
+    distance, sigma = np.linspace(0.3, 0.99, 12), np.full(12, 1.1)
+    for power, named in ((pm.PowerLaw(2.0, 2.0), pm.Harmonic(2.0)), (pm.PowerLaw(2.0, 2.5), pm.Hertz(2.0))):
+        first, second = (contact_terms((pm.Repulsion(law=law),), distance, sigma) for law in (power, named))
+        for one, other in zip(first, second, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-14)
+
+
+def test_a_users_law_acts_in_energy_forces_and_stress_like_the_built_in_one():
+    packing = pm.random_packing(60, dimension=3, packing_fraction=0.8, seed=2)
+    own, built_in = (pm.Scene(packing, (pm.Repulsion(law=law),)) for law in (Quartic(2.0), pm.PowerLaw(2.0, 4.0)))
+    assert pm.energy(own) == pytest.approx(pm.energy(built_in), rel=1e-13)
+    np.testing.assert_allclose(pm.forces(own), pm.forces(built_in), rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(pm.stress_tensor(own), pm.stress_tensor(built_in), rtol=1e-12, atol=1e-14)
+
+
+def test_terms_of_several_effects_are_the_sum_of_each():
+    distance, sigma = np.linspace(0.5, 1.2, 15), np.ones(15)
+    effects = (pm.Repulsion(law=pm.Hertz(0.5)), pm.ContactDamping(0.2), pm.Repulsion(law=pm.Harmonic(2.0)))
+    together = contact_terms(effects, distance, sigma)
+    apart = [contact_terms((effect,), distance, sigma) for effect in effects]
+    for name in together._fields:
+        np.testing.assert_allclose(getattr(together, name), sum(getattr(one, name) for one in apart), rtol=1e-15)
+
+
+def test_an_effect_of_zero_strength_equals_an_absent_one():
+    distance, sigma = np.linspace(0.5, 1.2, 15), np.ones(15)
+    repulsion = pm.Repulsion(law=pm.Harmonic())
+    with_zero = contact_terms((repulsion, pm.ContactDamping(0.0)), distance, sigma)
+    without = contact_terms((repulsion,), distance, sigma)
+    assert all(np.array_equal(one, other) for one, other in zip(with_zero, without, strict=True))
+
+
+def test_unit_of_energy_is_the_energy_scale_or_the_stiffness_times_length_squared():
+    assert energy_scale_of((pm.ContactDamping(), pm.Repulsion(law=pm.Hertz(2.5))), 3.0) == 2.5
+    assert energy_scale_of((pm.Repulsion(law=pm.LinearSpring(2.0)),), 3.0) == 18.0
+
+
+def no_op(self, distance, contact_distance):
+    return 0.0
+
+
+def named_tuple(name, field="energy_scale", **methods):
+    cls = NamedTuple(name, [(field, float)])
+    for method, function in methods.items():
+        setattr(cls, method, function)
+    return cls
+
+
+@pytest.mark.parametrize(
+    ("cls", "message"),
+    [
+        (dict, "law must be a NamedTuple class, got <class 'dict'>"),
+        (pm.Harmonic(), "law must be a NamedTuple class, got Harmonic"),
+        (named_tuple("Half", energy=no_op, first=no_op), r"law Half must define the method second\(self, distance"),
+        (
+            named_tuple("Short", energy=lambda self, distance: 0.0, first=no_op, second=no_op),
+            r"law Short.energy must take \(self, distance, contact_distance\)",
+        ),
+        (
+            named_tuple("Scaleless", field="strength", energy=no_op, first=no_op, second=no_op),
+            r"law Scaleless must have a field energy_scale or stiffness, got \('strength',\)",
+        ),
+    ],
+)
+def test_a_class_that_is_no_law_is_refused_saying_what_is_missing(cls, message):
+    with pytest.raises(TypeError, match=message):
+        pm.law(cls)
