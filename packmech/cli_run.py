@@ -1,0 +1,184 @@
+"""The commands that make or examine a packing: jam, run, analyze."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from packmech.check import one_of
+from packmech.cli_show import console, print_results, working, write_json
+from packmech.outcome import Outcome, Run, Stage
+from packmech.packing import Packing
+from packmech.report import Report, examine
+from packmech.report_table import result_rows, summary_markdown
+from packmech.scene import JamDrive, QuenchDrive, Scene
+
+OK, FAILED, INTERRUPTED = 0, 1, 130
+# saved times of a run for the recording: curves need no more, packings are thinned further
+SAVED_TIMES = 400
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What to write, and how many vibrations to find."""
+
+    record: Path | None
+    out: Path | None
+    json: Path | None
+    modes: int
+
+    def check(self) -> None:
+        """Fail before the work, not after it, when a file cannot be written."""
+        from packmech.files import target_file
+
+        for path in (self.record, self.out, self.json):
+            if path is not None:
+                target_file(path)
+
+
+def jam_scene(name: str, outputs: Outputs, *, seed: int | None, pressure: float | None, strain: str | None) -> int:
+    """Jam the scene as its drive says, unless told otherwise; return the exit code."""
+    from packmech.scene_file import read_scene
+
+    outputs.check()
+    scene = read_scene(name, seed=seed)
+    drive = scene.drive if isinstance(scene.drive, JamDrive) else JamDrive()
+    drive = JamDrive(
+        pressure=drive.pressure if pressure is None else pressure, strain=drive.strain if strain is None else strain
+    )
+    return _run_and_report(name, scene.replace(drive=drive), outputs, {"scene": name, "seed": seed})
+
+
+def run_scene(name: str, outputs: Outputs, *, seed: int | None) -> int:
+    """Do what the scene's drive says; return the exit code."""
+    from packmech.scene_file import read_scene
+
+    outputs.check()
+    scene = read_scene(name, seed=seed)
+    if scene.drive is None:
+        raise ValueError(f"scene must have a [drive] to be run, got none in {name!r}")
+    return _run_and_report(name, scene, outputs, {"scene": name, "seed": seed})
+
+
+def analyze_file(path: Path, law: str | None, outputs: Outputs) -> int:
+    """Examine a packing in a file; return the exit code."""
+    from packmech.effects import Repulsion
+    from packmech.files import read_law, read_packing
+    from packmech.records import kind_of
+
+    outputs.check()
+    packing = read_packing(path)
+    stored = read_law(path) if law is None else None
+    chosen = stored if stored is not None else _law(law or "harmonic")
+    source = "stored with it" if stored is not None else "as asked" if law is not None else "none is stored with it"
+    scene = Scene(packing, (Repulsion(law=chosen),))
+    console().print(f"law: {kind_of(type(chosen))} {chosen._asdict()} ({source})")
+    with working("analyzing") as tell:
+        report = examine(scene, modes=outputs.modes, told=tell)
+    _finish(path.name, scene, None, report, outputs, {"file": path.name})
+    return OK
+
+
+def _law(name: str) -> Any:
+    from packmech.effects import registered_laws
+    from packmech.records import kinds_of
+
+    laws = kinds_of(registered_laws())
+    return laws[one_of("law", name, tuple(laws))]()
+
+
+def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mapping[str, Any]) -> int:
+    with working(f"{name}: {scene.packing.particles} particles") as tell:
+        run = _drive(scene, keep=outputs.record is not None)
+        if outputs.out is not None:  # before anything else can go wrong or be interrupted
+            _write_packing(scene, run.packing, outputs.out)
+        if run.outcome is Outcome.INTERRUPTED:
+            console(error=True).print("packmech: interrupted" + (f"; wrote {outputs.out}" if outputs.out else ""))
+            return INTERRUPTED
+        strain = scene.drive.strain if isinstance(scene.drive, JamDrive) else "fixed"
+        report = examine(scene.replace(packing=run.packing), strain=strain, modes=outputs.modes, told=tell)
+    _finish(name, scene, run, report, outputs, parameters)
+    if not run.ok:
+        console(error=True).print(f"packmech: {run.outcome.value} (residual {run.residual:.1e})")
+        return FAILED
+    return OK
+
+
+def _drive(scene: Scene, *, keep: bool) -> Run:
+    """Do what the scene's drive says."""
+    import packmech as pm
+
+    drive = scene.drive
+    if isinstance(drive, QuenchDrive):
+        return pm.quench(scene, force_tolerance=drive.force_tolerance)
+    assert isinstance(drive, JamDrive)
+    return pm.jam(scene, pressure=drive.pressure, strain=drive.strain)
+
+
+def _write_packing(scene: Scene, packing: Packing, path: Path) -> None:
+    from packmech.effects import law_of
+    from packmech.files import write_packing
+
+    write_packing(packing, path, law=law_of(scene.effects) if path.suffix == ".npz" else None)
+
+
+def _finish(
+    name: str, scene: Scene, run: Run | None, report: Report, outputs: Outputs, parameters: Mapping[str, Any]
+) -> None:
+    """Print the tables and write the files."""
+    numbers = dict(report.numbers)
+    stages = list(report.stages)
+    if run is not None:
+        numbers |= numbers_of_run(run)
+        stages = [*(run.stages or (stage_of_run(run),)), *stages]
+    else:
+        numbers["seconds"] = sum(stage.seconds for stage in stages)
+    rows = result_rows(numbers, report.missing)
+    title = f"{name}: {scene.packing.particles} {'discs' if scene.packing.dimension == 2 else 'spheres'}"
+    print_results(title, rows, stages)
+    out = console()
+    if outputs.out is not None:
+        out.print(f"packing: {outputs.out}")
+    if outputs.json is not None:
+        write_json(outputs.json, numbers)
+        out.print(f"numbers: {outputs.json}")
+    if outputs.record is not None:
+        _record(scene, run, report, outputs.record, parameters, numbers, summary_markdown(title, rows, stages))
+        out.print(f"recording: {outputs.record}   (look at it: rerun {outputs.record})")
+
+
+def numbers_of_run(run: Run) -> dict[str, Any]:
+    """Return what a run says of itself, by name."""
+    return {
+        "outcome": run.outcome.name.lower(),
+        "force_residual": run.residual,
+        "steps": run.steps,
+        "force_evaluations": run.force_evaluations,
+        "seconds": run.seconds,
+        "build_seconds": run.build_seconds,
+    }
+
+
+def stage_of_run(run: Run) -> Stage:
+    """Return a run without parts of its own as one step."""
+    return Stage("run", run.residual, run.steps, run.force_evaluations, run.seconds, run.outcome.name.lower())
+
+
+def _record(
+    scene: Scene,
+    run: Run | None,
+    report: Report,
+    path: Path,
+    parameters: Mapping[str, Any],
+    numbers: Mapping[str, Any],
+    summary: str,
+) -> None:
+    from packmech.recording import record_packing, record_run
+
+    told = {**parameters, "drive": scene.drive}
+    if run is None:
+        record_packing(scene, path, modes=report.modes, parameters=told, results=numbers, summary=summary)
+    else:
+        record_run(run, path, scene=scene, modes=report.modes, parameters=told, results=numbers, summary=summary)

@@ -1,0 +1,210 @@
+"""What is known of a packing, gathered once: counts, verdict, moduli, modes, and what each of them cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from packmech.check import instance, integer, one_of
+from packmech.contacts import find_contacts
+from packmech.contacts.rattlers import find_rattlers
+from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
+from packmech.outcome import NotConverged, Stage
+from packmech.scene import Scene
+
+if TYPE_CHECKING:
+    from packmech.mechanics.modes import Modes
+    from packmech.mechanics.moduli import Moduli
+    from packmech.mechanics.verdict import Verdict
+
+# what a part of the examination may raise for a packing that does not allow it; the other parts still count
+REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
+
+
+@dataclass(eq=False)
+class Report:
+    """A scene's packing examined.
+
+    Attributes
+    ----------
+    scene
+        The scene as it stands.
+    numbers
+        Results by name, as `packmech jam --json` writes them. Pressures and moduli are in units of
+        energy_scale / reference_diameter^d, frequencies in sqrt(energy_scale / mass) / reference_diameter.
+    stages
+        What each part of the examination achieved and cost.
+    missing
+        Parts that could not be had, with the reason.
+    verdict, moduli, modes
+        The records themselves; None where missing.
+
+    """
+
+    scene: Scene
+    numbers: dict[str, Any]
+    stages: list[Stage] = field(default_factory=list)
+    missing: dict[str, str] = field(default_factory=dict)
+    verdict: Verdict | None = None
+    moduli: Moduli | None = None
+    modes: Modes | None = None
+
+
+def examine(
+    scene: Scene, *, strain: str = "fixed", modes: int = 10, told: Callable[[str], None] = lambda part: None
+) -> Report:
+    """Return everything that the command prints about a packing as it stands.
+
+    Parameters
+    ----------
+    scene
+        The scene; nothing in it is moved.
+    strain
+        Whether the packing was made in a "fixed" box or with every strain "free": which isostatic count applies.
+    modes
+        How many of the lowest vibrations, besides free motions.
+    told
+        Called with the name of each part before it begins.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or unknown.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-6)
+    >>> report = examine(pm.Scene(crystal, (pm.Repulsion(),)), modes=2)
+    >>> report.numbers["contacts"], report.numbers["isostatic_contacts"], report.numbers["strict"]
+    (48, 31, 'jammed')
+
+    """
+    instance("scene", scene, Scene)
+    one_of("strain", strain, ("fixed", "free"))
+    modes = integer("modes", modes, at_least=0)
+    report = Report(scene, _counts(scene, strain))
+    with _part(report, "verdict", told):
+        _verdict(report)
+    with _part(report, "moduli", told):
+        _moduli(report)
+    if modes:
+        with _part(report, "modes", told):
+            _modes(report, modes)
+    return report
+
+
+def isostatic_contacts(particles: int, dimension: int, strain: str) -> int:
+    """Return the fewest contacts that jam this many backbone particles: d N' - d + 1, with strains d N' - d + d(d+1)/2.
+
+    Examples
+    --------
+    >>> isostatic_contacts(100, 2, "fixed"), isostatic_contacts(100, 2, "free"), isostatic_contacts(100, 3, "fixed")
+    (199, 201, 298)
+
+    """
+    if particles == 0:
+        return 0
+    extra = 1 if strain == "fixed" else dimension * (dimension + 1) // 2
+    return dimension * particles - dimension + extra
+
+
+@contextmanager
+def _part(report: Report, name: str, told: Callable[[str], None]) -> Iterator[None]:
+    told(name)
+    try:
+        yield
+    except REFUSALS as refusal:
+        report.missing[name] = str(refusal).partition("\n")[0]
+
+
+def _counts(scene: Scene, strain: str) -> dict[str, Any]:
+    packing = scene.packing
+    rattler_n = find_rattlers(packing)
+    contacts = find_contacts(packing)
+    held_c = ~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]
+    backbone = packing.particles - int(rattler_n.sum())
+    largest, mean = force_balance(scene)
+    unit = scene.pressure_unit
+    return {
+        "particles": packing.particles,
+        "dimension": packing.dimension,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure(scene) / unit,
+        "pressure_unit": unit,
+        "energy": energy(scene) / scene.energy_scale,
+        "stress": (stress_tensor(scene) / unit).tolist(),
+        "rattlers": packing.particles - backbone,
+        "contacts": int(held_c.sum()),
+        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain),
+        "strain": strain,
+        "force_residual": largest / mean if mean > 0.0 else 0.0,
+    }
+
+
+def _verdict(report: Report) -> None:
+    from packmech.mechanics.jamming import classify_jamming
+
+    verdict = classify_jamming(report.scene)
+    report.verdict = verdict
+    backbone = report.scene.packing.particles - int(verdict.rattlers.sum())
+    answers = {"collective": verdict.collectively, "strict": verdict.strictly}
+    strain = report.numbers["strain"]
+    # the verdict's network allows for rounding in the gaps, so its counts are the better ones
+    report.numbers.update(
+        rattlers=int(verdict.rattlers.sum()),
+        contacts=verdict.contacts,
+        isostatic_contacts=isostatic_contacts(backbone, report.scene.packing.dimension, strain),
+        local=verdict.local,
+        collective=verdict.collective,
+        strict=verdict.strict,
+        gap_tolerance=verdict.touching.tolerance,
+        mechanically_stable=verdict.mechanically_stable,
+        prestress_stable=verdict.prestress_stable,
+    )
+    for name, answer in answers.items():
+        report.numbers |= {
+            f"{name}_reason": answer.reason,
+            f"{name}_states_of_self_stress": answer.states_of_self_stress,
+            f"{name}_floppy_modes": answer.floppy_modes,
+            f"{name}_smallest_singular_value": answer.smallest_singular_value,
+            f"{name}_smallest_force": answer.smallest_force,
+            f"{name}_balance": answer.balance,
+        }
+    report.stages.append(Stage("verdict", max(a.balance for a in answers.values()), seconds=verdict.seconds))
+
+
+def _moduli(report: Report) -> None:
+    from packmech.mechanics.elasticity import elastic_moduli
+
+    moduli = elastic_moduli(report.scene)
+    report.moduli = moduli
+    unit = report.scene.pressure_unit
+    report.numbers |= {
+        "bulk_modulus": moduli.bulk_modulus / unit,
+        "shear_modulus": moduli.shear_modulus / unit,
+        "shear_modulus_mean": moduli.voigt.shear_modulus / unit,
+        "shear_modulus_reuss": moduli.reuss.shear_modulus / unit,
+        "soft_directions": len(moduli.soft_directions),
+        "elastically_stable": moduli.stable,
+    }
+    report.stages.append(Stage("moduli", moduli.residual, seconds=moduli.seconds))
+
+
+def _modes(report: Report, count: int) -> None:
+    from packmech.mechanics.modes import normal_modes
+
+    scene = report.scene
+    free = scene.packing.dimension * (1 + int(report.numbers["rattlers"]))
+    began = time.process_time()
+    modes = normal_modes(scene, count=min(count + free, scene.packing.position_nd.size))
+    report.modes = modes
+    unit = np.sqrt(scene.energy_scale) / scene.packing.reference_diameter
+    report.numbers["lowest_frequencies"] = [float(value) for value in modes.frequency_m[:count] / unit]
+    report.stages.append(Stage("modes", 0.0, seconds=time.process_time() - began))
+

@@ -1,0 +1,141 @@
+"""The numbers of a report as rows of words, for the terminal and for the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from packmech.outcome import Stage
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Row = tuple[str, str, str]
+
+
+def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[Row]:
+    """Return rows of quantity, value and what the value is, for what the numbers hold."""
+    d = numbers["dimension"]
+    unit = f"energy_scale / diameter^{d}"
+    rows: list[Row] = []
+    if "packing_fraction_at_jamming" in numbers:
+        rows.append(
+            ("packing fraction at jamming", f"{numbers['packing_fraction_at_jamming']:.8f}", "rattlers included")
+        )
+    rows += [
+        ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
+        ("pressure", f"{numbers['pressure']:.6g}", unit),
+        ("force residual", f"{numbers['force_residual']:.1e}", "largest net force / mean contact force"),
+        _contacts(numbers),
+        _rattlers(numbers),
+    ]
+    if "collective" in numbers:
+        rows += [_answer(numbers, "collective", "box fixed"), _answer(numbers, "strict", "box free to deform")]
+    if "bulk_modulus" in numbers:
+        rows += _moduli(numbers, unit)
+    if "lowest_frequencies" in numbers:
+        listed = "  ".join(f"{value:.3g}" for value in numbers["lowest_frequencies"][:6])
+        rows.append(("lowest frequencies", listed or "none", "sqrt(energy_scale / mass) / diameter"))
+    rows += [(part, "not available", reason) for part, reason in missing.items()]
+    return rows
+
+
+def _contacts(numbers: Mapping[str, Any]) -> Row:
+    d = numbers["dimension"]
+    extra = 1 if numbers["strain"] == "fixed" else d * (d + 1) // 2
+    count = f"{d}N'{extra - d:+d}"
+    note = f"isostatic: {numbers['isostatic_contacts']} = {count}, strain {numbers['strain']}"
+    # over the isostatic count by k means 1 + k states of self stress, in the sense of the strain that was free
+    states = numbers.get(f"{'collective' if numbers['strain'] == 'fixed' else 'strict'}_states_of_self_stress")
+    if states is not None:
+        note += f"; {states} state{'s' if states != 1 else ''} of self stress"
+    return ("contacts", str(numbers["contacts"]), note)
+
+
+def _rattlers(numbers: Mapping[str, Any]) -> Row:
+    share = numbers["rattlers"] / numbers["particles"]
+    return ("rattlers", str(numbers["rattlers"]), f"{share:.1%} of {numbers['particles']} particles")
+
+
+def _answer(numbers: Mapping[str, Any], name: str, where: str) -> Row:
+    grounds = [where]
+    if numbers[name] == "jammed":
+        singular, force = numbers[f"{name}_smallest_singular_value"], numbers[f"{name}_smallest_force"]
+        grounds += [
+            f"smallest singular value {singular:.1e}",
+            f"smallest force {force:.1e} of the mean",
+            f"balanced to {numbers[f'{name}_balance']:.0e}",
+        ]
+    else:
+        grounds.append(numbers[f"{name}_reason"])
+    return (f"{'collectively' if name == 'collective' else 'strictly'} jammed", numbers[name], "; ".join(grounds))
+
+
+def _moduli(numbers: Mapping[str, Any], unit: str) -> list[Row]:
+    shear = f"simple shear xy, relaxed; mean over directions {numbers['shear_modulus_mean']:.4g}, {unit}"
+    if not numbers["elastically_stable"]:
+        shear += "; elastically unstable"
+    return [
+        ("bulk modulus", f"{numbers['bulk_modulus']:.6g}", f"box scaled, particles relaxed, {unit}"),
+        ("shear modulus", f"{numbers['shear_modulus']:.6g}", shear),
+    ]
+
+
+def stage_rows(stages: Iterable[Stage]) -> list[tuple[str, ...]]:
+    """Return rows of step, residual, force evaluations, CPU seconds and note."""
+    return [
+        (
+            stage.name,
+            f"{stage.residual:.1e}" if stage.residual else "-",
+            f"{stage.force_evaluations:,}" if stage.force_evaluations else "-",
+            f"{stage.seconds:.3f}",
+            stage.note,
+        )
+        for stage in stages
+    ]
+
+
+STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
+
+
+def rich_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[int]) -> Table:
+    """Return a table for the terminal; the columns numbered in `right` are aligned to the right."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        show_header=any(headings),
+    )
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if k in right else "left", overflow="fold", no_wrap=k < 2)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown.
+
+    Examples
+    --------
+    >>> print(markdown_table(("step", "CPU s"), [("verdict", "0.1")]), end="")
+    | step | CPU s |
+    |---|---|
+    | verdict | 0.1 |
+
+    """
+    lines = [headings, *rows]
+    text = ["| " + " | ".join(line) + " |\n" for line in lines]
+    return text[0] + "|" + "---|" * len(headings) + "\n" + "".join(text[1:])
+
+
+def summary_markdown(title: str, rows: Iterable[Row], stages: Iterable[Stage]) -> str:
+    """Return the text that stands beside a recorded packing."""
+    results = markdown_table(("", "", ""), rows)
+    steps = markdown_table(STAGE_HEADINGS, stage_rows(stages))
+    return f"## {title}\n\n{results}\n## steps\n\n{steps}"
