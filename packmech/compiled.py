@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core.caching import FunctionCache
+from numba.core.typing import signature
 from numba.extending import overload, register_jitable
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -111,8 +112,20 @@ def _class_hash(cls: type) -> str:
 class _SourceCache(FunctionCache):  # type: ignore[misc]
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         path = pathlib.Path(inspect.getsourcefile(self._py_func) or "")
-        hashes = {_class_hash(cls) for part in sig for cls in _record_classes(part)}
-        return (*super()._index_key(sig, codegen), source_hash(path), *sorted(hashes))
+        classes = {cls for part in sig for cls in _record_classes(part)}
+        named = sorted((cls.__module__, cls.__qualname__, _class_hash(cls)) for cls in classes)
+        # The signature as text: numba unpickles the whole index to find one entry, and a type that holds a user's law would
+        # do so by importing the user's file, in processes that have nothing to do with it and may not find it.
+        return (str(sig), *super()._index_key(sig, codegen)[1:], source_hash(path), *named)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None or tuple(found.signature.args) == tuple(sig):
+            return found
+        # A record class of a script that was run directly comes back from disk as a copy of that class. The machine code
+        # is the right one (the key says so), but filed under the copy's type the next call would not find it.
+        found.fndesc.argtypes = tuple(sig)
+        return found._replace(signature=signature(found.signature.return_type, *sig))
 
 
 def kernel(function: Callable[..., Any]) -> Any:
