@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +12,13 @@ from packmech.check import instance, integer, one_of, real
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_contacts
-from packmech.mechanics.certificates import Finding, certify, closes_nothing, yield_to_loads
-from packmech.mechanics.motions import MotionCone, motion_cone, unjamming_motion
-from packmech.mechanics.programs import SOLVERS, open_all
+from packmech.mechanics.backbone import EMPTY, carrying_contacts, judge_network, standing_contacts
+from packmech.mechanics.certificates import Finding, certify, yield_to_loads
+from packmech.mechanics.motions import MotionCone, unjamming_motion
+from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_stable
-from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching, backbone_contacts, check_rest, find_touching
+from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
-from packmech.outcome import Outcome
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -119,8 +118,8 @@ def classify_jamming(
 
     def part(cone: MotionCone, finding: Finding, network: Contacts) -> Contacts | None:
         if method == "certificate":
-            return _carrying(cone, network, solver, tolerance)
-        return _standing(cone, network, finding)
+            return carrying_contacts(cone, network, solver, tolerance)
+        return standing_contacts(cone, network, finding)
 
     with single_thread():
         if contacts is None:
@@ -129,7 +128,7 @@ def classify_jamming(
         else:
             check_contacts(packing, contacts)
             touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
-        judged = _judge(packing, touching.contacts, volume, decide, part)
+        judged = judge_network(packing, touching.contacts, volume, decide, part)
         collectively, strictly = (
             _answer(packing, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )
@@ -145,11 +144,12 @@ def classify_jamming(
         local, local_reason = AMBIGUOUS, doubt or _off_plateau(touching)
     rattlers = np.ones(packing.particles, dtype=bool)
     rattlers[np.concatenate([judged.network.i_c, judged.network.j_c])] = False
+    collectively, strictly = _consistent(_doubted(collectively, touching, doubt), _doubted(strictly, touching, doubt))
     return Verdict(
         local,
         local_reason,
-        _doubted(collectively, touching, doubt),
-        _doubted(strictly, touching, doubt),
+        collectively,
+        strictly,
         rattlers,
         judged.network,
         touching,
@@ -159,81 +159,6 @@ def classify_jamming(
         volume,
         time.process_time() - start,
     )
-
-
-EMPTY = "empty backbone: every particle rattles"
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """A contact network without rattlers, and the findings on it."""
-
-    network: Contacts
-    collective: tuple[MotionCone, Finding]
-    strict: tuple[MotionCone, Finding]
-
-
-def _judge(
-    packing: Packing,
-    contacts: Contacts,
-    volume: str,
-    decide: Callable[[MotionCone], Finding],
-    part: Callable[[MotionCone, Finding, Contacts], Contacts | None],
-) -> _Judged:
-    network = backbone_contacts(contacts)
-    if not len(network):
-        loose = motion_cone(packing, contacts, strain=False)
-        nothing = (loose, Finding(False, EMPTY, motion=_loosest(loose)))
-        return _Judged(network, nothing, nothing)
-    fixed = motion_cone(packing, network, strain=False)
-    free = motion_cone(packing, network, strain=True, volume=volume)
-    strict = decide(free)
-    if strict.jammed:
-        # a motion in the fixed box is one of those that were excluded
-        count = len(network)
-        weight = None if strict.weight is None else strict.weight[:count]
-        softest = np.nan if np.isnan(strict.softest) else fixed.softest()[0]
-        reason = f"strictly jammed, so collectively; {strict.reason}"
-        collective = replace(strict, reason=reason, softest=softest, weight=weight, solves=())
-        return _Judged(network, (fixed, collective), (free, strict))
-    collective = decide(fixed)
-    if collective.jammed is False:
-        smaller = part(fixed, collective, network)
-        if smaller is not None and 0 < len(smaller) < len(network):
-            judged = _judge(packing, smaller, volume, decide, part)
-            if judged.collective[1].jammed:
-                return judged
-    return _Judged(network, (fixed, collective), (free, strict))
-
-
-def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
-    """Return a motion that opens what it can, or None where there is nothing to open."""
-    if cone.unknowns <= cone.dimension:
-        return None
-    motion = open_all(cone).motion
-    return motion if closes_nothing(cone, motion) else None
-
-
-def _carrying(cone: MotionCone, network: Contacts, solver: str, tolerance: float) -> Contacts | None:
-    """Return the contacts that can carry force, or None when no solver could tell."""
-    for name in dict.fromkeys((solver, "highs")):
-        opened = open_all(cone, solver=name, tolerance=tolerance)
-        if opened.solve.outcome is Outcome.CONVERGED:
-            return network.select(opened.carrying_c)
-    return None
-
-
-def _standing(cone: MotionCone, network: Contacts, finding: Finding) -> Contacts | None:
-    """Return the contacts within the largest group of particles that a motion leaves standing to one another."""
-    if finding.motion is None:
-        return None
-    d = cone.dimension
-    displacement = finding.motion[: len(cone.kept_n) * d].reshape(-1, d)
-    grain = 1e-3 * max(float(np.abs(displacement).max()), 1e-300)
-    _, group, size = np.unique(np.rint(displacement / grain), axis=0, return_inverse=True, return_counts=True)
-    stays = np.zeros(network.particles, dtype=bool)
-    stays[cone.kept_n] = group.ravel() == int(np.argmax(size))
-    return network.select(stays[network.i_c] & stays[network.j_c])
 
 
 def _answer(packing: Packing, judged: tuple[MotionCone, Finding], count: int) -> Answer:
@@ -284,9 +209,21 @@ def _doubted(answer: Answer, touching: Touching, doubt: str) -> Answer:
         return answer
     below, at, above = touching.levels
     if answer.first_order_jammed and below.excess == at.excess and answer.states_of_self_stress == 1:
-        return answer
+        # contacts can be added to a jammed packing, not taken away: the pairs beyond the tolerance cannot matter
+        return replace(answer, reason=f"{answer.reason}, whatever the pairs within ten times the gap tolerance do")
     # the fewest contacts of this question at the count of particles of the widest tolerance
     fewest = answer.isostatic_contacts - (at.contacts - at.excess) + (above.contacts - above.excess)
     if answer.first_order_jammed is False and above.contacts < fewest:
         return answer
     return replace(answer, verdict=AMBIGUOUS, reason=_off_plateau(touching))
+
+
+def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]:
+    """Return the answers, a doubtful one settled where the other implies it: strictly jammed is collectively jammed."""
+    if strictly.verdict == JAMMED and collectively.verdict == AMBIGUOUS:
+        reason = f"strictly jammed, so collectively; {strictly.reason}"
+        collectively = replace(collectively, verdict=JAMMED, reason=reason)
+    elif collectively.verdict == NOT_JAMMED and strictly.verdict == AMBIGUOUS:
+        reason = f"not collectively jammed, so not strictly; {collectively.reason}"
+        strictly = replace(strictly, verdict=NOT_JAMMED, reason=reason)
+    return collectively, strictly

@@ -39,7 +39,7 @@ class Program:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a solver returned: the unknowns, the multipliers of both kinds of rows, and how well they satisfy the program."""
+    """What a solver returned: the unknowns, the multipliers of both kinds of rows, and what it achieved."""
 
     x: NDArray[np.float64]
     equal_multiplier: NDArray[np.float64]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,12 @@ def _solved(problem: Any, tolerance: float) -> Solve:
 
     start = time.process_time()
     try:
-        problem.solve(
-            solver=cp.CLARABEL, tol_gap_abs=tolerance, tol_gap_rel=tolerance, tol_feas=tolerance, max_threads=1
-        )
+        with warnings.catch_warnings():
+            # the status says that it is inaccurate; no need to print it too
+            warnings.simplefilter("ignore")
+            problem.solve(
+                solver=cp.CLARABEL, tol_gap_abs=tolerance, tol_gap_rel=tolerance, tol_feas=tolerance, max_threads=1
+            )
         status, steps = problem.status, problem.solver_stats.num_iters
     except cp.error.SolverError as error:
         status, steps = str(error), 0

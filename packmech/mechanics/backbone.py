@@ -1,0 +1,110 @@
+"""The backbone and what is known about it: rattlers out, both questions asked, idle parts out, asked again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts import Contacts
+from packmech.mechanics.certificates import Finding, closes_nothing
+from packmech.mechanics.motions import MotionCone, motion_cone
+from packmech.mechanics.programs import open_all
+from packmech.mechanics.touching import backbone_contacts
+from packmech.outcome import Outcome
+from packmech.packing import Packing
+
+EMPTY = "empty backbone: every particle rattles"
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A contact network without rattlers, and the findings on it."""
+
+    network: Contacts
+    collective: tuple[MotionCone, Finding]
+    strict: tuple[MotionCone, Finding]
+
+
+def judge_network(
+    packing: Packing,
+    contacts: Contacts,
+    volume: str,
+    decide: Callable[[MotionCone], Finding],
+    part: Callable[[MotionCone, Finding, Contacts], Contacts | None],
+) -> Judged:
+    """Return the backbone of a contact network and what is known about it.
+
+    If it is not collectively jammed, the contacts that `part` keeps are judged by themselves, and win if they are: then
+    the particles that lost their contacts rattle.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    contacts
+        Its contacts, those of rattlers included.
+    volume
+        "nonincreasing" or "fixed": what a strain may do to the volume.
+    decide
+        Whether a cone of motions is trivial.
+    part
+        Which contacts of a network that is not jammed may be jammed by themselves; None for unknown.
+
+    """
+    network = backbone_contacts(contacts)
+    if not len(network):
+        loose = motion_cone(packing, contacts, strain=False)
+        nothing = (loose, Finding(False, EMPTY, motion=_loosest(loose)))
+        return Judged(network, nothing, nothing)
+    fixed = motion_cone(packing, network, strain=False)
+    free = motion_cone(packing, network, strain=True, volume=volume)
+    strict = decide(free)
+    if strict.jammed:
+        # a motion in the fixed box is one of those that were excluded
+        count = len(network)
+        weight = None if strict.weight is None else strict.weight[:count]
+        softest = np.nan if np.isnan(strict.softest) else fixed.softest()[0]
+        reason = f"strictly jammed, so collectively; {strict.reason}"
+        collective = replace(strict, reason=reason, softest=softest, weight=weight, solves=())
+        return Judged(network, (fixed, collective), (free, strict))
+    collective = decide(fixed)
+    if collective.jammed is False:
+        smaller = part(fixed, collective, network)
+        if smaller is not None and 0 < len(smaller) < len(network):
+            judged = judge_network(packing, smaller, volume, decide, part)
+            if judged.collective[1].jammed:
+                return judged
+    return Judged(network, (fixed, collective), (free, strict))
+
+
+def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
+    """Return a motion that opens what it can, or None where there is nothing to open."""
+    if cone.unknowns <= cone.dimension:
+        return None
+    motion = open_all(cone).motion
+    return motion if closes_nothing(cone, motion) else None
+
+
+def carrying_contacts(cone: MotionCone, network: Contacts, solver: str, tolerance: float) -> Contacts | None:
+    """Return the contacts of the network that can carry force, or None when no solver could tell."""
+    for name in dict.fromkeys((solver, "highs")):
+        opened = open_all(cone, solver=name, tolerance=tolerance)
+        if opened.solve.outcome is Outcome.CONVERGED:
+            return network.select(opened.carrying_c)
+    return None
+
+
+def standing_contacts(cone: MotionCone, network: Contacts, finding: Finding) -> Contacts | None:
+    """Return the contacts within the largest group of particles that a motion leaves standing to one another."""
+    if finding.motion is None:
+        return None
+    d = cone.dimension
+    displacement = finding.motion[: len(cone.kept_n) * d].reshape(-1, d)
+    grain = 1e-3 * max(float(np.abs(displacement).max()), 1e-300)
+    _, group, size = np.unique(np.rint(displacement / grain), axis=0, return_inverse=True, return_counts=True)
+    stays = np.zeros(network.particles, dtype=bool)
+    stays[cone.kept_n] = group.ravel() == int(np.argmax(size))
+    return network.select(stays[network.i_c] & stays[network.j_c])
