@@ -153,7 +153,9 @@ def _wrap(row, frame):
                 + frame.lattice_dd[k, 2] * step[i, 2]
             )
         point[i, 3] = row[i, 3]
-    return fraction, point, step, most - least
+    for k in range(3):
+        most[k] -= least[k]
+    return fraction, point, step, most
 
 
 @device
@@ -193,7 +195,9 @@ def _fill(sizes, cells, fraction):
         start[home[i] + 1] += 1
     for c in range(first[levels]):
         start[c + 1] += start[c]
-    fill = start[:-1].copy()
+    fill = np.empty(first[levels], np.int64)
+    for c in range(first[levels]):
+        fill[c] = start[c]
     order = np.empty(n, np.int64)
     for i in range(n):
         order[fill[home[i]]] = i
@@ -217,7 +221,10 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
 
     # the table of images spans what the reach of the largest pair and unwrapped positions can ask for
     most = np.zeros(3, np.int64)
-    reach = scale * 2.0 * sizes.largest_a.max() + skin
+    widest = 0.0
+    for a in range(sizes.largest_a.shape[0]):
+        widest = max(widest, sizes.largest_a[a])
+    reach = scale * 2.0 * widest + skin
     for k in range(d):
         most[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
     n1 = 2 * most[1] + 1
@@ -282,8 +289,9 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
                             if found == room:
                                 i_more = np.empty(2 * room, np.uint32)
                                 code_more = np.empty(2 * room, np.uint32)
-                                i_more[:room] = i_raw
-                                code_more[:room] = code_raw
+                                for p in range(room):
+                                    i_more[p] = i_raw[p]
+                                    code_more[p] = code_raw[p]
                                 i_raw, code_raw = i_more, code_more
                                 room *= 2
                             if j < i:

@@ -14,21 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import (
-    RUNNING,
-    clear_forces,
-    force_pass,
-    judge,
-    move_pass,
-    power_pass,
-    stiffest,
-    travel,
-)
+from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
 from packmech.dynamics.pair_list import TRAVEL
 
 # places in the state that a run of steps leaves behind
-DT, ALPHA, DOWNHILL, SPEED2, FASTEST2, STEP, STIFF, MOBILITY, TOTAL, TOUCHING, MOST2, UPHILL = range(12)
-STATE = 12
+DT, ALPHA, DOWNHILL, SPEED2, FASTEST2, STEP, STIFF, MOBILITY, UPHILL = range(9)
+STATE = 9
 
 # the stiffness is looked at again after this many steps, and whenever motion starts anew
 _RENEW = 64
@@ -91,7 +82,9 @@ class FireForm(NamedTuple):
 
 
 @kernel
-def fire_steps(effects, axes, row, velocity_nd, space, pairs, settings, form, goal, largest_step, state, steps):
+def fire_steps(
+    effects, axes, row, force_nd, velocity_nd, space, pairs, settings, form, goal, largest_step, state, steps
+):
     """Advance up to `steps` steps and return how they ended and the pair list; the last forces stay in the rows."""
     dt = state[DT]
     alpha = state[ALPHA]
@@ -102,17 +95,16 @@ def fire_steps(effects, axes, row, velocity_nd, space, pairs, settings, form, go
     mobility = state[MOBILITY]
     status = RUNNING
     step = 0
-    clear_forces(row)
+    clear(force_nd)
     while True:
-        total, touching = force_pass(effects, axes, row, velocity_nd, pairs)
-        power, square, most = power_pass(axes, row, velocity_nd)
+        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
         now = int(state[STEP]) + step
-        stopped = power <= 0.0
+        stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
-            stiffness = stiffest(effects, axes, row, pairs)
+            stiffness = survey(effects, axes, row, pairs).stiffness
             if stiffness > 0.0:
                 mobility = 5.0 / stiffness
-        status = judge(total, touching, most, stiffness, space, goal)
+        status = judge(sums, stiffness, space, goal)
         if status != RUNNING or step == steps:
             break
         step += 1
@@ -138,16 +130,16 @@ def fire_steps(effects, axes, row, velocity_nd, space, pairs, settings, form, go
             kick = dt * mobility
             keep = 1.0 - alpha
             if form.mix_kicked > 0.0:
-                kicked2 = speed2 + 2.0 * kick * power + kick * kick * square
-                push = keep * kick + alpha * math.sqrt(kicked2 / square)
+                kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
+                push = keep * kick + alpha * math.sqrt(kicked2 / sums.square)
             else:
-                push = kick + alpha * math.sqrt(speed2 / square)
+                push = kick + alpha * math.sqrt(speed2 / sums.square)
         # nobody moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
-        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(most))
+        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.most))
         if reach > largest_step:
             keep *= largest_step / reach
             push *= largest_step / reach
-        speed2, fastest2 = move_pass(axes, row, velocity_nd, keep, push, dt)
+        speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
         pairs = travel(axes, row, space, pairs, dt * math.sqrt(fastest2))
     state[DT] = dt
     state[ALPHA] = alpha
@@ -157,9 +149,6 @@ def fire_steps(effects, axes, row, velocity_nd, space, pairs, settings, form, go
     state[STEP] += step
     state[STIFF] = stiffness
     state[MOBILITY] = mobility
-    state[TOTAL] = total
-    state[TOUCHING] = touching
-    state[MOST2] = most
     return status, pairs
 
 
@@ -176,6 +165,3 @@ def fresh_state(settings: Fire | Fire2) -> NDArray[np.float64]:
     state[DT] = settings.dt
     state[ALPHA] = settings.mixing
     return state
-
-
-__all__ = ["Fire", "Fire2", "FireForm", "fire_steps", "fresh_state"]

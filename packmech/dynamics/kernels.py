@@ -17,11 +17,8 @@ from numpy.typing import NDArray
 
 from packmech.compiled import device, kernel
 from packmech.contacts.cells import Frame, Sizes
-from packmech.dynamics.pair_list import AGE, BUDGET, TRAVEL, PairList, follow
+from packmech.dynamics.pair_list import AGE, BLOCK, BUDGET, TRAVEL, follow
 from packmech.effects import pair_energy, pair_first, pair_second
-
-# columns of a row
-X, RADIUS, FORCE, STIFFNESS, COLUMNS = 0, 3, 4, 7, 8
 
 # how a chunk of steps ended
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
@@ -55,98 +52,108 @@ def coincident_direction(i, j, dimension):
     return across * math.cos(angle), across * math.sin(angle), height
 
 
+class Sums(NamedTuple):
+    """What one pass over the forces adds up.
+
+    `total` of the contact forces, their number, F.v and F.F over all particles, and the largest squared net force.
+    """
+
+    total: float
+    touching: int
+    power: float
+    square: float
+    most: float
+
+
 @device
-def force_pass(effects, axes, row, velocity_nd, pairs):
-    """Add the forces of touching pairs to the rows; return the sum of their sizes and the number of pairs."""
+def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
+    """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     bits = np.uint64(pairs.bits)
     mask = np.uint64((1 << pairs.bits) - 1)
     shift_kd = pairs.shift_kd
     i_p = pairs.i_p
     code_p = pairs.code_p
+    n = row.shape[0]
     total = 0.0
     touching = 0
-    for p in range(pairs.picked):
-        i = i_p[p]
-        code = code_p[p]
-        j = code >> bits
-        k = code & mask
-        dx = row[j, 0] - row[i, 0] + shift_kd[k, 0]
-        dy = row[j, 1] - row[i, 1] + shift_kd[k, 1]
-        dz = 0.0
-        square = dx * dx + dy * dy
-        if len(axes) == 3:
-            dz = row[j, 2] - row[i, 2] + shift_kd[k, 2]
-            square += dz * dz
-        sigma = row[i, 3] + row[j, 3]
-        if square < sigma * sigma:
-            r = math.sqrt(square)
-            inverse = 1.0 / r
-            if square == 0.0:
-                dx, dy, dz = coincident_direction(i, j, len(axes))
-                inverse = 1.0
-            rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * dx + (velocity_nd[j, 1] - velocity_nd[i, 1]) * dy
-            if len(axes) == 3:
-                rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
-            rate *= inverse
-            first = 0.0
-            for one in literal_unroll(effects):
-                first += pair_first(one, r, sigma, rate)
-            total += abs(first)
-            touching += 1
-            first *= inverse
-            fx = first * dx
-            fy = first * dy
-            row[i, 4] += fx
-            row[i, 5] += fy
-            row[j, 4] -= fx
-            row[j, 5] -= fy
-            if len(axes) == 3:
-                fz = first * dz
-                row[i, 6] += fz
-                row[j, 6] -= fz
-    return total, touching
-
-
-@device
-def power_pass(axes, row, velocity_nd):
-    """Return F.v and F.F over all particles, and the largest squared force on one."""
     power = 0.0
-    square = 0.0
+    whole = 0.0
     most = 0.0
-    for i in range(row.shape[0]):
-        fx = row[i, 4]
-        fy = row[i, 5]
-        own = fx * fx + fy * fy
-        power += fx * velocity_nd[i, 0] + fy * velocity_nd[i, 1]
-        if len(axes) == 3:
-            fz = row[i, 6]
-            own += fz * fz
-            power += fz * velocity_nd[i, 2]
-        square += own
-        most = max(most, own)
-    return power, square, most
+    for b in range(pairs.block_b.shape[0] - 1):
+        for p in range(pairs.block_b[b], pairs.block_b[b + 1]):
+            i = i_p[p]
+            code = code_p[p]
+            j = code >> bits
+            k = code & mask
+            dx = row[j, 0] - row[i, 0] + shift_kd[k, 0]
+            dy = row[j, 1] - row[i, 1] + shift_kd[k, 1]
+            dz = 0.0
+            square = dx * dx + dy * dy
+            if len(axes) == 3:
+                dz = row[j, 2] - row[i, 2] + shift_kd[k, 2]
+                square += dz * dz
+            sigma = row[i, 3] + row[j, 3]
+            if square < sigma * sigma:
+                r = math.sqrt(square)
+                inverse = 1.0 / r
+                if square == 0.0:
+                    dx, dy, dz = coincident_direction(i, j, len(axes))
+                    inverse = 1.0
+                rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * dx + (velocity_nd[j, 1] - velocity_nd[i, 1]) * dy
+                if len(axes) == 3:
+                    rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
+                rate *= inverse
+                first = 0.0
+                for one in literal_unroll(effects):
+                    first += pair_first(one, r, sigma, rate)
+                total += abs(first)
+                touching += 1
+                first *= inverse
+                fx = first * dx
+                fy = first * dy
+                force_nd[i, 0] += fx
+                force_nd[i, 1] += fy
+                force_nd[j, 0] -= fx
+                force_nd[j, 1] -= fy
+                if len(axes) == 3:
+                    fz = first * dz
+                    force_nd[i, 2] += fz
+                    force_nd[j, 2] -= fz
+        # pairs are sorted by i < j: the forces on this block of rows are complete, and still near
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            fx = force_nd[i, 0]
+            fy = force_nd[i, 1]
+            own = fx * fx + fy * fy
+            power += fx * velocity_nd[i, 0] + fy * velocity_nd[i, 1]
+            if len(axes) == 3:
+                fz = force_nd[i, 2]
+                own += fz * fz
+                power += fz * velocity_nd[i, 2]
+            whole += own
+            most = max(most, own)
+    return Sums(total, touching, power, whole, most)
 
 
 @device
-def move_pass(axes, row, velocity_nd, keep, push, dt):
+def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
     """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
     square = 0.0
     most = 0.0
     for i in range(row.shape[0]):
-        vx = keep * velocity_nd[i, 0] + push * row[i, 4]
-        vy = keep * velocity_nd[i, 1] + push * row[i, 5]
+        vx = keep * velocity_nd[i, 0] + push * force_nd[i, 0]
+        vy = keep * velocity_nd[i, 1] + push * force_nd[i, 1]
         velocity_nd[i, 0] = vx
         velocity_nd[i, 1] = vy
         row[i, 0] += dt * vx
         row[i, 1] += dt * vy
-        row[i, 4] = 0.0
-        row[i, 5] = 0.0
+        force_nd[i, 0] = 0.0
+        force_nd[i, 1] = 0.0
         own = vx * vx + vy * vy
         if len(axes) == 3:
-            vz = keep * velocity_nd[i, 2] + push * row[i, 6]
+            vz = keep * velocity_nd[i, 2] + push * force_nd[i, 2]
             velocity_nd[i, 2] = vz
             row[i, 2] += dt * vz
-            row[i, 6] = 0.0
+            force_nd[i, 2] = 0.0
             own += vz * vz
         square += own
         most = max(most, own)
@@ -154,12 +161,11 @@ def move_pass(axes, row, velocity_nd, keep, push, dt):
 
 
 @device
-def clear_forces(row):
-    """Set all forces to zero."""
-    for i in range(row.shape[0]):
-        row[i, 4] = 0.0
-        row[i, 5] = 0.0
-        row[i, 6] = 0.0
+def clear(array_nd):
+    """Set all entries to zero."""
+    for i in range(array_nd.shape[0]):
+        for a in range(array_nd.shape[1]):
+            array_nd[i, a] = 0.0
 
 
 @device
@@ -172,57 +178,24 @@ def travel(axes, row, space, pairs, distance):
     return pairs
 
 
-@device
-def stiffest(effects, axes, row, pairs):
-    """Return the largest sum of contact stiffnesses on one particle, half a bound on the largest curvature."""
-    bits = np.uint64(pairs.bits)
-    mask = np.uint64((1 << pairs.bits) - 1)
-    for i in range(row.shape[0]):
-        row[i, 7] = 0.0
-    for p in range(pairs.picked):
-        i = pairs.i_p[p]
-        j = pairs.code_p[p] >> bits
-        k = pairs.code_p[p] & mask
-        dx = row[j, 0] - row[i, 0] + pairs.shift_kd[k, 0]
-        dy = row[j, 1] - row[i, 1] + pairs.shift_kd[k, 1]
-        square = dx * dx + dy * dy
-        if len(axes) == 3:
-            dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
-            square += dz * dz
-        sigma = row[i, 3] + row[j, 3]
-        if square < sigma * sigma:
-            second = 0.0
-            for one in literal_unroll(effects):
-                second += pair_second(one, math.sqrt(square), sigma)
-            row[i, 7] += abs(second)
-            row[j, 7] += abs(second)
-    most = 0.0
-    for i in range(row.shape[0]):
-        most = max(most, row[i, 7])
-    return most
+class Survey(NamedTuple):
+    """Energy, virial, and the largest sum of contact stiffnesses on one particle (half a bound on the largest curvature).
 
-
-class Tally(NamedTuple):
-    """Totals of one evaluation; virial_dd = sum over pairs of f v (outer product), in three dimensions."""
+    virial_dd is the sum over pairs of (du/dr) n v (outer product), in three dimensions.
+    """
 
     energy: float
-    total_force: float
-    touching: int
-    max_force: float
-    stiffness: float
     virial_dd: NDArray[np.float64]
+    stiffness: float
 
 
 @device
-def evaluate(effects, axes, row, pairs):
-    """Put the conservative forces into the rows and return the totals."""
+def survey(effects, axes, row, pairs):
+    """Return the Survey of the touching pairs."""
     bits = np.uint64(pairs.bits)
     mask = np.uint64((1 << pairs.bits) - 1)
-    stiffness = stiffest(effects, axes, row, pairs)
-    clear_forces(row)
+    stiffness_n = np.zeros(row.shape[0])
     energy = 0.0
-    total = 0.0
-    touching = 0
     virial = np.zeros((3, 3))
     for p in range(pairs.picked):
         i = pairs.i_p[p]
@@ -230,70 +203,55 @@ def evaluate(effects, axes, row, pairs):
         k = pairs.code_p[p] & mask
         dx = row[j, 0] - row[i, 0] + pairs.shift_kd[k, 0]
         dy = row[j, 1] - row[i, 1] + pairs.shift_kd[k, 1]
-        dz = 0.0
-        square = dx * dx + dy * dy
-        if len(axes) == 3:
-            dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
-            square += dz * dz
+        dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
+        square = dx * dx + dy * dy + dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
             r = math.sqrt(square)
-            inverse = 1.0 / r
-            if square == 0.0:
-                dx, dy, dz = coincident_direction(i, j, len(axes))
-                inverse = 1.0
             first = 0.0
+            second = 0.0
             for one in literal_unroll(effects):
                 energy += pair_energy(one, r, sigma)
                 first += pair_first(one, r, sigma, 0.0)
-            total += abs(first)
-            touching += 1
-            first *= inverse
-            fx = first * dx
-            fy = first * dy
-            row[i, 4] += fx
-            row[i, 5] += fy
-            row[j, 4] -= fx
-            row[j, 5] -= fy
-            virial[0, 0] += fx * dx
-            virial[0, 1] += fx * dy
-            virial[1, 1] += fy * dy
-            if len(axes) == 3:
-                fz = first * dz
-                row[i, 6] += fz
-                row[j, 6] -= fz
-                virial[0, 2] += fx * dz
-                virial[1, 2] += fy * dz
-                virial[2, 2] += fz * dz
+                second += pair_second(one, r, sigma)
+            stiffness_n[i] += abs(second)
+            stiffness_n[j] += abs(second)
+            if r > 0.0:
+                first /= r
+            virial[0, 0] += first * dx * dx
+            virial[0, 1] += first * dx * dy
+            virial[1, 1] += first * dy * dy
+            virial[0, 2] += first * dx * dz
+            virial[1, 2] += first * dy * dz
+            virial[2, 2] += first * dz * dz
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
-    most = 0.0
+    stiffness = 0.0
     for i in range(row.shape[0]):
-        most = max(most, row[i, 4] * row[i, 4] + row[i, 5] * row[i, 5] + row[i, 6] * row[i, 6])
-    return Tally(energy, total, touching, math.sqrt(most), stiffness, virial)
+        stiffness = max(stiffness, stiffness_n[i])
+    return Survey(energy, virial, stiffness)
 
 
 @kernel
-def evaluate_rows(effects, axes, row, space, pairs):
-    """Return the totals at the positions in row, whose forces are left there, and the pair list."""
+def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
+    """Return Sums, Survey and the pair list at the positions in row; the forces are left in force_nd."""
     pairs = travel(axes, row, space, pairs, np.inf)
-    return evaluate(effects, axes, row, pairs), pairs
+    clear(force_nd)
+    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    return sums, survey(effects, axes, row, pairs), pairs
 
 
 @device
-def judge(total, touching, most, stiffness, space, goal):
-    """Return how things stand: mean contact force `total / touching`, largest squared net force `most`."""
-    if not (total < np.inf and most < np.inf):
+def judge(sums, stiffness, space, goal):
+    """Return how things stand after a pass over the forces."""
+    if not (sums.total < np.inf and sums.most < np.inf):
         return NOT_FINITE
     floor = stiffness * space.resolution
-    if total <= touching * max(floor, goal.force_floor):
+    if sums.total <= sums.touching * max(floor, goal.force_floor):
         return UNJAMMED
-    if math.sqrt(most) * touching <= goal.force_tolerance * total:
+    if math.sqrt(sums.most) * sums.touching <= goal.force_tolerance * sums.total:
         return CONVERGED
-    if math.sqrt(most) <= floor:
+    if math.sqrt(sums.most) <= floor:
         return FLOOR
     return RUNNING
-
-
-__all__ = ["PairList"]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.compiled import device, kernel
-from packmech.contacts.cells import Frame, Sizes, find_pairs
+from packmech.contacts.cells import find_pairs
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -31,9 +31,15 @@ NUMBERS = 8
 _SHORT_LIFE, _LONG_LIFE = 16, 64
 _NARROWEST = 1.0 / 256.0  # of the outer skin
 
+# rows whose forces are completed, and then summed over, together
+BLOCK = 256
+
 
 class PairList(NamedTuple):
-    """Outer and inner pairs, image vectors, the positions at which each list was made, and the numbers above."""
+    """Outer and inner pairs, image vectors, the positions at which each list was made, and the numbers above.
+
+    block_b holds the first inner pair of each block of rows, and the number of inner pairs at its end.
+    """
 
     outer_i_p: NDArray[np.uint32]
     outer_code_p: NDArray[np.uint32]
@@ -44,6 +50,7 @@ class PairList(NamedTuple):
     outer_anchor_nd: NDArray[np.float64]
     anchor_nd: NDArray[np.float64]
     number: NDArray[np.float64]
+    block_b: NDArray[np.int64]
     bits: int
     picked: int
 
@@ -67,7 +74,8 @@ def empty_list(particles: int, skin: float) -> PairList:
     none = np.zeros(0, dtype=np.uint32)
     image = np.zeros((1, 3))
     far = np.zeros((particles, 3))
-    return PairList(none, none, none, none, image, image, far, far.copy(), number, 0, 0)
+    block = np.zeros((particles - 1) // BLOCK + 2, dtype=np.int64)
+    return PairList(none, none, none, none, image, image, far, far.copy(), number, block, 0, 0)
 
 
 @device
@@ -82,8 +90,15 @@ def _farthest(row, anchor_nd):
 
 
 @device
+def _anchor(row, anchor_nd):
+    for i in range(row.shape[0]):
+        for a in range(3):
+            anchor_nd[i, a] = row[i, a]
+
+
+@device
 def _pick(axes, row, pairs, skin):
-    """Copy the outer pairs nearer than contact plus skin to the inner list; return their number."""
+    """Copy the outer pairs nearer than contact plus skin to the inner list, mark its blocks; return their number."""
     bits = np.uint64(pairs.bits)
     mask = np.uint64((1 << pairs.bits) - 1)
     count = 0
@@ -102,6 +117,13 @@ def _pick(axes, row, pairs, skin):
         pairs.i_p[count] = i
         pairs.code_p[count] = code
         count += square < limit * limit
+    block = 0
+    for p in range(count):
+        while block * BLOCK <= pairs.i_p[p]:
+            pairs.block_b[block] = p
+            block += 1
+    for b in range(block, pairs.block_b.shape[0]):
+        pairs.block_b[b] = count
     return count
 
 
@@ -109,7 +131,6 @@ def _pick(axes, row, pairs, skin):
 def follow(axes, row, sizes, frame, pairs):
     """Return a pair list that is valid at the positions in row, remade only as far as it must be."""
     number = pairs.number
-    n = row.shape[0]
     if number[TRAVEL] < np.inf:
         moved = _farthest(row, pairs.anchor_nd)
         if moved < 0.375 * number[SKIN_INNER]:
@@ -138,10 +159,11 @@ def follow(axes, row, sizes, frame, pairs):
             pairs.outer_anchor_nd,
             pairs.anchor_nd,
             number,
+            pairs.block_b,
             found.bits,
             0,
         )
-        new.outer_anchor_nd[:] = row[:, :3]
+        _anchor(row, new.outer_anchor_nd)
     for k in range(new.image_kd.shape[0]):
         for a in range(3):
             shift = 0.0
@@ -149,9 +171,7 @@ def follow(axes, row, sizes, frame, pairs):
                 shift += frame.lattice_dd[a, b] * new.image_kd[k, b]
             new.shift_kd[k, a] = shift
     count = _pick(axes, row, new, number[SKIN_INNER])
-    for i in range(n):
-        for a in range(3):
-            new.anchor_nd[i, a] = row[i, a]
+    _anchor(row, new.anchor_nd)
     number[TRAVEL] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
     number[AGE] = 0.0
@@ -165,6 +185,7 @@ def follow(axes, row, sizes, frame, pairs):
         new.outer_anchor_nd,
         new.anchor_nd,
         number,
+        new.block_b,
         new.bits,
         count,
     )
@@ -185,6 +206,3 @@ def follow_strained(axes, row, sizes, frame, pairs, map_dd, shrink, largest):
     number[SKIN_OUTER] = shrink * number[SKIN_OUTER] - max(1.0 - shrink, 0.0) * largest
     number[TRAVEL] = np.inf
     return follow(axes, row, sizes, frame, pairs)
-
-
-__all__ = ["Frame", "PairList", "Sizes", "empty_list", "follow", "follow_strained"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,7 +15,6 @@ from packmech.check import finite_array, instance, integer, positive, real
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.dynamics.fire import STEP, Fire, Fire2, FireForm, fire_steps, fresh_state
 from packmech.dynamics.kernels import (
-    COLUMNS,
     CONVERGED,
     FLOOR,
     NOT_FINITE,
@@ -23,8 +23,7 @@ from packmech.dynamics.kernels import (
     UNJAMMED,
     Goal,
     Space,
-    Tally,
-    evaluate_rows,
+    evaluate,
 )
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, follow_strained
 from packmech.outcome import Outcome
@@ -105,6 +104,7 @@ class Program:
     order_n: NDArray[np.int64]
     axes: tuple[int, ...]
     row: NDArray[np.float64]
+    force_nd: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     sizes: Sizes
     home_nd: NDArray[np.float64]
@@ -180,23 +180,25 @@ class Program:
         """
         if position_nd is not None:
             self.place(position_nd, lattice_dd)
-        tally, self.pairs = evaluate_rows(self.effects, self.axes, self.row, self.space, self.pairs)
-        tally = Tally(*tally)
+        sums, totals, self.pairs = evaluate(
+            self.effects, self.axes, self.row, self.force_nd, self.velocity_nd, self.space, self.pairs
+        )
         d = len(self.axes)
         force = np.empty((len(self.order_n), d))
-        force[self.order_n] = self.row[:, 4 : 4 + d]
-        stress = tally.virial_dd[:d, :d] / self.box.volume
-        mean = tally.total_force / tally.touching if tally.touching else 0.0
+        force[self.order_n] = self.force_nd
+        stress = totals.virial_dd[:d, :d] / self.box.volume
+        mean = sums.total / sums.touching if sums.touching else 0.0
+        largest = math.sqrt(sums.most)
         return Evaluation(
-            energy=float(tally.energy),
+            energy=float(totals.energy),
             pressure=-float(np.trace(stress)) / d,
             stress_dd=stress,
-            contacts=int(tally.touching),
-            max_force=float(tally.max_force),
-            mean_force=float(mean),
-            residual=float(tally.max_force / mean) if mean > 0 else 0.0,
+            contacts=int(sums.touching),
+            max_force=largest,
+            mean_force=mean,
+            residual=largest / mean if mean > 0 else 0.0,
             force_nd=force,
-            force_floor=float(tally.stiffness * self.space.resolution),
+            force_floor=float(totals.stiffness * self.space.resolution),
         )
 
     def fire(
@@ -256,6 +258,7 @@ class Program:
             self.effects,
             self.axes,
             self.row,
+            self.force_nd,
             self.velocity_nd,
             self.space,
             self.pairs,
@@ -315,7 +318,7 @@ def build_program(scene: Scene) -> Program:
     # positions stay as given unless some lie far outside: their image vectors would make the table of images long
     home = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
     order = _space_order(packing)
-    row = np.zeros((packing.particles, COLUMNS))
+    row = np.zeros((packing.particles, 4))
     row[:, 3] = packing.radius_n[order]
     small, change = packing.box.reduced()
     sizes = size_levels(row[:, 3].copy())
@@ -326,6 +329,7 @@ def build_program(scene: Scene) -> Program:
         order_n=order,
         axes=tuple(range(d)),
         row=row,
+        force_nd=np.zeros((packing.particles, d)),
         velocity_nd=np.zeros((packing.particles, d)),
         sizes=sizes,
         home_nd=home,
