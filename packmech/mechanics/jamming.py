@@ -12,8 +12,8 @@ from packmech.check import instance, integer, one_of, real
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_contacts
-from packmech.mechanics.backbone import EMPTY, carrying_contacts, judge_network, standing_contacts
 from packmech.mechanics.certificates import Finding, certify, yield_to_loads
+from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
 from packmech.mechanics.motions import MotionCone, unjamming_motion
 from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_stable
