@@ -114,16 +114,16 @@ class _SourceCache(FunctionCache):  # type: ignore[misc]
         path = pathlib.Path(inspect.getsourcefile(self._py_func) or "")
         classes = {cls for part in sig for cls in _record_classes(part)}
         named = sorted((cls.__module__, cls.__qualname__, _class_hash(cls)) for cls in classes)
-        # The signature as text: numba unpickles the whole index to find one entry, and a type that holds a user's law would
-        # do so by importing the user's file, in processes that have nothing to do with it and may not find it.
+        # The signature as text: numba unpickles the whole index to find one entry, and a type that holds a user's law
+        # would do so by importing the user's file, in processes that know nothing of it and may not find it.
         return (str(sig), *super()._index_key(sig, codegen)[1:], source_hash(path), *named)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)
         if found is None or tuple(found.signature.args) == tuple(sig):
             return found
-        # A record class of a script that was run directly comes back from disk as a copy of that class. The machine code
-        # is the right one (the key says so), but filed under the copy's type the next call would not find it.
+        # A record class of a script that was run directly comes back from disk as a copy of that class. The machine
+        # code is the right one (the key says so), but filed under the copy's type the next call would not find it.
         found.fndesc.argtypes = tuple(sig)
         return found._replace(signature=signature(found.signature.return_type, *sig))
 
