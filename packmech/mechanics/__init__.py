@@ -1,24 +1,83 @@
-"""Mechanics: rigidity, Hessians, vibrations and elasticity of a packing, by sparse linear algebra."""
+"""Mechanics: rigidity, Hessians, vibrations and elasticity of a packing, by sparse linear algebra.
+
+Names are found on first use, so that a program which needs one of these modules does not pay for the others.
+"""
 
 from __future__ import annotations
 
-from packmech.mechanics.counting import FloppyModes, SelfStress, floppy_modes, states_of_self_stress
-from packmech.mechanics.factor import Factorization, Inertia, NotDefinite, eigenvalues_below, factorize
-from packmech.mechanics.hessian import dynamical_matrix, hessian, perturbation_energy
-from packmech.mechanics.rigidity import rigidity_matrix
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from packmech.mechanics.counting import FloppyModes, SelfStress, floppy_modes, states_of_self_stress
+    from packmech.mechanics.elasticity import elastic_moduli
+    from packmech.mechanics.factor import Factorization, Inertia, NotDefinite, eigenvalues_below, factorize
+    from packmech.mechanics.hessian import dynamical_matrix, hessian, perturbation_energy
+    from packmech.mechanics.jamming import classify_jamming
+    from packmech.mechanics.modes import Modes, normal_modes
+    from packmech.mechanics.moduli import Average, Moduli
+    from packmech.mechanics.rigidity import rigidity_matrix
+    from packmech.mechanics.spectrum import StateDensity, density_of_states
+    from packmech.mechanics.verdict import Verdict
+
+_MODULE = {
+    "Average": "moduli",
+    "Factorization": "factor",
+    "FloppyModes": "counting",
+    "Inertia": "factor",
+    "Modes": "modes",
+    "Moduli": "moduli",
+    "NotDefinite": "factor",
+    "SelfStress": "counting",
+    "StateDensity": "spectrum",
+    "Verdict": "verdict",
+    "classify_jamming": "jamming",
+    "density_of_states": "spectrum",
+    "dynamical_matrix": "hessian",
+    "eigenvalues_below": "factor",
+    "elastic_moduli": "elasticity",
+    "factorize": "factor",
+    "floppy_modes": "counting",
+    "hessian": "hessian",
+    "normal_modes": "modes",
+    "perturbation_energy": "hessian",
+    "rigidity_matrix": "rigidity",
+    "states_of_self_stress": "counting",
+}
 
 __all__ = [
+    "Average",
     "Factorization",
     "FloppyModes",
     "Inertia",
+    "Modes",
+    "Moduli",
     "NotDefinite",
     "SelfStress",
+    "StateDensity",
+    "Verdict",
+    "classify_jamming",
+    "density_of_states",
     "dynamical_matrix",
     "eigenvalues_below",
+    "elastic_moduli",
     "factorize",
     "floppy_modes",
     "hessian",
+    "normal_modes",
     "perturbation_energy",
     "rigidity_matrix",
     "states_of_self_stress",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE:
+        raise AttributeError(f"module 'packmech.mechanics' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"packmech.mechanics.{_MODULE[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(_MODULE))

@@ -1,8 +1,8 @@
-"""States of self stress and floppy modes: the two null spaces of the rigidity matrix, counted and, if they fit, spanned.
+"""States of self stress and floppy modes: the null spaces of the rigidity matrix, counted and, if they fit, spanned.
 
-With C contacts and the rank r of the rigidity matrix: states of self stress = C - r, floppy modes = columns - r - d, where the d
-uniform translations are trivial and never counted. Strains are admitted as "none" (the box stays), "isochoric" (its shape changes,
-its volume stays; the multiplier of the volume is the pressure) or "free".
+With C contacts and the rank r of the rigidity matrix: states of self stress = C - r, floppy modes = columns - r - d,
+where the d uniform translations are trivial and never counted. Strains are admitted as "none" (the box stays),
+"isochoric" (its shape changes, its volume stays; the multiplier of the volume is the pressure) or "free".
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class SelfStress:
     contacts, rank
         Rows and rank of the rigidity matrix.
     force_kc
-        (count, C) orthonormal states, positive for repulsion up to the sign of the whole; None if they would not fit the limit.
+        (count, C) orthonormal states, positive for repulsion up to the sign of the whole; None if they would not fit
+        the limit.
     residual
         Largest unbalanced force component of a state of unit size [1].
     certain
@@ -80,7 +81,8 @@ class FloppyModes:
     displacement_knd
         (count, N, d) displacements with zero mean, or None if they would not fit the limit.
     strain_ke
-        (count, s) Mandel strains of the modes times the strain scale of `residual`, or None. Zero when no strain is admitted.
+        (count, s) Mandel strains of the modes times the strain scale of `residual`, or None. Zero when no strain is
+        admitted.
     residual
         Largest change of contact distance of a mode of unit size [1].
     certain, method, seconds
@@ -124,7 +126,9 @@ def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
     dimension = packing.dimension
     position = position_columns(contacts)
     components = dimension * (dimension + 1) // 2
-    admitted = {"none": np.zeros((components, 0)), "isochoric": isochoric_basis(dimension), "free": np.eye(components)}[strain]
+    admitted = {"none": np.zeros((components, 0)), "isochoric": isochoric_basis(dimension), "free": np.eye(components)}[
+        strain
+    ]
     side = strain_columns(contacts) @ admitted
     # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
     mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
@@ -196,11 +200,18 @@ def _signed(rows: NDArray[np.float64]) -> NDArray[np.float64]:
         return rows
     size = np.abs(rows)
     first = np.argmax(size > 0.999 * size.max(axis=1, keepdims=True), axis=1)
-    return rows * np.sign(rows[np.arange(len(rows)), first])[:, None]
+    sign: NDArray[np.float64] = np.sign(rows[np.arange(len(rows)), first])
+    return rows * sign[:, None]
 
 
 def _prepare(
-    packing: Packing, strain: str, contacts: Contacts | None, gap_tolerance: float, tolerance: float, method: str, limit: float
+    packing: Packing,
+    strain: str,
+    contacts: Contacts | None,
+    gap_tolerance: float,
+    tolerance: float,
+    method: str,
+    limit: float,
 ) -> tuple[_Problem, str]:
     one_of("strain", strain, STRAINS)
     one_of("method", method, METHODS)
@@ -229,8 +240,8 @@ def states_of_self_stress(
     packing
         The packing; rattlers may stay, they carry no self stress.
     strain
-        "none": forces balance on particles only (a fixed box). "isochoric": they also have no stress but pressure (a shear-stabilized
-        packing). "free": they have no stress at all.
+        "none": forces balance on particles only (a fixed box). "isochoric": they also have no stress but pressure (a
+        shear-stabilized packing). "free": they have no stress at all.
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
@@ -340,6 +351,4 @@ def floppy_modes(
             displacement = np.ascontiguousarray(motion[:, : particles * dimension].reshape(count, particles, dimension))
             strain_ke = motion[:, particles * dimension :] @ problem.strain_map.T
     seconds = time.process_time() - start
-    return FloppyModes(
-        count, columns, rank, dimension, displacement, strain_ke, residual, certain, method, seconds
-    )
+    return FloppyModes(count, columns, rank, dimension, displacement, strain_ke, residual, certain, method, seconds)

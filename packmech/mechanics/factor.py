@@ -1,7 +1,8 @@
 """Sparse symmetric factorizations A = L D L^T behind one call: factor once, solve many, and see the signs of D.
 
-The signs of D are the inertia of A (Sylvester's law): how many eigenvalues are positive, negative, zero. A matrix that should
-be positive definite and is not never passes silently: `factorize` raises `NotDefinite` unless `kind="symmetric"` is asked for.
+The signs of D are the inertia of A (Sylvester's law): how many eigenvalues are positive, negative, zero. A matrix
+that should be positive definite and is not never passes silently: `factorize` raises `NotDefinite` unless
+`kind="symmetric"` is asked for.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, one_of
@@ -35,7 +35,7 @@ class Inertia(NamedTuple):
 
 
 class NotDefinite(np.linalg.LinAlgError):  # noqa: N818 - says what the matrix is
-    """Raised when a matrix that must be positive definite is not; `.inertia` tells how far off it is, if that is known."""
+    """Raised when a matrix that must be positive definite is not; `.inertia` says how far off it is, if known."""
 
     def __init__(self, message: str, inertia: Inertia | None = None) -> None:
         self.inertia = inertia
@@ -53,7 +53,8 @@ class Factorization:
     inertia
         Signs of the pivots, which are the signs of the eigenvalues.
     growth
-        Largest row of |L||D||L^T| over the largest entry of A [1]: 1 for definite matrices, large where pivoting was missed.
+        Largest row of |L||D||L^T| over the largest entry of A [1]: 1 for definite matrices, large where pivoting was
+        missed.
     backend
         Which library factored it.
     seconds
@@ -98,14 +99,15 @@ def factorize(matrix: Any, *, kind: str = "definite", backend: str = "auto") -> 
     matrix
         (n, n) sparse array; symmetric (only its upper triangle may be read).
     kind
-        "definite" raises `NotDefinite` unless all pivots are positive; "symmetric" takes any nonsingular matrix and reports
-        its inertia.
+        "definite" raises `NotDefinite` unless all pivots are positive; "symmetric" takes any nonsingular matrix and
+        reports its inertia.
     backend
-        "qdldl" (sparse L D L^T), "superlu" (SciPy, minimum degree on A + A^T, pivots on the diagonal), "dense" (LAPACK, at most
-        4000 rows), "rslab" (if installed: supernodal with Bunch-Kaufman pivots), or "auto": qdldl while rows are short (two
-        dimensions) or the matrix small, SuperLU otherwise. Measured, one thread, CPU milliseconds of a factorization: 2D
-        N = 1024: qdldl 4.1, SuperLU 6.2, rslab 12; 2D N = 4096: 33, 34, 29; 3D N = 1024: 207, 132, 49. Without pivoting an
-        indefinite matrix can lose its digits; "auto" notices by the growth and falls back to the dense one.
+        "qdldl" (sparse L D L^T), "superlu" (SciPy, minimum degree on A + A^T, pivots on the diagonal), "dense"
+        (LAPACK, at most 4000 rows), "rslab" (if installed: supernodal with Bunch-Kaufman pivots), or "auto": qdldl
+        while rows are short (two dimensions) or the matrix small, SuperLU otherwise. Measured, one thread, CPU
+        milliseconds of a factorization: 2D N = 1024: qdldl 4.1, SuperLU 6.2, rslab 12; 2D N = 4096: 33, 34, 29; 3D N
+        = 1024: 207, 132, 49. Without pivoting an indefinite matrix can lose its digits; "auto" notices by the growth
+        and falls back to the dense one.
 
     Raises
     ------
@@ -143,7 +145,8 @@ def factorize(matrix: Any, *, kind: str = "definite", backend: str = "auto") -> 
             continue
         if kind == "definite" and inertia.positive < size:
             raise NotDefinite(
-                f"matrix must be positive definite, got {inertia.negative} negative and {inertia.zero} zero pivots of {size}",
+                "matrix must be positive definite, got "
+                f"{inertia.negative} negative and {inertia.zero} zero pivots of {size}",
                 inertia,
             )
         if growth > GROWTH_LIMIT and name != order[-1]:
@@ -169,10 +172,11 @@ def eigenvalues_below(matrix: Any, bound: float) -> int:
     2
 
     """
-    size = matrix.shape[0]
-    largest = abs(matrix).max() if matrix.nnz else 0.0
+    column = sp.csc_array(_checked(matrix))
+    size = column.shape[0]
+    largest = float(np.abs(column.data).max(initial=0.0))
     for nudge in (0.0, 1e-14, 1e-13):
-        shifted = sp.csc_array(matrix) - (bound + nudge * largest) * sp.eye_array(size, format="csc")
+        shifted = column - (bound + nudge * largest) * sp.eye_array(size, format="csc")
         try:
             return factorize(shifted, kind="symmetric").inertia.negative
         except NotDefinite:
@@ -185,7 +189,11 @@ def _checked(matrix: Any) -> sp.csc_matrix:
         raise TypeError(f"matrix must be a scipy sparse array, got {type(matrix).__name__}")
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"matrix must be square, got shape {matrix.shape}")
-    column = sp.csc_matrix(matrix, dtype=np.float64)
+    if matrix.format == "csr":
+        # symmetric: its rows are its columns
+        column = sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape, dtype=np.float64)
+    else:
+        column = sp.csc_matrix(matrix, dtype=np.float64)
     column.sum_duplicates()
     if not np.isfinite(column.data).all():
         row = int(column.indices[np.flatnonzero(~np.isfinite(column.data))[0]])
@@ -201,7 +209,11 @@ def _order(column: sp.csc_matrix) -> tuple[str, ...]:
 
 
 def _row_scale(column: sp.csc_matrix) -> NDArray[np.float64]:
-    scale: NDArray[np.float64] = np.asarray(abs(column).max(axis=0).todense(), dtype=np.float64).ravel()
+    """Return the largest entry of each row, in size."""
+    scale = np.zeros(column.shape[0])
+    filled = np.diff(column.indptr) > 0
+    if filled.any():
+        scale[filled] = np.maximum.reduceat(np.abs(column.data), column.indptr[:-1][filled])
     return scale
 
 
@@ -219,14 +231,24 @@ def _growth(lower: sp.csc_matrix, pivot: NDArray[np.float64], scale: NDArray[np.
     return float((squares @ np.abs(pivot)).max(initial=0.0) / scale.max())
 
 
+def _upper(column: sp.csc_matrix) -> sp.csc_matrix:
+    """Return the upper triangle with every diagonal entry stored, zero or not, as the library wants it."""
+    size = column.shape[0]
+    owner = np.repeat(np.arange(size), np.diff(column.indptr))
+    inside = column.indices <= owner
+    count = np.bincount(owner[inside], minlength=size)
+    start = np.concatenate([[0], np.cumsum(count)])
+    upper = sp.csc_matrix((column.data[inside], column.indices[inside], start), shape=column.shape)
+    diagonal = column.diagonal()
+    if np.count_nonzero(diagonal) < size:
+        upper = sp.csc_matrix(sp.triu(upper, k=1) + sp.diags(np.where(diagonal == 0.0, np.finfo(float).tiny, diagonal)))
+    return upper
+
+
 def _qdldl(column: sp.csc_matrix) -> tuple[Inertia, float, Callable[..., NDArray[np.float64]]]:
     import qdldl
 
-    upper = sp.triu(column, format="csc")
-    if np.count_nonzero(column.diagonal()) < column.shape[0]:
-        # the library wants every diagonal entry to be stored, zero or not
-        diagonal = np.where(column.diagonal() == 0.0, np.finfo(float).tiny, column.diagonal())
-        upper = sp.csc_matrix(sp.triu(column, k=1) + sp.diags(diagonal))
+    upper = _upper(column)
     try:
         solver = qdldl.Solver(upper, True)
         lower, pivot, order = solver.factors()
@@ -247,6 +269,8 @@ def _qdldl(column: sp.csc_matrix) -> tuple[Inertia, float, Callable[..., NDArray
 
 
 def _superlu(column: sp.csc_matrix) -> tuple[Inertia, float, Callable[..., NDArray[np.float64]]]:
+    import scipy.sparse.linalg as spla
+
     try:
         factor = spla.splu(
             column, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}

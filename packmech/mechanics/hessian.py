@@ -39,7 +39,8 @@ def volume_curvature_term(contacts: Contacts, terms: ContactTerms) -> NDArray[np
     return pressure_volume * (np.outer(trace, trace) - np.eye(len(trace)))
 
 
-def _check_choices(kind: str, volume: str, volume_curvature: str) -> None:
+def check_choices(kind: str, volume: str, volume_curvature: str) -> None:
+    """Check the names of a kind of Hessian, of a volume and of its curvature."""
     one_of("kind", kind, KINDS)
     one_of("volume", volume, VOLUMES)
     one_of("volume_curvature", volume_curvature, CURVATURES)
@@ -56,9 +57,9 @@ def hessian(
 ) -> sp.csr_array:
     """Return the (N d + s, N d + s) second derivatives of the energy, or (N d, N d) without strain.
 
-    Rows are positions, particle-major, then Mandel strains (xx, yy, sqrt2 xy; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy); a
-    strain acts as v -> (1 + strain) v on all vectors, so that the strain part is in [energy], the mixed part in [energy/length].
-    Equations 24-26 of the polymer source with their errata.
+    Rows are positions, particle-major, then Mandel strains (xx, yy, sqrt2 xy; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2
+    xy); a strain acts as v -> (1 + strain) v on all vectors, so that the strain part is in [energy], the mixed part
+    in [energy/length]. Equations 24-26 of the polymer source with their errata.
 
     Parameters
     ----------
@@ -67,18 +68,18 @@ def hessian(
     strain
         Whether to append the strains.
     kind
-        "exact": the full second derivatives, contact forces (prestress) included. "unstressed": R^T diag(u'') R, as if no contact
-        carried a force. "paper": the second derivatives of the contact energies alone, as the source projects them; without
-        links it differs from "exact" only by the curvature of a fixed volume.
+        "exact": the full second derivatives, contact forces (prestress) included. "unstressed": R^T diag(u'') R, as
+        if no contact carried a force. "paper": the second derivatives of the contact energies alone, as the source
+        projects them; without links it differs from "exact" only by the curvature of a fixed volume.
     volume
-        "free", or "fixed" if the strains are to keep the volume at its pressure P. Then "exact" adds the curvature of that constraint;
-        the matrix keeps all strains, so project it on the isochoric ones.
+        "free", or "fixed" if the strains are to keep the volume at its pressure P. Then "exact" adds the curvature of
+        that constraint; the matrix keeps all strains, so project it on the isochoric ones.
     volume_curvature
-        Of a fixed volume: "det" keeps the determinant, and adds P V (tr E tr F - tr E F); "trace" keeps the trace of the strain
-        coordinate, which has no curvature.
+        Of a fixed volume: "det" keeps the determinant, and adds P V (tr E tr F - tr E F); "trace" keeps the trace of
+        the strain coordinate, which has no curvature.
     gap_tolerance
-        Contacts are pairs with a gap up to this times the contact distance [1]; those that do not overlap count with the second
-        derivative of the closed side, u''(1-), so that a crystal at its touching point has its stiffness.
+        Contacts are pairs with a gap up to this times the contact distance [1]; those that do not overlap count with
+        the second derivative of the closed side, u''(1-), so that a crystal at its touching point has its stiffness.
 
     Raises
     ------
@@ -95,7 +96,7 @@ def hessian(
     """
     instance("scene", scene, Scene)
     instance("strain", strain, bool)
-    _check_choices(kind, volume, volume_curvature)
+    check_choices(kind, volume, volume_curvature)
     contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
     terms = closed_terms(scene, contacts)
     sums = scene_sums(contacts, terms, kind)
@@ -136,8 +137,9 @@ def dynamical_matrix(
     scene, kind, volume, volume_curvature, gap_tolerance
         As in `hessian`.
     strain
-        Whether strains vibrate too, as the coordinates strain_scale * e with unit mass. What mass a strain has is a convention, so
-        these frequencies depend on it; their signs do not. With a fixed volume only the s - 1 isochoric strains are kept.
+        Whether strains vibrate too, as the coordinates strain_scale * e with unit mass. What mass a strain has is a
+        convention, so these frequencies depend on it; their signs do not. With a fixed volume only the s - 1
+        isochoric strains are kept.
     mass_n
         (N,) masses; 1 for all by default.
     strain_scale
@@ -159,12 +161,10 @@ def dynamical_matrix(
     """
     instance("scene", scene, Scene)
     instance("strain", strain, bool)
-    _check_choices(kind, volume, volume_curvature)
+    check_choices(kind, volume, volume_curvature)
     mass = checked_masses(mass_n, scene.packing.particles)
     scale = checked_scale(strain_scale, scene)
-    full = hessian(
-        scene, strain, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance
-    )
+    full = hessian(scene, strain, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
     weight = np.repeat(1.0 / np.sqrt(mass), dimension)
     change = sp.diags_array(weight, format="csr")
@@ -238,6 +238,11 @@ def perturbation_energy(
             raise ValueError(f"strain_dd must be symmetric, got {strain.tolist()}")
         motion = np.concatenate([motion, mandel_vector(strain)])
     full = hessian(
-        scene, strain_dd is not None, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance
+        scene,
+        strain_dd is not None,
+        kind,
+        volume=volume,
+        volume_curvature=volume_curvature,
+        gap_tolerance=gap_tolerance,
     )
     return 0.5 * float(motion @ (full @ motion))

@@ -29,7 +29,9 @@ def position_columns(contacts: Contacts) -> sp.csr_array:
     """Return the (C, N d) derivatives of the contact distances with respect to the positions, -n at i and +n at j."""
     count, dimension = len(contacts), contacts.dimension
     axis = np.arange(dimension)
-    column = np.concatenate([contacts.i_c[:, None] * dimension + axis, contacts.j_c[:, None] * dimension + axis], axis=1)
+    column = np.concatenate(
+        [contacts.i_c[:, None] * dimension + axis, contacts.j_c[:, None] * dimension + axis], axis=1
+    )
     value = np.concatenate([-contacts.normal_cd, contacts.normal_cd], axis=1)
     # a particle that touches its own image keeps its distance when it moves
     value[contacts.i_c == contacts.j_c] = 0.0
@@ -50,10 +52,10 @@ def rigidity_matrix(
 ) -> sp.csr_array:
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
 
-    Row c holds d rho_c / dx_k = n (delta_jk - delta_ik) and, for every Mandel strain E, rho n.E.n with the actual distance rho
-    (equations 35 and 36 of the polymer source, whose sigma in 36 holds at zero overlap only). Its transpose turns contact forces
-    into net forces and V times the stress. Columns are particle-major positions, then the strains xx, yy, sqrt2 xy in two
-    dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three.
+    Row c holds d rho_c / dx_k = n (delta_jk - delta_ik) and, for every Mandel strain E, rho n.E.n with the actual
+    distance rho (equations 35 and 36 of the polymer source, whose sigma in 36 holds at zero overlap only). Its
+    transpose turns contact forces into net forces and V times the stress. Columns are particle-major positions, then
+    the strains xx, yy, sqrt2 xy in two dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three.
 
     Parameters
     ----------
@@ -64,8 +66,8 @@ def rigidity_matrix(
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching; the default admits the rounding of
-        crystals and of exact hard-particle packings.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; the default admits the
+        rounding of crystals and of exact hard-particle packings.
 
     Raises
     ------

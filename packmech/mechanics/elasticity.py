@@ -1,0 +1,182 @@
+"""Elastic moduli of a packing by one sparse factorization."""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.check import instance, one_of
+from packmech.compiled import single_thread
+from packmech.measure import contact_stress, sum_forces
+from packmech.mechanics.bonds import BondSums
+from packmech.mechanics.factor import NotDefinite, factorize
+from packmech.mechanics.hessian import KINDS, bordered, closed_terms, scene_sums
+from packmech.mechanics.moduli import Moduli, cauchy_tangent, firm_inverse, with_infinities
+from packmech.mechanics.network import held_network
+from packmech.mechanics.rigidity import TOUCHING
+from packmech.scene import Scene
+
+# eigenvalues below this fraction of their scale are zero: pinned Hessians of jammed packings stay above 1e-7
+SOFT = 1e-10
+# a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
+_INCONSISTENT = 1e-6
+_REFINEMENTS = 8
+
+
+class _Relaxation(NamedTuple):
+    """Displacements (N d, s) under each unit strain, and what the positions' Hessian is like."""
+
+    response_xe: NDArray[np.float64]
+    negative: int
+    floppy: int
+    residual: float
+
+
+def _pinned(sums: BondSums, count_n: NDArray[np.int64]) -> tuple[NDArray[np.bool_], sp.csr_array]:
+    """Return which particles may move when the best connected one is held, and their Hessian."""
+    keep = np.ones(len(sums.diagonal_ndd), dtype=bool)
+    if len(keep):
+        keep[np.argmax(count_n)] = False
+    return keep, sums.position_matrix(keep)
+
+
+def _shift(matrix: sp.csr_array) -> sp.dia_array:
+    """Return a diagonal that is small against each row's own stiffness."""
+    diagonal = np.abs(matrix.diagonal())
+    firm = diagonal > 0.0
+    return sp.diags_array(SOFT * np.where(firm, diagonal, diagonal[firm].mean() if firm.any() else 1.0))
+
+
+def _relax(sums: BondSums, count_n: NDArray[np.int64], push: float) -> _Relaxation:
+    """Return how the particles relax; `push` is the size of a contact's force under a unit strain."""
+    keep, matrix = _pinned(sums, count_n)
+    response = np.zeros_like(sums.coupling_nde)
+    right = -sums.coupling_nde[keep].reshape(matrix.shape[0], response.shape[2])
+    if not matrix.shape[0]:
+        return _Relaxation(response.reshape(-1, response.shape[2]), 0, 0, 0.0)
+    floppy = 0
+    try:
+        factor = factorize(matrix, kind="symmetric")
+        negative = factor.inertia.negative
+        singular = factor.inertia.zero > 0
+    except NotDefinite:
+        singular = True
+    if singular:
+        # counts by two definite shifts, then a solution without zero modes by refinement from the shifted factorization
+        shift = _shift(matrix)
+        factor = factorize(matrix + shift, kind="symmetric")
+        negative = factor.inertia.negative
+        floppy = factorize(matrix - shift, kind="symmetric").inertia.negative - negative
+    solution = factor.solve(right)
+    residual = right - matrix @ solution
+    size = float(np.abs(residual).max())
+    for _ in range(_REFINEMENTS if singular else 0):
+        better = solution + factor.solve(residual)
+        left = right - matrix @ better
+        reached = float(np.abs(left).max())
+        if reached >= size:
+            break
+        solution, residual, size = better, left, reached
+    response[keep] = solution.reshape(-1, *response.shape[1:])
+    return _Relaxation(response.reshape(-1, response.shape[2]), negative, floppy, size / push if push else 0.0)
+
+
+def _negative_total(sums: BondSums, count_n: NDArray[np.int64]) -> int:
+    keep, matrix = _pinned(sums, count_n)
+    whole = bordered(matrix, sums.coupling_nde[keep].reshape(matrix.shape[0], -1), sums.strain_ee)
+    return factorize(whole + _shift(whole), kind="symmetric").inertia.negative
+
+
+def elastic_moduli(
+    scene: Scene, *, kind: str = "exact", rattlers: str = "remove", gap_tolerance: float = TOUCHING
+) -> Moduli:
+    """Return the elastic moduli of a packing at rest, its particles free to relax.
+
+    The relaxed stiffness is the Schur complement H_ee - H_ex H_xx^-1 H_xe of the extended Hessian, with d coordinates
+    of one particle pinned (equations 44-49 of the polymer source with their errata: over the volume, and Cauchy
+    terms). Its null space is the soft strains, whose modulus is 0 and not, as a pseudo-inverse of the compliance
+    would have it, infinite: a square lattice has G = 0.
+
+    Parameters
+    ----------
+    scene
+        The scene; its packing should be at rest (see `Moduli.force_residual`).
+    kind
+        "exact" with the contact forces, "unstressed" without them ("paper" is "exact" where there are no links).
+    rattlers
+        "remove" leaves them out; "keep" lets their last contacts stiffen the packing.
+    gap_tolerance
+        Pairs with a gap up to this times the contact distance [1] are contacts; those that do not overlap count with
+        u''(1-).
+
+    Returns
+    -------
+    Moduli
+        `bulk_modulus` and `shear_modulus` are relaxed Cauchy moduli at imposed box scaling and imposed simple shear
+        in the xy plane; averages over directions by name (`voigt`, `reuss`, `hill`). A packing without contacts has
+        moduli 0, and all strains soft.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, a name is unknown, or touching centers coincide.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(1, 1))
+    >>> moduli = pm.elastic_moduli(pm.Scene(crystal, (pm.Repulsion(),)))
+    >>> round(moduli.bulk_modulus, 9), round(moduli.shear_modulus, 9), moduli.stable
+    (0.866025404, 0.433012702, True)
+
+    """
+    start = time.process_time()
+    instance("scene", scene, Scene)
+    one_of("kind", kind, KINDS)
+    backbone = held_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    contacts = backbone.contacts
+    volume = scene.packing.box.volume
+    with single_thread():
+        terms = closed_terms(scene, contacts)
+        sums = scene_sums(contacts, terms, kind)
+        push = np.abs(terms.second_c) * contacts.distance_c + np.abs(terms.first_c)
+        relaxation = _relax(sums, contacts.count_n(), float(push.max(initial=0.0)))
+        affine = sums.strain_ee / volume
+        relaxed = sums.strain_ee + sums.coupling_xe.T @ relaxation.response_xe
+        energy = (relaxed + relaxed.T) / (2.0 * volume)
+        first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
+        stress = contact_stress(contacts, first, volume)
+        cauchy = cauchy_tangent(energy, stress)
+        scale = float(np.abs(np.linalg.eigvalsh(affine)).max())
+        negative = int(np.count_nonzero(np.linalg.eigvalsh(energy) < -SOFT * scale))
+        if relaxation.residual > _INCONSISTENT:
+            negative = max(_negative_total(sums, contacts.count_n()) - relaxation.negative, 1)
+        least = float(np.linalg.eigvalsh((cauchy + cauchy.T) / 2.0)[0])
+        _, size, direction = np.linalg.svd(cauchy)
+        soft = direction[size <= SOFT * scale]
+        firm = firm_inverse(cauchy, soft)
+    force = np.abs(terms.first_c)
+    net = sum_forces(contacts, -terms.first_c)
+    largest = float(np.sqrt((net**2).sum(axis=1)).max(initial=0.0))
+    return Moduli(
+        energy=energy,
+        cauchy=cauchy,
+        compliance=with_infinities(firm, soft),
+        affine=affine,
+        stress_dd=stress,
+        soft_directions=soft,
+        stiff_directions=np.zeros((0, len(energy))),
+        negative_positions=relaxation.negative,
+        negative_strains=negative,
+        cauchy_least=least,
+        floppy_positions=relaxation.floppy,
+        particles=contacts.particles,
+        contacts=len(contacts),
+        residual=relaxation.residual,
+        force_residual=largest / float(force.mean()) if force.any() else 0.0,
+        seconds=time.process_time() - start,
+    )
