@@ -157,16 +157,17 @@ class PowerLaw(NamedTuple):
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy [energy]."""
-        return self.energy_scale / self.exponent * math.pow(1.0 - distance / contact_distance, self.exponent)
+        overlap = (contact_distance - distance) / contact_distance
+        return self.energy_scale / self.exponent * math.pow(overlap, self.exponent)
 
     def first(self, distance: float, contact_distance: float) -> float:
         """Return du/dr [energy/length]."""
-        overlap = 1.0 - distance / contact_distance
+        overlap = (contact_distance - distance) / contact_distance
         return -self.energy_scale / contact_distance * math.pow(overlap, self.exponent - 1.0)
 
     def second(self, distance: float, contact_distance: float) -> float:
         """Return d2u/dr2 [energy/length^2]."""
-        overlap = 1.0 - distance / contact_distance
+        overlap = (contact_distance - distance) / contact_distance
         scale = self.energy_scale * (self.exponent - 1.0) / (contact_distance * contact_distance)
         return scale * math.pow(overlap, self.exponent - 2.0)
 
@@ -179,12 +180,14 @@ class Harmonic(NamedTuple):
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy [energy]."""
-        overlap = 1.0 - distance / contact_distance
+        overlap = (contact_distance - distance) / contact_distance
         return 0.5 * self.energy_scale * overlap * overlap
 
     def first(self, distance: float, contact_distance: float) -> float:
         """Return du/dr [energy/length]."""
-        return -self.energy_scale * (1.0 - distance / contact_distance) / contact_distance
+        # one division, and a difference that is exact near contact, however small the overlap
+        inverse = 1.0 / contact_distance
+        return -self.energy_scale * inverse * inverse * (contact_distance - distance)
 
     def second(self, distance: float, contact_distance: float) -> float:
         """Return d2u/dr2 [energy/length^2]."""
@@ -199,17 +202,17 @@ class Hertz(NamedTuple):
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy [energy]."""
-        overlap = 1.0 - distance / contact_distance
+        overlap = (contact_distance - distance) / contact_distance
         return 0.4 * self.energy_scale * overlap * overlap * math.sqrt(overlap)
 
     def first(self, distance: float, contact_distance: float) -> float:
         """Return du/dr [energy/length]."""
-        overlap = 1.0 - distance / contact_distance
+        overlap = (contact_distance - distance) / contact_distance
         return -self.energy_scale / contact_distance * overlap * math.sqrt(overlap)
 
     def second(self, distance: float, contact_distance: float) -> float:
         """Return d2u/dr2 [energy/length^2]."""
-        overlap = 1.0 - distance / contact_distance
+        overlap = (contact_distance - distance) / contact_distance
         return 1.5 * self.energy_scale / (contact_distance * contact_distance) * math.sqrt(overlap)
 
 
