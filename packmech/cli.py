@@ -27,10 +27,14 @@ Seed = Annotated[int | None, typer.Option("--seed", help="Another seed for the s
 Modes = Annotated[int, typer.Option("--modes", min=0, help="How many of the lowest vibrations to find.")]
 Record = Annotated[Path | None, typer.Option("--record", help="Where to write the Rerun recording.")]
 Pressure = Annotated[
-    float | None, typer.Option("--pressure", help="Pressure to end at, in energy_scale / diameter^d; the scene's if not given.")
+    float | None,
+    typer.Option("--pressure", help="Pressure to end at, in energy_scale / diameter^d; the scene's if not given."),
 ]
 Strain = Annotated[
-    str | None, typer.Option("--strain", help='"fixed" keeps the box\'s shape, "free" relaxes every strain; the scene\'s if not given.')
+    str | None,
+    typer.Option(
+        "--strain", help='"fixed" keeps the box\'s shape, "free" relaxes every strain; the scene\'s if not given.'
+    ),
 ]
 
 
@@ -74,7 +78,9 @@ def analyze(
     file: Annotated[Path, typer.Argument(help="A packing: .npz, .gsd, or a text table of positions and radii.")],
     law: Annotated[
         str | None,
-        typer.Option("--law", help="harmonic, hertz, ... with energy_scale 1; the file's own law, or harmonic, if not given."),
+        typer.Option(
+            "--law", help="harmonic, hertz, ... with energy_scale 1; the file's own law, or harmonic, if not given."
+        ),
     ] = None,
     record: Record = None,
     json: Json = None,
@@ -89,7 +95,8 @@ def analyze(
 @app.command()
 def scenes() -> None:
     """List the scenes that ship inside the package."""
-    from packmech.cli_show import console, rich_table
+    from packmech.cli_show import console
+    from packmech.report_table import rich_table
     from packmech.scene_file import list_scenes
 
     console().print(rich_table("scenes that ship", ("name", "what it is"), list_scenes().items(), right=()))

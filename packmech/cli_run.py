@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from packmech.check import one_of
 from packmech.cli_show import console, print_results, working, write_json
-from packmech.outcome import Outcome, Run, Stage
+from packmech.outcome import Run, Stage
 from packmech.packing import Packing
+from packmech.recording_film import trace_of
 from packmech.report import Report, examine
 from packmech.report_table import result_rows, summary_markdown
 from packmech.scene import JamDrive, QuenchDrive, Scene
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
-# saved times of a run for the recording: curves need no more, packings are thinned further
-SAVED_TIMES = 400
 
 
 @dataclass(frozen=True)
@@ -91,12 +90,12 @@ def _law(name: str) -> Any:
 
 def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mapping[str, Any]) -> int:
     with working(f"{name}: {scene.packing.particles} particles") as tell:
-        run = _drive(scene, keep=outputs.record is not None)
-        if outputs.out is not None:  # before anything else can go wrong or be interrupted
+        try:
+            run = _drive(scene, tell, keep=outputs.record is not None)
+        except KeyboardInterrupt as stop:
+            return _interrupted(scene, getattr(stop, "run", None), outputs)
+        if outputs.out is not None:  # before the examination, which may be interrupted
             _write_packing(scene, run.packing, outputs.out)
-        if run.outcome is Outcome.INTERRUPTED:
-            console(error=True).print("packmech: interrupted" + (f"; wrote {outputs.out}" if outputs.out else ""))
-            return INTERRUPTED
         strain = scene.drive.strain if isinstance(scene.drive, JamDrive) else "fixed"
         report = examine(scene.replace(packing=run.packing), strain=strain, modes=outputs.modes, told=tell)
     _finish(name, scene, run, report, outputs, parameters)
@@ -106,15 +105,47 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
     return OK
 
 
-def _drive(scene: Scene, *, keep: bool) -> Run:
-    """Do what the scene's drive says."""
-    import packmech as pm
+def _interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
+    """Save what was finished, if there is anything and somewhere to put it."""
+    words = "packmech: interrupted"
+    if run is not None and outputs.out is not None:
+        _write_packing(scene, run.packing, outputs.out)
+        words += f"; the last finished packing is in {outputs.out}"
+    console(error=True).print(words)
+    return INTERRUPTED
 
+
+def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
+    """Do what the scene's drive says; keep packings on the way when they are to be recorded."""
     drive = scene.drive
     if isinstance(drive, QuenchDrive):
-        return pm.quench(scene, force_tolerance=drive.force_tolerance)
+        from packmech.dynamics.quench import quench
+
+        return quench(scene, force_tolerance=drive.force_tolerance, check=False)
+    from packmech.dynamics.jam import jam
+
     assert isinstance(drive, JamDrive)
-    return pm.jam(scene, pressure=drive.pressure, strain=drive.strain)
+    snapshots = _Snapshots(tell)
+    run = jam(scene, pressure=drive.pressure, strain=drive.strain, progress=snapshots, check=False)
+    return replace(run, trace=trace_of(scene, snapshots.step_t, snapshots.packing_t)) if keep else run
+
+
+class _Snapshots:
+    """Progress of a protocol: its words are shown, the packings that it passes on are kept."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.tell = tell
+        self.step_t: list[int] = []
+        self.packing_t: list[Packing] = []
+        self._done = 0
+
+    def __call__(self, stage: str, figures: dict[str, Any]) -> None:
+        words = [f"{name} {value:.2g}" for name, value in figures.items() if isinstance(value, int | float)]
+        self.tell(" ".join([stage, *words]))
+        if "packing" in figures:
+            self._done += max(int(figures.get("steps", 1)), 1)
+            self.step_t.append(self._done)
+            self.packing_t.append(figures["packing"])
 
 
 def _write_packing(scene: Scene, packing: Packing, path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from packmech.check import one_of
@@ -24,7 +26,9 @@ def run_hard_cases(part_of_name: str | None) -> int:
             outside += not found.within
             verdict = "ok" if found.within else "OUT OF BOUNDS"
             value = found.raised or f"{found.value:.3g}"
-            rows.append((verdict, case.name, case.watched, value, f"{case.bound:.3g}", case.why, f"{found.seconds:.2f}"))
+            rows.append(
+                (verdict, case.name, case.watched, value, f"{case.bound:.3g}", case.why, f"{found.seconds:.2f}")
+            )
     headings = ("", "case", "quantity watched", "measured", "bound", "where the bound comes from", "CPU s")
     console().print(rich_table("hard cases", headings, rows, right=(3, 4, 6)))
     console().print(f"{len(cases) - outside} of {len(cases)} cases within their bounds")
@@ -41,10 +45,14 @@ def run_studies(name: str | None, folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     for key in known if name is None else (name,):
         with working(f"study {key}") as tell:
-            table, text = known[key](lambda method, setting, key=key: tell(f"study {key}: {method} at {setting:.0e}"))
+            table, text = known[key](partial(_tell, tell, key))
         (folder / f"{key}.csv").write_text(table.to_csv(), encoding="utf-8")
         (folder / f"{key}.md").write_text(f"# {table.title}\n\n{text}\n\n{table.to_markdown()}", encoding="utf-8")
         table.save_figure(folder / f"{key}.png")
         console().print(text)
         console().print(f"wrote {key}.csv, {key}.md and {key}.png in {folder}")
     return 0
+
+
+def _tell(tell: Callable[[str], None], study: str, method: str, setting: float) -> None:
+    tell(f"study {study}: {method} at {setting:.0e}")

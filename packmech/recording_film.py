@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,6 +94,29 @@ def curves_of(trace: Trace) -> dict[str, Curve]:
         curves[f"log10 {name}"] = (trace.step_t[seen_t], np.log10(value_t[seen_t]))
     curves["contacts"] = (trace.step_t, trace.contacts_t.astype(float))
     return curves
+
+
+def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) -> Trace:
+    """Return the trace of packings of one scene that were kept by hand, with their energies and forces.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.1)
+    >>> trace_of(pm.Scene(crystal, (pm.Repulsion(),)), [0], [crystal]).contacts_t.tolist()
+    [27]
+
+    """
+    scenes = [scene.replace(packing=packing) for packing in packing_t]
+    return Trace(
+        step_t=np.array(step_t, dtype=np.int64),
+        energy_t=np.array([energy(one) for one in scenes]),
+        pressure_t=np.array([pressure(one) for one in scenes]),
+        contacts_t=np.array([len(find_contacts(packing)) for packing in packing_t], dtype=np.int64),
+        max_force_t=np.array([force_balance(one)[0] for one in scenes]),
+        position_tnd=np.array([packing.position_nd for packing in packing_t]),
+        lattice_tdd=np.array([packing.box.lattice_dd for packing in packing_t]),
+    )
 
 
 def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> list[Motion]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,10 @@ from packmech.scene import Scene
 
 EPS = float(np.finfo(float).eps)
 HARMONIC = (Repulsion(law=Harmonic()),)
+
+
+def _packing(position_nd: list[list[float]], radius_n: list[float], lattice_dd: list[list[float]]) -> Packing:
+    return Packing(np.array(position_nd), np.array(radius_n), Box(np.array(lattice_dd)))
 
 
 def _key_list(packing: Packing) -> list[tuple[int, ...]]:
@@ -69,7 +74,7 @@ def _single_cell(name: str, dimension: int, contacts_each: int) -> float:
 
 
 def _flat_box() -> float:
-    return _wrong_contacts(Packing([[0.1, 0.01], [0.7, 0.02]], [0.5, 0.35], Box([[3.0, 0.4], [0.0, 0.0503]])), 22)
+    return _wrong_contacts(_packing([[0.1, 0.01], [0.7, 0.02]], [0.5, 0.35], [[3.0, 0.4], [0.0, 0.0503]]), 22)
 
 
 def _tilted() -> float:
@@ -148,7 +153,7 @@ CASES = (
         "relative error of energy, stress and force of a one-disc triangular cell",
         1e-14,
         "closed form; 45 rounding errors of 2e-16 are allowed for sums of three contacts at overlap 0.01",
-        lambda: _single_cell("triangular", 2, 3),
+        partial(_single_cell, "triangular", 2, 3),
     ),
     HardCase(
         "one sphere in a box",
@@ -156,7 +161,7 @@ CASES = (
         "relative error of energy, stress and force of a one-sphere fcc cell",
         1e-14,
         "closed form; rounding of sums of six contacts at overlap 0.01",
-        lambda: _single_cell("fcc", 3, 6),
+        partial(_single_cell, "fcc", 3, 6),
     ),
     HardCase(
         "nearly flat box",
@@ -204,7 +209,7 @@ CASES = (
         "relative difference of energy, forces and stress to ordinary units",
         1e-12,
         "scaling rounds each position once: 2e-16 x 8 diameters over the mean overlap, 64 particles",
-        lambda: _in_units(1e-12),
+        partial(_in_units, 1e-12),
     ),
     HardCase(
         "units of 1e12",
@@ -212,6 +217,6 @@ CASES = (
         "relative difference of energy, forces and stress to ordinary units",
         1e-12,
         "scaling rounds each position once: 2e-16 x 8 diameters over the mean overlap, 64 particles",
-        lambda: _in_units(1e12),
+        partial(_in_units, 1e12),
     ),
 )

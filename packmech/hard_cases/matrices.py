@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -75,7 +76,7 @@ CASES = (
         "error in the number of states of self stress",
         0.0,
         "N + 2 = 66 by counting: 3N contacts, rank 2N - 2 because the crystal is rigid up to translations",
-        lambda: _redundant("triangular", (8, 8)),
+        partial(_redundant, "triangular", (8, 8)),
     ),
     HardCase(
         "fcc crystal, 4 x 4 x 4",
@@ -83,7 +84,7 @@ CASES = (
         "error in the number of states of self stress",
         0.0,
         "3N + 3 by counting: 6N contacts, rank 3N - 3",
-        lambda: _redundant("fcc", (4, 4, 4)),
+        partial(_redundant, "fcc", (4, 4, 4)),
     ),
     *(
         HardCase(
@@ -92,7 +93,7 @@ CASES = (
             "relative residual of a solve (infinite for a wrong inertia)",
             1e-11,
             "condition number 2.9 / 0.0011 = 3e3 times 2e-16, and one digit for pivot growth",
-            lambda backend=backend: _indefinite(backend),
+            partial(_indefinite, backend),
         )
         for backend in ("qdldl", "superlu", "dense")
     ),
@@ -111,7 +112,7 @@ CASES = (
             "matrices that passed as definite: one negative, one singular, one with a single eigenvalue of -1e-6",
             0.0,
             "none may pass",
-            lambda backend=backend: _silent(backend),
+            partial(_silent, backend),
         )
         for backend in ("qdldl", "superlu", "dense")
     ),
