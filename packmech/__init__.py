@@ -80,6 +80,12 @@ _PUBLIC = {
     # verdict
     "classify_jamming": "packmech.mechanics.jamming",
     "Verdict": "packmech.mechanics.verdict",
+    # jamming protocols
+    "Decompression": "packmech.dynamics.jam_methods",
+    "HardVertex": "packmech.dynamics.jam_methods",
+    "ProgramChain": "packmech.dynamics.jam_methods",
+    "StepHalving": "packmech.dynamics.jam_methods",
+    "jam": "packmech.dynamics.jam",
     # outcomes
     "NotConverged": "packmech.outcome",
     "Outcome": "packmech.outcome",

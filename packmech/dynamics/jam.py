@@ -1,0 +1,128 @@
+"""`jam`: from a scene to the packing at a small pressure, by a protocol named by its method."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, one_of, positive
+from packmech.compiled import single_thread
+from packmech.dynamics.jam_methods import Decompression, HardVertex, JamMethod, ProgramChain, StepHalving
+from packmech.dynamics.jam_report import finish
+from packmech.dynamics.protocol import Protocol
+from packmech.mechanics.strain import mandel_basis
+from packmech.outcome import NotConverged, Outcome, Run
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+Progress = Callable[[str, dict[str, Any]], None]
+
+
+def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
+    """Return the (k, d, d) strains that a jamming protocol may use: the isotropic one alone, or all.
+
+    Parameters
+    ----------
+    strain
+        "fixed" keeps the shape of the box; "free" frees every strain.
+    dimension
+        Number of Cartesian axes.
+
+    """
+    if strain == "fixed":
+        return np.eye(dimension)[None] / np.sqrt(dimension)
+    return mandel_basis(dimension).copy()
+
+
+def jam(
+    scene: Scene,
+    *,
+    pressure: float = 1e-8,
+    strain: str = "free",
+    method: JamMethod | None = None,
+    energy_tolerance: float | None = None,
+    force_tolerance: float = 1e-5,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> Run:
+    """Return the run that ends in a jammed packing at the pressure asked for.
+
+    The packing's box is scaled to the start of the protocol, whatever its packing fraction. Every figure is recomputed from the
+    packing that is returned.
+
+    Parameters
+    ----------
+    scene
+        The scene; its law decides about the soft packing only, not about the hard one it comes from.
+    pressure
+        Pressure at the end [energy_scale / diameter^d].
+    strain
+        "free": all strains relax, so that the stress is isotropic (shear-stabilized). "fixed": the box keeps its shape.
+    method
+        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression(); their parameters are those of the protocol.
+    energy_tolerance
+        If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
+    force_tolerance
+        Largest net force over mean contact force that counts as balance [1].
+    progress
+        Called as progress(stage, figures) while the protocol works; figures holds "packing" where a stage has ended.
+    check
+        Raise NotConverged when the outcome is not a success; otherwise return the run all the same.
+
+    Returns
+    -------
+    Run
+        `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction (of the hard
+        packing), pressure, pressure_asked [energy_scale / diameter^d], particles, rattlers, contacts, isostatic_contacts,
+        excess_contacts, states_of_self_stress, patches (arrays of particles held redundantly), stress_anisotropy, method, strain,
+        and, where a hard packing was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance,
+        smallest_force.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be.
+    NotConverged
+        If the packing is not jammed or not balanced and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was finished.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(16, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=3)
+    >>> run = pm.jam(pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),)), pressure=1e-7, strain="fixed")
+    >>> run.report["states_of_self_stress"], run.residual < 1e-5
+    (1, True)
+
+    """
+    instance("scene", scene, Scene)
+    asked = positive("pressure", pressure)
+    one_of("strain", strain, ("fixed", "free"))
+    tolerance = positive("force_tolerance", force_tolerance)
+    if energy_tolerance is not None:
+        if method is not None:
+            raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
+        method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
+    method = HardVertex() if method is None else method
+    if not isinstance(method, HardVertex | ProgramChain | StepHalving | Decompression):
+        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving or Decompression, got {method!r}")
+    began = time.process_time()
+    with single_thread():
+        protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, progress)
+        try:
+            packing, outcome = method.follow(protocol, asked)
+        except KeyboardInterrupt as stop:
+            stop.run = finish(protocol, protocol.last, Outcome.INTERRUPTED, asked, method, began)  # type: ignore[attr-defined]
+            raise
+        run = finish(protocol, packing, outcome, asked, method, began)
+    if check and not run.ok:
+        raise NotConverged(run)
+    return run
+
+
+__all__ = ["Packing", "free_strains", "jam"]

@@ -1,0 +1,107 @@
+"""The figures of a finished jamming run, recomputed from its packing."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.rattlers import loose_particles
+from packmech.effects import contact_terms
+from packmech.measure import contact_stress, packing_fraction, sum_forces
+from packmech.outcome import Outcome, Run
+from packmech.packing import Packing
+
+if TYPE_CHECKING:
+    from packmech.dynamics.protocol import Protocol
+
+
+def backbone_contacts(contacts: Contacts) -> Contacts:
+    """Return the contacts between particles that are not rattlers.
+
+    Parameters
+    ----------
+    contacts
+        The touching pairs.
+
+    """
+    loose = loose_particles(contacts)
+    return contacts.select(~(loose[contacts.i_c] | loose[contacts.j_c]))
+
+
+def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
+    """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains.
+
+    Parameters
+    ----------
+    contacts
+        The touching pairs.
+    strains
+        How many strains are free, the volume among them.
+
+    """
+    loose = loose_particles(contacts)
+    kept = int((~loose).sum())
+    number = int((~(loose[contacts.i_c] | loose[contacts.j_c])).sum())
+    isostatic = contacts.dimension * (kept - 1) + strains if kept else 0
+    return {
+        "particles": contacts.particles,
+        "rattlers": contacts.particles - kept,
+        "contacts": number,
+        "isostatic_contacts": isostatic,
+        "excess_contacts": number - isostatic,
+    }
+
+
+def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float, method: Any, began: float) -> Run:
+    """Return the run of a protocol that ended with the packing.
+
+    Parameters
+    ----------
+    protocol
+        The protocol.
+    packing, outcome
+        The packing it ended with, and how.
+    asked
+        The pressure asked for [energy_scale / diameter^d].
+    method
+        The method.
+    began
+        CPU time of the start [s].
+
+    """
+    scene = protocol.scene.replace(packing=packing)
+    contacts = find_contacts(packing)
+    first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    stress = contact_stress(contacts, first_c, packing.box.volume)
+    d = packing.dimension
+    pressure = -float(np.trace(stress)) / d
+    residual = 0.0
+    if len(contacts):
+        net = sum_forces(contacts, -first_c)
+        residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
+    report: dict[str, Any] = {
+        "method": type(method).__name__,
+        "strain": protocol.strain,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure / scene.pressure_unit,
+        "pressure_asked": asked,
+        **contact_count(contacts, len(protocol.basis_kdd)),
+        "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
+        "patches": (),
+        **protocol.report,
+    }
+    report["states_of_self_stress"] = report["excess_contacts"] + 1 + report.get("floppy_modes", 0)
+    return Run(
+        packing=packing,
+        outcome=outcome,
+        residual=residual,
+        steps=sum(stage.steps for stage in protocol.stages),
+        force_evaluations=sum(stage.force_evaluations for stage in protocol.stages),
+        seconds=time.process_time() - began,
+        build_seconds=protocol.build_seconds,
+        stages=tuple(protocol.stages),
+        report=report,
+    )

@@ -1,0 +1,142 @@
+"""What every jamming protocol works with: the compiled scene, reduced units, stages, and relaxation in a given box."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.dynamics.program import Program, Relaxation, build_program
+from packmech.dynamics.soft import Units
+from packmech.measure import packing_fraction
+from packmech.outcome import Stage
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+
+class Figures:
+    """What a stage achieved, filled in while it runs."""
+
+    def __init__(self) -> None:
+        self.residual, self.steps, self.force_evaluations, self.note = float("nan"), 0, 0, ""
+
+
+class Protocol:
+    """One jamming run on its way: stages so far, last finished packing, and the tools of the methods.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    basis_kdd
+        (k, d, d) free strains.
+    strain
+        Their name.
+    force_tolerance
+        Net force over mean contact force that counts as balance [1].
+    progress
+        Called with a stage's name and its figures.
+
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        basis_kdd: NDArray[np.float64],
+        strain: str,
+        force_tolerance: float,
+        progress: Callable[[str, dict[str, Any]], None] | None,
+    ) -> None:
+        self.scene, self.basis_kdd, self.strain, self.force_tolerance = scene, basis_kdd, strain, force_tolerance
+        self._progress = progress
+        self.stages: list[Stage] = []
+        self.last = scene.packing
+        self.report: dict[str, Any] = {}
+        packing = scene.packing
+        # a power of two changes no digits of the coordinates
+        self.length = float(2.0 ** np.round(np.log2(packing.diameter_n.mean())))
+        self.units = Units(scene.effects, self.length, scene.energy_scale)
+        self._program: Program | None = None
+        self.build_seconds = 0.0
+
+    @property
+    def program(self) -> Program:
+        """The compiled scene."""
+        if self._program is None:
+            began = time.process_time()
+            self._program = build_program(self.scene)
+            self.build_seconds = time.process_time() - began
+        return self._program
+
+    def tell(self, stage: str, **figures: Any) -> None:
+        """Pass figures on to whoever watches."""
+        if self._progress is not None:
+            self._progress(stage, figures)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Figures]:
+        """Time one part of the protocol and keep what it achieved."""
+        figures = Figures()
+        began = time.process_time()
+        self.tell(name)
+        try:
+            yield figures
+        except KeyboardInterrupt:
+            figures.note = figures.note or "interrupted"
+            raise
+        finally:
+            seconds = time.process_time() - began
+            done = Stage(name, figures.residual, figures.steps, figures.force_evaluations, seconds, figures.note)
+            self.stages.append(done)
+            self.tell(
+                name, packing=self.last, residual=done.residual, steps=done.steps, seconds=seconds, note=done.note
+            )
+
+    def reduced_pressure(self, pressure: float) -> float:
+        """Return a pressure given in the scene's unit [energy_scale / reference diameter^d] in reduced units."""
+        return pressure * (self.length / self.scene.packing.reference_diameter) ** self.scene.packing.dimension
+
+    def reduced(self, packing: Packing) -> Packing:
+        """Return the packing in reduced lengths."""
+        return Packing(
+            packing.position_nd / self.length, packing.radius_n / self.length, Box(packing.box.lattice_dd / self.length)
+        )
+
+    def restored(self, packing: Packing) -> Packing:
+        """Return a packing of reduced lengths in the scene's own, with the scene's radii exactly."""
+        return Packing(
+            packing.position_nd * self.length, self.scene.packing.radius_n, Box(packing.box.lattice_dd * self.length)
+        )
+
+    def at_fraction(self, packing: Packing, fraction: float) -> Packing:
+        """Return the packing with its box, and the centers with it, scaled to a packing fraction."""
+        factor = (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension)
+        return packing.replace(position_nd=packing.position_nd * factor, box=packing.box.scaled(factor))
+
+    def relax(
+        self, packing: Packing, force_tolerance: float, step_limit: int, floor: float = 0.0
+    ) -> tuple[Packing, Relaxation]:
+        """Return the packing that FIRE relaxes to in the box as it is, and how that went.
+
+        Parameters
+        ----------
+        packing
+            Where to start.
+        force_tolerance, step_limit
+            When to stop.
+        floor
+            Mean contact force at which the packing counts as unjammed [energy_scale / reference diameter].
+
+        """
+        force_floor = floor * self.scene.energy_scale / packing.reference_diameter
+        done = self.program.fire(
+            packing.position_nd, packing.box.lattice_dd,
+            force_tolerance=force_tolerance, step_limit=step_limit, force_floor=force_floor,
+        )  # fmt: skip
+        self.last = packing.replace(position_nd=done.position_nd)
+        return self.last, done

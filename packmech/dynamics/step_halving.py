@@ -1,0 +1,124 @@
+"""Isotropic compression with step halving: Schreck and O'Hern, section 2.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from packmech.check import integer, positive, real
+from packmech.dynamics.hard_vertex import judge
+from packmech.dynamics.soft import newton
+from packmech.measure import packing_fraction
+from packmech.outcome import Outcome
+from packmech.packing import Packing
+
+if TYPE_CHECKING:
+    from packmech.dynamics.protocol import Protocol
+
+_START = {2: 0.84, 3: 0.64}
+
+
+@dataclass(frozen=True)
+class StepHalving:
+    """Compress or expand by small steps in packing fraction, relax after each, halve the step whenever the side changes.
+
+    Ends when the energy per particle lies between `energy_tolerance` and twice that. The pressure follows from the energy; the one
+    asked of `jam` is not used.
+
+    Parameters
+    ----------
+    start_packing_fraction
+        Where the first relaxation happens; None: .84 in two dimensions, .64 in three.
+    increment
+        First step in packing fraction.
+    energy_tolerance
+        V_tol: energy per particle [energy_scale]. 1e-16 means overlaps of 1e-8.
+    minimizer
+        A minimizer such as pm.ConjugateGradient() or pm.DampedDynamics(damping=...); None: FIRE.
+    quench_tolerance, quench_steps
+        Net force over mean contact force at which a relaxation stops [1], and its most steps.
+    step_limit
+        Most compression steps.
+
+    """
+
+    start_packing_fraction: float | None = None
+    increment: float = 1e-4
+    energy_tolerance: float = 1e-16
+    minimizer: Any = None
+    quench_tolerance: float = 1e-5
+    quench_steps: int = 1_000_000
+    step_limit: int = 10_000
+
+    def __post_init__(self) -> None:
+        if self.start_packing_fraction is not None:
+            positive("start_packing_fraction", self.start_packing_fraction)
+        real("increment", self.increment, above=0.0, at_most=0.1)
+        positive("energy_tolerance", self.energy_tolerance)
+        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
+        integer("quench_steps", self.quench_steps, at_least=1)
+        integer("step_limit", self.step_limit, at_least=1)
+
+    def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
+        """Return the packing whose energy lies in the window, and how the protocol ended."""
+        first = protocol.scene.packing
+        fraction = self.start_packing_fraction
+        fraction = _START[first.dimension] if fraction is None else fraction
+        packing = protocol.at_fraction(first, fraction)
+        change, side = self.increment, 0
+        outcome = Outcome.STEP_LIMIT
+        # V_min far below V_tol: a packing whose forces have fallen this low is taken as unjammed
+        floor = 1e-2 * float(np.sqrt(self.energy_tolerance))
+        with protocol.stage("step halving") as figures:
+            for number in range(self.step_limit):
+                packing, energy, residual, steps = self._relaxed(protocol, packing, floor)
+                figures.residual = residual
+                figures.steps += steps
+                figures.force_evaluations += steps
+                protocol.tell("step halving", number=number, packing_fraction=fraction, energy=energy, increment=change)
+                if self.energy_tolerance < energy < 2.0 * self.energy_tolerance:
+                    outcome = Outcome.CONVERGED
+                    break
+                now = 1 if energy >= 2.0 * self.energy_tolerance else -1
+                if side and now != side:
+                    change *= 0.5
+                side = now
+                if change < 1e-15:
+                    outcome = Outcome.STALLED
+                    break
+                fraction -= side * change
+                packing = protocol.at_fraction(packing, fraction)
+            figures.note = f"{number + 1} relaxations, last step {change:.1e}, energy per particle {energy:.2e}"
+        protocol.report["energy_per_particle"] = energy
+        protocol.report["compression_steps"] = number + 1
+        protocol.report["jamming_packing_fraction"] = packing_fraction(packing)
+        if outcome.ok and protocol.strain == "free":
+            packing, outcome = self._stabilized(protocol, packing)
+        return packing, outcome
+
+    def _relaxed(self, protocol: Protocol, packing: Packing, floor: float) -> tuple[Packing, float, float, int]:
+        if self.minimizer is None:
+            packing, done = protocol.relax(packing, self.quench_tolerance, self.quench_steps, floor)
+            energy, residual, steps = done.energy, done.residual, done.steps
+        else:
+            from packmech.dynamics.minimize import quench
+
+            run = quench(
+                protocol.scene.replace(packing=packing),
+                force_tolerance=self.quench_tolerance, method=self.minimizer, step_limit=self.quench_steps, check=False,
+            )  # fmt: skip
+            packing, residual, steps = run.packing, run.residual, run.steps
+            energy = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).energy
+        return packing, energy / (packing.particles * protocol.scene.energy_scale), residual, steps
+
+    def _stabilized(self, protocol: Protocol, packing: Packing) -> tuple[Packing, Outcome]:
+        """Return the packing with all strains relaxed at the pressure it has reached."""
+        with protocol.stage("shear stabilization") as figures:
+            pressure = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).pressure
+            goal = protocol.reduced_pressure(pressure / protocol.scene.pressure_unit)
+            state = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+            figures.residual, figures.steps = state.residual, state.iterations
+            protocol.last = protocol.restored(state.packing)
+        return protocol.last, judge(protocol, state)
