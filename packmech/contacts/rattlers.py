@@ -79,16 +79,19 @@ def _find_loose(
     particles = start.shape[0] - 1
     d = outward.shape[1]
     loose = np.zeros(particles, np.bool_)
+    # first in, first out: a large particle with many neighbors is looked at once a round, not once for each it loses
     waiting = np.ones(particles, np.bool_)
-    stack = np.arange(particles)[::-1].copy()
-    height = particles
+    queue = np.arange(particles)
+    length = particles
+    head = 0
     most = 0
     for i in range(particles):
         most = max(most, start[i + 1] - start[i])
     normal = np.empty((most, d))
-    while height > 0:
-        height -= 1
-        i = stack[height]
+    while length > 0:
+        i = queue[head]
+        head = (head + 1) % particles
+        length -= 1
         waiting[i] = False
         count = 0
         for h in range(start[i], start[i + 1]):
@@ -103,8 +106,8 @@ def _find_loose(
             j = neighbor[h]
             if not loose[j] and not waiting[j]:
                 waiting[j] = True
-                stack[height] = j
-                height += 1
+                queue[(head + length) % particles] = j
+                length += 1
     return loose
 
 

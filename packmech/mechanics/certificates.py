@@ -23,6 +23,7 @@ LOADED = 1e-6
 MOVED = 1e-3
 # up to here a simplex solution decides when the interior-point method did not
 SIMPLEX_PARTICLES = 1000
+ROUNDING = 1e-11
 # largest net force that the certificate's contact forces may leave, of their mean
 BALANCE = 1e-9
 
@@ -151,7 +152,9 @@ def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
     """
     stretch = cone.opening @ cone.keeping_volume(motion)
     opening = float(stretch.mean()) if len(stretch) else 0.0
-    return opening > 0 and -float(stretch.min()) < LOADED * opening
+    # an opening that is rounding of the motion is none
+    size = float(np.abs(motion).max(initial=0.0))
+    return opening > ROUNDING * size and -float(stretch.min()) < LOADED * opening
 
 
 def yield_to_loads(

@@ -25,7 +25,7 @@ SOLVERS = ("clarabel", "cvxpy", "highs")
 
 
 @dataclass(frozen=True, eq=False)
-class SelfStress:
+class ForceBalance:
     """The answer of the force program.
 
     Attributes
@@ -48,7 +48,7 @@ class SelfStress:
     solve: Solve
 
 
-def largest_smallest_force(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e-8) -> SelfStress:
+def largest_smallest_force(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e-8) -> ForceBalance:
     """Return a state of self stress whose smallest force is as large as possible, by the force program.
 
     Parameters
@@ -94,10 +94,10 @@ def largest_smallest_force(cone: MotionCone, *, solver: str = "clarabel", tolera
     motion = _unpinned(cone, found.equal_multiplier[:-1]) if np.isfinite(found.equal_multiplier).all() else None
     if outcome is not Outcome.CONVERGED:
         smallest = -np.inf if outcome is Outcome.INFEASIBLE else np.nan
-        return SelfStress(smallest, np.zeros(count + extra), motion, found.solve)
+        return ForceBalance(smallest, np.zeros(count + extra), motion, found.solve)
     weight = found.x[:-1].copy()
     weight[:count] += found.x[-1]
-    return SelfStress(float(found.x[-1]), weight, motion, found.solve)
+    return ForceBalance(float(found.x[-1]), weight, motion, found.solve)
 
 
 def _unpinned(cone: MotionCone, motion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.mechanics.motions import MotionCone
-from packmech.mechanics.programs import Openings, SelfStress
+from packmech.mechanics.programs import Openings, ForceBalance
 from packmech.outcome import Outcome, Solve
 
 _OUTCOMES = {"optimal": Outcome.CONVERGED, "infeasible": Outcome.INFEASIBLE}
@@ -78,7 +78,7 @@ def yield_to_load_readable(
     return found, solve
 
 
-def largest_smallest_force_readable(cone: MotionCone, tolerance: float) -> SelfStress:
+def largest_smallest_force_readable(cone: MotionCone, tolerance: float) -> ForceBalance:
     """Return what `programs.largest_smallest_force` returns.
 
     Parameters
@@ -103,12 +103,12 @@ def largest_smallest_force_readable(cone: MotionCone, tolerance: float) -> SelfS
     solve = _solved(problem, tolerance)
     if solve.outcome is not Outcome.CONVERGED:
         none = np.zeros(count + cone.volume_rows)
-        return SelfStress(-np.inf if solve.outcome is Outcome.INFEASIBLE else np.nan, none, None, solve)
+        return ForceBalance(-np.inf if solve.outcome is Outcome.INFEASIBLE else np.nan, none, None, solve)
     weight = np.concatenate([part.value for part in (force, held, one_sided) if part.size])
     motion = cone.without_translations(np.concatenate([np.zeros(d), np.asarray(balance.dual_value)]))
     if (cone.opening @ motion).sum() < 0:
         motion = -motion
-    return SelfStress(float(smallest.value), weight, motion, solve)
+    return ForceBalance(float(smallest.value), weight, motion, solve)
 
 
 def open_all_readable(cone: MotionCone, tolerance: float) -> Openings:
