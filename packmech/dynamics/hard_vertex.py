@@ -48,7 +48,7 @@ class HardVertex:
     """
 
     start_packing_fraction: float | None = None
-    quench_tolerance: float = 3e-2
+    quench_tolerance: float = 1e-3
     quench_steps: int = 200_000
     iteration_limit: int = 2000
 
@@ -208,7 +208,6 @@ def judge(protocol: Protocol, state: SoftState) -> Outcome:
         return Outcome.UNSTABLE
     if state.balanced(protocol.force_tolerance):
         return Outcome.CONVERGED
-    # positions are multiples of their last digit: eight such floors is as still as a packing can be in double precision
-    if max(state.residual, state.stress_error) <= 8.0 * state.floor:
+    if state.sound(protocol.force_tolerance):
         return Outcome.ROUNDING_FLOOR
     return Outcome.STALLED

@@ -24,6 +24,11 @@ _ITERATIONS = 40
 _REACH = 0.05
 # mean relative overlap up to which the soft packing is as good as one linear step from the hard one
 _FIRST_DEPTH = 1e-7
+# gaps up to this fraction of the contact distance may close on the way to the first soft packing
+_NEAR = 1e-3
+_SWITCHES = 60
+# where rounding of positions leaves no digits of the overlaps
+_LEAST_DEPTH = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +79,11 @@ class SoftState:
     def balanced(self, tolerance: float) -> bool:
         """Return whether forces and stress balance to the tolerance."""
         return self.residual <= tolerance and self.stress_error <= tolerance
+
+    def sound(self, tolerance: float) -> bool:
+        """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
+        # positions are multiples of their last digit: eight such floors is as still as a packing can be in double precision
+        return self.negative == 0 and self.balanced(max(tolerance, 8.0 * self.floor))
 
 
 class _Network:
@@ -214,7 +224,7 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
     """Return the packing in which the contacts of the hard one overlap as its forces ask for, to first order.
 
     The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness; the motion under the load
-    follows from one linear system. With more contacts than needed some may open: those are left out one at a time.
+    follows from one linear system. Contacts that would pull and near pairs that would overlap are switched one at a time.
 
     Parameters
     ----------
@@ -224,25 +234,41 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
         As in `newton`.
 
     """
-    packing, contacts = vertex.packing, vertex.contacts
+    packing, bearing = vertex.packing, vertex.contacts
     scale = pressure * packing.box.volume / packing.particles
-    sigma = contacts.contact_distance_c
-    stiffness = vertex.force_c * scale / (units.overlap_of(vertex.force_c * scale, sigma) * sigma)
-    unit = float(stiffness.mean())
-    stiffness = stiffness / unit
+    sigma = bearing.contact_distance_c
+    secant = vertex.force_c * scale / (units.overlap_of(vertex.force_c * scale, sigma) * sigma)
+    unit = float(secant.mean())
     load_k = np.einsum("kaa->k", basis_kdd) * (packing.particles * scale / unit)
-    network = Backbone(contacts, basis_kdd)
-    closed = np.ones(len(contacts), dtype=bool)
-    for _ in range(4 * max(vertex.excess, 0) + 1):
-        network.factor(np.where(closed, stiffness, 1e-12 * stiffness))
-        u_nd, strain_k = network.solve(np.zeros(packing.position_nd.size), -load_k)
-        overlap = -network.extend(u_nd, strain_k)
+    # pairs that all but touch may close under the load: soft motions are thousands of times larger than overlaps
+    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
+    contacts = pair_contacts(packing, *pairs)
+    hard = _listed(bearing, contacts)
+    gap = np.where(hard, 0.0, np.maximum(contacts.gap_c, 0.0))
+    stiffness = np.ones(len(contacts))
+    stiffness[hard] = secant / unit
+    network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
+    closed = hard.copy()
+    for _ in range(_SWITCHES):
+        weight = np.where(closed, stiffness, 0.0)
+        network.factor(weight)
+        pull = weight * gap
+        u_nd, strain_k = network.solve(-network.gather(pull), -load_k - network.stretch_ck.T @ pull)
+        overlap = -network.extend(u_nd, strain_k) - gap
         wrong = np.where(closed, -overlap, overlap)
-        if vertex.excess <= 0 or wrong.max() <= 0.0:
-            break
         worst = int(np.argmax(wrong))
+        if wrong[worst] <= 1e-15:
+            break
         closed[worst] = not closed[worst]
     return network.moved(packing, u_nd, strain_k)
+
+
+def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:
+    """Return which of the second contacts are among the first; both are sorted by (i, j, image)."""
+    keys = np.concatenate([np.column_stack([one.i_c, one.j_c, one.image_cd]) for one in (some, among)])
+    _, label = np.unique(keys, axis=0, return_inverse=True)
+    label = label.ravel()
+    return np.isin(label[len(some) :], label[: len(some)])
 
 
 def soften(
@@ -278,6 +304,11 @@ def soften(
     now = pressure if depth == goal else pressure_at(depth)
     state = newton(first_soft(vertex, units, basis_kdd, now), units, basis_kdd, now)
     used = state.iterations
+    while not state.sound(tolerance) and depth > _LEAST_DEPTH:
+        depth *= 0.25
+        now = pressure_at(depth)
+        state = newton(first_soft(vertex, units, basis_kdd, now), units, basis_kdd, now)
+        used += state.iterations
     before, before_depth = vertex.packing, 0.0
     factor = 4.0
     while depth < goal and factor > 1.02:
@@ -286,7 +317,7 @@ def soften(
         ahead = _extrapolated(before, before_depth, state.packing, depth, further)
         trial = newton(ahead, units, basis_kdd, now, iterations=20)
         used += trial.iterations
-        if trial.balanced(tolerance) and trial.negative == 0:
+        if trial.sound(tolerance):
             before, before_depth = state.packing, depth
             state, depth = trial, further
             factor = min(4.0, factor**1.5)

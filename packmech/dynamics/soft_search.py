@@ -54,7 +54,7 @@ def search_pressure(protocol: Protocol, state: SoftState, goal: float) -> SoftSt
             before = (squeeze, done.pressure)
             if abs(done.pressure - asked) < 0.02 * asked:
                 trial = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
-                if trial.balanced(protocol.force_tolerance) and trial.negative == 0:
+                if trial.sound(protocol.force_tolerance):
                     best = trial
                     break
         protocol.last = protocol.restored(best.packing)

@@ -72,15 +72,18 @@ class Backbone:
         The contacts.
     basis_kdd
         (k, d, d) free strains.
+    live_n
+        (N,) particles that bear forces; the rest are held in place. Those with contacts, unless given.
 
     """
 
-    def __init__(self, contacts: Contacts, basis_kdd: NDArray[np.float64]) -> None:
+    def __init__(
+        self, contacts: Contacts, basis_kdd: NDArray[np.float64], live_n: NDArray[np.bool_] | None = None
+    ) -> None:
         self.contacts, self.basis_kdd = contacts, basis_kdd
         self.shape = (contacts.particles, contacts.dimension)
         self.system = BlockSystem(contacts.i_c, contacts.j_c, *self.shape)
-        count = contacts.count_n()
-        self.live_n = count > 0
+        self.live_n = contacts.count_n() > 0 if live_n is None else live_n
         self.stretch_ck = np.einsum("ca,kab,cb->ck", contacts.normal_cd, basis_kdd, contacts.vector_cd)
         self.load_k = np.einsum("kaa->k", basis_kdd) * contacts.particles
 
