@@ -7,7 +7,7 @@ that closes no contact. An answer that passes neither check is none, whatever th
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,8 @@ class Finding:
         Largest component of the net force of `weight` [mean contact force]; 0 without one.
     solves
         What each solver achieved.
+    implied
+        Whether it follows from the answer to the strict question and nothing was computed.
 
     """
 
@@ -61,7 +63,8 @@ class Finding:
     weight: NDArray[np.float64] | None = None
     motion: NDArray[np.float64] | None = None
     balance: float = 0.0
-    solves: tuple[Solve, ...] = field(default=())
+    solves: tuple[Solve, ...] = ()
+    implied: bool = False
 
 
 _VACUOUS = "no motion but translations exists for one particle in a fixed box: jammed without any condition"

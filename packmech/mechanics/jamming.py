@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import replace
 
@@ -13,11 +14,12 @@ from packmech.compiled import single_thread
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_contacts
 from packmech.mechanics.certificates import Finding, certify, yield_to_loads
+from packmech.mechanics.doubt import off_plateau, settle, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
 from packmech.mechanics.motions import MotionCone, unjamming_motion
 from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_stable
-from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching, check_rest, find_touching
+from packmech.mechanics.touching import LEAST_GAP, Touching, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -61,9 +63,10 @@ def classify_jamming(
         "nonincreasing" or "fixed": what the strain may do to the volume. The same for discs and spheres.
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts as touching. By default
-        max(7 x mean relative overlap, 1e-9), and the answer is ambiguous when a tenth or ten times that tolerance gives
-        another number of excess contacts, unless the surplus pairs cannot matter: fewer contacts jam already with
-        exactly one state of self stress, or the larger number is still too few to jam.
+        max(7 x mean relative overlap, 1e-9). Where a tenth or ten times that tolerance gives another number of excess
+        contacts, the answer is ambiguous, unless the pairs in question cannot matter: it is not jammed with all of them
+        either, or jammed without them already and either its self stress is the only one or the overlaps are so small
+        (mean overlap times N'^2 below 0.1) that pressure has closed no gap.
     contacts
         The contacts to judge, instead of those within a gap tolerance; then neither gaps nor rest are checked.
     rest_tolerance
@@ -128,23 +131,24 @@ def classify_jamming(
         else:
             check_contacts(packing, contacts)
             touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
-        judged = judge_network(packing, touching.contacts, volume, decide, part)
+        judge = functools.partial(judge_network, packing, volume=volume, decide=decide, part=part)
+        judged = judge(touching.contacts)
         collectively, strictly = (
-            _answer(packing, one, len(judged.network)) for one in (judged.collective, judged.strict)
+            _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )
         if scene is not None and contacts is None:
             closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
             collectively = replace(collectively, stable=is_stable(scene, strain=False, gap_tolerance=closed))
             strictly = replace(strictly, stable=is_stable(scene, strain=True, gap_tolerance=closed))
+        collectively, strictly = settle(collectively, strictly, touching, rest, judge)
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
-    doubt = "" if rest is None or rest.at_rest else _moving(rest)
-    emptiness = {level.contacts == 0 for level in touching.levels}
-    if doubt or (touching.rule != "given" and len(emptiness) > 1):
-        local, local_reason = AMBIGUOUS, doubt or _off_plateau(touching)
+    emptied = len({level.contacts > 0 for level in touching.levels}) > 1
+    doubt = unrest(rest) or (off_plateau(touching) if emptied else "")
+    if doubt:
+        local, local_reason = AMBIGUOUS, doubt
     rattlers = np.ones(packing.particles, dtype=bool)
     rattlers[np.concatenate([judged.network.i_c, judged.network.j_c])] = False
-    collectively, strictly = _consistent(_doubted(collectively, touching, doubt), _doubted(strictly, touching, doubt))
     return Verdict(
         local,
         local_reason,
@@ -161,7 +165,7 @@ def classify_jamming(
     )
 
 
-def _answer(packing: Packing, judged: tuple[MotionCone, Finding], count: int) -> Answer:
+def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], count: int) -> Answer:
     cone, finding = judged
     # without a backbone there is nothing to count
     independent = cone.unknowns - cone.dimension if count else 0
@@ -174,7 +178,7 @@ def _answer(packing: Packing, judged: tuple[MotionCone, Finding], count: int) ->
         isostatic_contacts=independent + 1 - cone.volume_rows if count else 0,
         states_of_self_stress=states,
         floppy_modes=floppy,
-        smallest_singular_value=finding.softest,
+        smallest_singular_value=cone.softest()[0] if finding.implied and method == "certificate" else finding.softest,
         smallest_force=finding.smallest_force,
         contact_force_c=_forces(finding.weight, count),
         balance=finding.balance,
@@ -187,43 +191,3 @@ def _answer(packing: Packing, judged: tuple[MotionCone, Finding], count: int) ->
 
 def _forces(weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
     return None if weight is None else weight[:count]
-
-
-def _moving(rest: RestCheck) -> str:
-    return (
-        f"not at rest: the largest net force is {rest.residual:.1e} of the mean contact force,"
-        f" above {rest.limit:.1e} (law: {rest.law})"
-    )
-
-
-def _off_plateau(touching: Touching) -> str:
-    steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in touching.levels)
-    return f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}"
-
-
-def _doubted(answer: Answer, touching: Touching, doubt: str) -> Answer:
-    """Return the answer, ambiguous if the packing is not at rest or the gap tolerance decides it."""
-    if doubt:
-        return replace(answer, verdict=AMBIGUOUS, reason=doubt)
-    if answer.verdict == AMBIGUOUS or touching.rule == "given" or touching.on_plateau:
-        return answer
-    below, at, above = touching.levels
-    if answer.first_order_jammed and below.excess == at.excess and answer.states_of_self_stress == 1:
-        # contacts can be added to a jammed packing, not taken away: the pairs beyond the tolerance cannot matter
-        return replace(answer, reason=f"{answer.reason}, whatever the pairs within ten times the gap tolerance do")
-    # the fewest contacts of this question at the count of particles of the widest tolerance
-    fewest = answer.isostatic_contacts - (at.contacts - at.excess) + (above.contacts - above.excess)
-    if answer.first_order_jammed is False and above.contacts < fewest:
-        return answer
-    return replace(answer, verdict=AMBIGUOUS, reason=_off_plateau(touching))
-
-
-def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]:
-    """Return the answers, a doubtful one settled where the other implies it: strictly jammed is collectively jammed."""
-    if strictly.verdict == JAMMED and collectively.verdict == AMBIGUOUS:
-        reason = f"strictly jammed, so collectively; {strictly.reason}"
-        collectively = replace(collectively, verdict=JAMMED, reason=reason)
-    elif collectively.verdict == NOT_JAMMED and strictly.verdict == AMBIGUOUS:
-        reason = f"not collectively jammed, so not strictly; {collectively.reason}"
-        strictly = replace(strictly, verdict=NOT_JAMMED, reason=reason)
-    return collectively, strictly

@@ -27,6 +27,11 @@ class Judged:
     collective: tuple[MotionCone, Finding]
     strict: tuple[MotionCone, Finding]
 
+    @property
+    def jammed(self) -> tuple[bool | None, bool | None]:
+        """Whether it is collectively and strictly jammed; None where no solver could tell."""
+        return self.collective[1].jammed, self.strict[1].jammed
+
 
 def judge_network(
     packing: Packing,
@@ -66,9 +71,8 @@ def judge_network(
         # a motion in the fixed box is one of those that were excluded
         count = len(network)
         weight = None if strict.weight is None else strict.weight[:count]
-        softest = np.nan if np.isnan(strict.softest) else fixed.softest()[0]
         reason = f"strictly jammed, so collectively; {strict.reason}"
-        collective = replace(strict, reason=reason, softest=softest, weight=weight, solves=())
+        collective = replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
         return Judged(network, (fixed, collective), (free, strict))
     collective = decide(fixed)
     if collective.jammed is False:

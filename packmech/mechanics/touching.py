@@ -57,6 +57,8 @@ class Touching:
         Where the tolerance came from.
     levels
         The network at a tenth of the tolerance, at the tolerance and at ten times; empty when the contacts were given.
+    widest
+        The pairs at ten times the tolerance; None when the contacts were given.
 
     """
 
@@ -65,11 +67,17 @@ class Touching:
     mean_overlap: float
     rule: str
     levels: tuple[GapLevel, ...] = ()
+    widest: Contacts | None = None
 
     @property
     def on_plateau(self) -> bool:
         """Whether the excess contacts are the same at all levels."""
         return len({level.excess for level in self.levels}) <= 1
+
+    def within(self, level: int) -> Contacts:
+        """Return the pairs within the tolerance of one of the levels, those of rattlers included."""
+        widest = self.contacts if self.widest is None else self.widest
+        return widest.select(widest.gap_c <= self.levels[level].tolerance * widest.contact_distance_c)
 
 
 def backbone_contacts(contacts: Contacts) -> Contacts:
@@ -102,7 +110,7 @@ def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
         network = backbone_contacts(widest.select(gap <= step))
         particles = len(np.unique(np.concatenate([network.i_c, network.j_c])))
         levels.append(GapLevel(step, len(network), particles, len(network) - (d * particles - d + 1)))
-    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels))
+    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest)
 
 
 @dataclass(frozen=True)
