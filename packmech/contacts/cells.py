@@ -103,55 +103,32 @@ def _sort_row(value, low, high):
 
 
 @device
-def _sort_pairs(particles, i_raw, code_raw, found):
-    start = np.zeros(particles + 1, np.int64)
-    for p in range(found):
-        start[i_raw[p] + 1] += 1
-    for i in range(particles):
-        start[i + 1] += start[i]
-    i_p = np.empty(found, np.uint32)
-    code_p = np.empty(found, np.uint32)
-    for p in range(found):
-        i = i_raw[p]
-        code_p[start[i]] = code_raw[p]
-        i_p[start[i]] = i
-        start[i] += 1
-    low = 0
-    for i in range(particles):
-        _sort_row(code_p, low, start[i])
-        low = start[i]
-    return i_p, code_p
-
-
-@device
-def _wrap(row, frame):
-    """Return fractions in [0, 1), wrapped points with radius, whole lattice steps taken away, and their range."""
+def _wrap(axes, row, frame):
+    """Return fractions in [0, 1), wrapped points with radius, whole lattice steps taken away, and their spread."""
+    d = len(axes)
     n = row.shape[0]
-    fraction = np.empty((n, 3))
-    point = np.empty((n, 4))
-    step = np.empty((n, 3), np.int64)
+    fraction = np.zeros((n, 3))
+    point = np.zeros((n, 4))
+    step = np.zeros((n, 3), np.int32)
     least = np.zeros(3, np.int64)
     most = np.zeros(3, np.int64)
     for i in range(n):
-        for k in range(3):
-            raw = (
-                frame.inverse_dd[k, 0] * row[i, 0]
-                + frame.inverse_dd[k, 1] * row[i, 1]
-                + frame.inverse_dd[k, 2] * row[i, 2]
-            )
+        for k in range(d):
+            raw = 0.0
+            for m in range(d):
+                raw += frame.inverse_dd[k, m] * row[i, m]
             whole = np.floor(raw)
-            fraction[i, k] = min(max(raw - whole, 0.0), 1.0 - 1e-16)
+            fraction[i, k] = min(raw - whole, 1.0 - 1e-16)
             step[i, k] = int(whole)
             if i == 0 or step[i, k] < least[k]:
                 least[k] = step[i, k]
             if i == 0 or step[i, k] > most[k]:
                 most[k] = step[i, k]
-        for k in range(3):
-            point[i, k] = row[i, k] - (
-                frame.lattice_dd[k, 0] * step[i, 0]
-                + frame.lattice_dd[k, 1] * step[i, 1]
-                + frame.lattice_dd[k, 2] * step[i, 2]
-            )
+        for k in range(d):
+            x = row[i, k]
+            for m in range(d):
+                x -= frame.lattice_dd[k, m] * step[i, m]
+            point[i, k] = x
         point[i, 3] = row[i, 3]
     for k in range(3):
         most[k] -= least[k]
@@ -166,43 +143,134 @@ def _grids(axes, sizes, frame, scale, skin):
     cells = np.ones((levels, 3), np.int64)
     for a in range(levels):
         if sizes.count_a[a] > 0:
-            reach = scale * 2.0 * sizes.largest_a[a] + skin
+            width = scale * 2.0 * sizes.largest_a[a] + skin
             product = 1.0
             for k in range(d):
-                product *= max(frame.height_d[k] / reach, 1.0)
+                product *= max(frame.height_d[k] / width, 1.0)
             crowd = max(1.0, (product / (2.0 * sizes.count_a[a])) ** (1.0 / d))
             for k in range(d):
-                cells[a, k] = max(1, int(min(frame.height_d[k] / (reach * crowd), 1048576.0)))
+                cells[a, k] = max(1, int(min(frame.height_d[k] / (width * crowd), 1048576.0)))
     return cells
 
 
 @device
-def _fill(sizes, cells, fraction):
-    """Sort particles into cells by counting: order[start[c]:start[c + 1]] are those of cell c."""
+def _fill(sizes, cells, fraction, point):
+    """Sort particles into cells by counting.
+
+    Return the first cell of each level; the first place of each cell, and at the end their number; the particle at each
+    place, and its point. Cells that follow each other along the first lattice vector follow each other here.
+    """
     n = fraction.shape[0]
     levels = cells.shape[0]
     first = np.zeros(levels + 1, np.int64)
     for a in range(levels):
         first[a + 1] = first[a] + cells[a, 0] * cells[a, 1] * cells[a, 2]
-    home = np.empty(n, np.int64)
-    start = np.zeros(first[levels] + 1, np.int64)
+    home = np.empty(n, np.int32)
+    start = np.zeros(first[levels] + 2, np.int32)
     for i in range(n):
         a = sizes.level_n[i]
         c0 = min(int(fraction[i, 0] * cells[a, 0]), cells[a, 0] - 1)
         c1 = min(int(fraction[i, 1] * cells[a, 1]), cells[a, 1] - 1)
         c2 = min(int(fraction[i, 2] * cells[a, 2]), cells[a, 2] - 1)
         home[i] = first[a] + c0 + cells[a, 0] * (c1 + cells[a, 1] * c2)
-        start[home[i] + 1] += 1
+        start[home[i] + 2] += 1
     for c in range(first[levels]):
-        start[c + 1] += start[c]
-    fill = np.empty(first[levels], np.int64)
-    for c in range(first[levels]):
-        fill[c] = start[c]
-    order = np.empty(n, np.int64)
+        start[c + 2] += start[c + 1]
+    order = np.empty(n, np.int32)
+    placed = np.empty((n, 4))
     for i in range(n):
-        order[fill[home[i]]] = i
-        fill[home[i]] += 1
-    return first, start, order
+        place = start[home[i] + 1]
+        start[home[i] + 1] += 1
+        order[place] = i
+        for k in range(4):
+            placed[place, k] = point[i, k]
+    return first, start, order, placed
+
+
+@device
+def _images(axes, sizes, frame, scale, skin, spread):
+    """Return the largest image number along each vector that the longest reach and unwrapped positions can ask for."""
+    widest = 0.0
+    for a in range(sizes.largest_a.shape[0]):
+        widest = max(widest, sizes.largest_a[a])
+    reach = scale * 2.0 * widest + skin
+    most = np.zeros(3, np.int64)
+    for k in range(len(axes)):
+        most[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
+    return most
+
+
+@device
+def _turns(cell, cells):
+    """Return how often a cell's number wraps round: its floor quotient, without a division where there is no need."""
+    if cell < 0 or cell >= cells:
+        return cell // cells
+    return 0
+
+
+@device
+def _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p):
+    """Write the pairs, row by row, as far as they fit; return their number."""
+    d = len(axes)
+    n = row.shape[0]
+    lattice = frame.lattice_dd
+    fraction, point, step, cells, first, start, order, placed = grid
+    n1 = 2 * most[1] + 1
+    n2 = 2 * most[2] + 1
+    found = 0
+    hit = np.empty(n + 1, np.int32)
+    low = np.zeros(3, np.int64)
+    high = np.zeros(3, np.int64)
+    for i in range(n):
+        begin = found
+        xi, yi, zi, ri = point[i, 0], point[i, 1], point[i, 2], point[i, 3]
+        for a in range(cells.shape[0]):
+            if sizes.count_a[a] == 0:
+                continue
+            reach = scale * (ri + sizes.largest_a[a]) + skin
+            for k in range(d):
+                width = reach / frame.height_d[k] * cells[a, k] + 1e-9
+                low[k] = int(np.floor(fraction[i, k] * cells[a, k] - width))
+                high[k] = int(np.floor(fraction[i, k] * cells[a, k] + width))
+            for c2 in range(low[2], high[2] + 1):
+                s2 = _turns(c2, cells[a, 2])
+                for c1 in range(low[1], high[1] + 1):
+                    s1 = _turns(c1, cells[a, 1])
+                    line = first[a] + cells[a, 0] * ((c1 - s1 * cells[a, 1]) + cells[a, 1] * (c2 - s2 * cells[a, 2]))
+                    c0 = low[0]
+                    while c0 <= high[0]:
+                        # cells up to the face of the box form one run of places
+                        s0 = _turns(c0, cells[a, 0])
+                        last = min(high[0], (s0 + 1) * cells[a, 0] - 1)
+                        run = line + c0 - s0 * cells[a, 0]
+                        ox = lattice[0, 0] * s0 + lattice[0, 1] * s1 + lattice[0, 2] * s2 - xi
+                        oy = lattice[1, 0] * s0 + lattice[1, 1] * s1 + lattice[1, 2] * s2 - yi
+                        oz = lattice[2, 0] * s0 + lattice[2, 1] * s1 + lattice[2, 2] * s2 - zi
+                        hits = 0
+                        for place in range(start[run], start[run + last - c0 + 1]):
+                            dx = placed[place, 0] + ox
+                            dy = placed[place, 1] + oy
+                            square = dx * dx + dy * dy
+                            if d == 3:
+                                dz = placed[place, 2] + oz
+                                square += dz * dz
+                            limit = scale * (ri + placed[place, 3]) + skin
+                            hit[hits] = order[place]
+                            hits += (square <= limit * limit * (1.0 + 1e-12)) & (order[place] >= i)
+                        c0 = last + 1
+                        for h in range(hits):
+                            j = hit[h]
+                            z0 = s0 - step[j, 0] + step[i, 0]
+                            z1 = s1 - step[j, 1] + step[i, 1]
+                            z2 = s2 - step[j, 2] + step[i, 2]
+                            if i == j and (z0 < 0 or (z0 == 0 and (z1 < 0 or (z1 == 0 and z2 <= 0)))):
+                                continue
+                            if found < i_p.shape[0]:
+                                i_p[found] = i
+                                code_p[found] = (j << bits) | (((most[0] + z0) * n1 + most[1] + z1) * n2 + most[2] + z2)
+                            found += 1
+        _sort_row(code_p, begin, min(found, i_p.shape[0]))
+    return found
 
 
 @kernel
@@ -212,21 +280,11 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
     Each pair is found once, with i < j, or i == j and the image's first nonzero component positive. `axes` is a tuple
     as long as the dimension, which is thereby known when the loop is compiled.
     """
-    d = len(axes)
     n = row.shape[0]
-    lattice = frame.lattice_dd
-    fraction, point, step, spread = _wrap(row, frame)
+    fraction, point, step, spread = _wrap(axes, row, frame)
     cells = _grids(axes, sizes, frame, scale, skin)
-    first, start, order = _fill(sizes, cells, fraction)
-
-    # the table of images spans what the reach of the largest pair and unwrapped positions can ask for
-    most = np.zeros(3, np.int64)
-    widest = 0.0
-    for a in range(sizes.largest_a.shape[0]):
-        widest = max(widest, sizes.largest_a[a])
-    reach = scale * 2.0 * widest + skin
-    for k in range(d):
-        most[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
+    grid = (fraction, point, step, cells, *_fill(sizes, cells, fraction, point))
+    most = _images(axes, sizes, frame, scale, skin, spread)
     n1 = 2 * most[1] + 1
     n2 = 2 * most[2] + 1
     table = (2 * most[0] + 1) * n1 * n2
@@ -240,68 +298,11 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
         image[k, 0] = k // (n1 * n2) - most[0]
         image[k, 1] = k // n2 % n1 - most[1]
         image[k, 2] = k % n2 - most[2]
-
-    room = 8 * n + 64
-    i_raw = np.empty(room, np.uint32)
-    code_raw = np.empty(room, np.uint32)
-    found = 0
-    low = np.zeros(3, np.int64)
-    high = np.zeros(3, np.int64)
-    for i in range(n):
-        own = sizes.level_n[i]
-        xi, yi, zi = point[i, 0], point[i, 1], point[i, 2]
-        for a in range(own + 1):
-            if sizes.count_a[a] == 0:
-                continue
-            reach = scale * (point[i, 3] + sizes.largest_a[a]) + skin
-            for k in range(d):
-                width = reach / frame.height_d[k] * cells[a, k] + 1e-9
-                low[k] = int(np.floor(fraction[i, k] * cells[a, k] - width))
-                high[k] = int(np.floor(fraction[i, k] * cells[a, k] + width))
-            for c2 in range(low[2], high[2] + 1):
-                s2 = c2 // cells[a, 2]
-                for c1 in range(low[1], high[1] + 1):
-                    s1 = c1 // cells[a, 1]
-                    line = first[a] + cells[a, 0] * ((c1 - s1 * cells[a, 1]) + cells[a, 1] * (c2 - s2 * cells[a, 2]))
-                    for c0 in range(low[0], high[0] + 1):
-                        s0 = c0 // cells[a, 0]
-                        cell = line + c0 - s0 * cells[a, 0]
-                        if start[cell] == start[cell + 1]:
-                            continue
-                        ox = lattice[0, 0] * s0 + lattice[0, 1] * s1 + lattice[0, 2] * s2 - xi
-                        oy = lattice[1, 0] * s0 + lattice[1, 1] * s1 + lattice[1, 2] * s2 - yi
-                        oz = lattice[2, 0] * s0 + lattice[2, 1] * s1 + lattice[2, 2] * s2 - zi
-                        for slot in range(start[cell], start[cell + 1]):
-                            j = order[slot]
-                            if a == own and j < i:
-                                continue
-                            dx = point[j, 0] + ox
-                            dy = point[j, 1] + oy
-                            dz = point[j, 2] + oz
-                            limit = scale * (point[i, 3] + point[j, 3]) + skin
-                            if dx * dx + dy * dy + dz * dz > limit * limit * (1.0 + 1e-12):
-                                continue
-                            z0 = s0 - step[j, 0] + step[i, 0]
-                            z1 = s1 - step[j, 1] + step[i, 1]
-                            z2 = s2 - step[j, 2] + step[i, 2]
-                            if i == j and (z0 < 0 or (z0 == 0 and (z1 < 0 or (z1 == 0 and z2 <= 0)))):
-                                continue
-                            if found == room:
-                                i_more = np.empty(2 * room, np.uint32)
-                                code_more = np.empty(2 * room, np.uint32)
-                                for p in range(room):
-                                    i_more[p] = i_raw[p]
-                                    code_more[p] = code_raw[p]
-                                i_raw, code_raw = i_more, code_more
-                                room *= 2
-                            if j < i:
-                                k = ((most[0] - z0) * n1 + most[1] - z1) * n2 + most[2] - z2
-                                i_raw[found] = j
-                                code_raw[found] = (i << bits) | k
-                            else:
-                                k = ((most[0] + z0) * n1 + most[1] + z1) * n2 + most[2] + z2
-                                i_raw[found] = i
-                                code_raw[found] = (j << bits) | k
-                            found += 1
-    i_p, code_p = _sort_pairs(n, i_raw, code_raw, found)
-    return PairTable(i_p, code_p, image, bits)
+    i_p = np.empty(6 * n + 64, np.uint32)
+    code_p = np.empty(6 * n + 64, np.uint32)
+    found = _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p)
+    if found > i_p.shape[0]:
+        i_p = np.empty(found, np.uint32)
+        code_p = np.empty(found, np.uint32)
+        _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p)
+    return PairTable(i_p[:found], code_p[:found], image, bits)
