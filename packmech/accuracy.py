@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.accuracy_table import WorkPrecision
-from packmech.check import integer
+from packmech.check import function, integer, positive
 
 __all__ = ["Answer", "Trial", "WorkPrecision", "work_precision"]
 
@@ -124,6 +124,10 @@ def work_precision(
     _check_methods(solvers)
     setting_t = _checked_settings(settings)
     repeats = integer("repeats", repeats, at_least=1)
+    for name, value in (("error", error), ("progress", progress)):
+        if value is not None:
+            function(name, value)
+    function("clock", clock)
     measure = largest_difference if error is None else error
     trials: list[Trial] = []
     first_seconds: dict[str, float] = {}
@@ -177,12 +181,11 @@ def _check_methods(solvers: Mapping[str, Solver]) -> None:
 
 
 def _checked_settings(settings: Sequence[float]) -> tuple[float, ...]:
-    setting_t = tuple(float(setting) for setting in settings)
+    if isinstance(settings, str) or not isinstance(settings, Iterable):
+        raise TypeError(f"settings must be a sequence of positive numbers, got {settings!r}")
+    setting_t = tuple(positive(f"settings[{k}]", setting) for k, setting in enumerate(settings))
     if not setting_t:
         raise ValueError("settings must have at least one value, got none")
-    for setting in setting_t:
-        if not (math.isfinite(setting) and setting > 0.0):
-            raise ValueError(f"settings must be finite and positive, got {setting}")
     if len(set(setting_t)) < len(setting_t):
         raise ValueError(f"settings must be different from one another, got {setting_t}")
     return setting_t

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -79,7 +79,7 @@ def positive_array(
 
 
 def _brief(value: object) -> str:
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -149,3 +149,29 @@ def instance(name: str, value: Any, kind: type, article: str = "a") -> None:
     """
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be {article} {kind.__name__}, got {_brief(value)}")
+
+
+def function(name: str, value: Any) -> None:
+    """Check that the value can be called.
+
+    Raises
+    ------
+    TypeError
+        Naming the argument and what came.
+
+    """
+    if not callable(value):
+        raise TypeError(f"{name} must be a function, got {_brief(value)}")
+
+
+def table(name: str, value: Any) -> None:
+    """Check that the value is a mapping from names.
+
+    Raises
+    ------
+    TypeError
+        Naming the argument and what came.
+
+    """
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise TypeError(f"{name} must be a mapping from names, got {_brief(value)}")

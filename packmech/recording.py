@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from packmech import drawing
-from packmech.check import instance, integer
+from packmech.check import instance, integer, table
 from packmech.measure import packing_fraction, pressure
 from packmech.outcome import Run
 from packmech.packing import Packing
@@ -73,6 +74,7 @@ def record_packing(
     """
     if not isinstance(subject, Packing | Scene):
         raise TypeError(f"subject must be a Packing or a Scene, got {type(subject).__name__}")
+    _check_told(path, parameters, results)
     told = dict(results or {})
     if isinstance(subject, Scene):
         told.setdefault("pressure", pressure(subject))
@@ -124,6 +126,7 @@ def record_run(
     instance("run", run, Run)
     instance("scene", scene, Scene)
     frames = integer("frames", frames, at_least=2)
+    _check_told(path, parameters, results)
     if run.packing.particles != scene.packing.particles:
         raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
     final = scene.replace(packing=run.packing)
@@ -139,6 +142,14 @@ def record_run(
     }
     film = film_of_run(run, scene, frames)
     return _write(film, path, _motions(modes, film, _stiffness(final), mode_count), parameters or {}, told, summary)
+
+
+def _check_told(path: Any, parameters: Any, results: Any) -> None:
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be a file name, got {path!r}")
+    for name, value in (("parameters", parameters), ("results", results)):
+        if value is not None:
+            table(name, value)
 
 
 def _stiffness(scene: Scene) -> float:

@@ -124,10 +124,12 @@ def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> li
 
     Raises
     ------
-    ValueError
-        When the modes belong to another packing.
+    TypeError, ValueError
+        When the modes are none, or belong to another packing.
 
     """
+    if not hasattr(modes, "displacement_mnd"):
+        raise TypeError(f"modes must be what pm.normal_modes returns, got {modes!r}")
     displacement_mnd = np.asarray(modes.displacement_mnd)
     if displacement_mnd.shape[1:] != packing.position_nd.shape:
         raise ValueError(

@@ -173,8 +173,8 @@ def test_the_figure_is_written_even_with_failures_and_exact_zeros(tmp_path):
     [
         (({}, (1.0,), 0.0), {}, "problem must have at least one method, got none"),
         ((abs, (), 0.0), {}, "settings must have at least one value, got none"),
-        ((abs, (1.0, -1.0), 0.0), {}, "settings must be finite and positive, got -1.0"),
-        ((abs, (1.0, math.nan), 0.0), {}, "settings must be finite and positive, got nan"),
+        ((abs, (1.0, -1.0), 0.0), {}, r"settings\[1\] must be a finite number above 0, got -1.0"),
+        ((abs, (1.0, math.nan), 0.0), {}, r"settings\[1\] must be a finite number above 0, got nan"),
         ((abs, (1.0, 1.0), 0.0), {}, "settings must be different"),
         ((abs, (1.0,), 0.0), {"repeats": 0}, "repeats must be an integer at least 1, got 0"),
         ((abs, (1.0,), [1.0, 2.0]), {}, r"value must have the reference's shape \(2,\), got \(\)"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive
+from packmech.check import function, instance, one_of, positive
 from packmech.compiled import single_thread
 from packmech.dynamics.jam_methods import Decompression, HardVertex, JamMethod, ProgramChain, StepHalving
 from packmech.dynamics.jam_report import finish
@@ -104,6 +104,9 @@ def jam(
     asked = positive("pressure", pressure)
     one_of("strain", strain, ("fixed", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
+    instance("check", check, bool)
+    if progress is not None:
+        function("progress", progress)
     if energy_tolerance is not None:
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")

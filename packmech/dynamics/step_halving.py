@@ -13,6 +13,7 @@ from packmech.dynamics.soft import newton
 from packmech.measure import packing_fraction
 from packmech.outcome import Outcome
 from packmech.packing import Packing
+from packmech.records import is_record
 
 if TYPE_CHECKING:
     from packmech.dynamics.protocol import Protocol
@@ -60,6 +61,8 @@ class StepHalving:
         real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
         integer("quench_steps", self.quench_steps, at_least=1)
         integer("step_limit", self.step_limit, at_least=1)
+        if self.minimizer is not None and not is_record(self.minimizer):
+            raise TypeError(f"minimizer must be a minimizer such as Fire() or None, got {self.minimizer!r}")
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing whose energy lies in the window, and how the protocol ended."""

@@ -139,7 +139,7 @@ def _repeats(repeats: int | Sequence[int] | None, dimension: int) -> list[int]:
 def _integer_matrix(supercell: ArrayLike, dimension: int) -> NDArray[np.int64]:
     matrix = np.asarray(supercell)
     if matrix.dtype.kind not in "iu":
-        raise TypeError(f"supercell must be an array of integers, got {supercell!r}")
+        raise TypeError(f"supercell must be an array of integers, got {matrix.tolist()!r}")
     if matrix.shape != (dimension, dimension):
         raise ValueError(f"supercell must have shape ({dimension}, {dimension}), got {matrix.shape}")
     matrix = matrix.astype(np.int64)

@@ -1,0 +1,279 @@
+"""Bad input gets one clear error that names the argument: every parameter of every public function and record.
+
+A new public name is covered as soon as it is public: the tests read its signature and look each parameter up in BAD,
+by ``name.parameter`` first, then by the parameter's own name. What is missing there fails the test of completeness.
+"""
+
+import inspect
+import re
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.effects import is_effect, is_law
+
+NAN, INF = float("nan"), float("inf")
+
+# made by packmech for users to read, not by users
+RESULTS = {
+    "Answer", "Average", "Contacts", "FloppyModes", "Modes", "Moduli", "NotConverged", "Outcome", "Run", "SelfStress",
+    "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
+}  # fmt: skip
+
+# texts and other values of which any will do
+ANYTHING = {
+    "work_precision.reference", "work_precision.reference_is", "work_precision.title", "work_precision.knob",
+    "work_precision.failures", "record_packing.summary", "record_run.summary",
+}  # fmt: skip
+
+
+# decorators name what they decorate
+CALLED = {"law.cls": "law", "effect.cls": "effect"}
+
+
+class Toothless(NamedTuple):
+    """Neither a law nor an effect: it has none of their methods."""
+
+    energy_scale: float = 1.0
+
+
+def touching():
+    return pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+
+
+def scene():
+    return pm.Scene(touching(), (pm.Repulsion(),))
+
+
+def contacts_of_another():
+    return pm.find_contacts(pm.lattice_packing("kagome", repeats=(3, 3)), gap_tolerance=1e-9)
+
+
+POSITIVE = [NAN, INF, 0.0, -1.0, "1", None, True, [1.0]]
+NOT_NEGATIVE = [NAN, -1.0, "1", None]
+COUNT = [0, -1, 2.5, "2", True]
+CHOICE = ["no such name", 3, None]
+SWITCH = ["yes", 1, None]
+FILE = [3, None, 1.5]
+CALL = [3, "call"]
+TABLE = [3, "table", [1, 2]]
+
+BAD = {
+    # packings and boxes
+    "lattice_dd": [np.zeros((2, 2)), [[1.0, NAN], [0.0, 1.0]], np.eye(4), np.ones((2, 3)), 3.0, "box", None, []],
+    "position_nd": [[[0.0, NAN]], [[0.0, INF]], [[0.0]], [0.0, 0.0], [], np.zeros((0, 2)), "x", None, [[0.0, 1j]]],
+    "radius_n": [[NAN], [INF], [-0.5], [0.0], [0.5, 0.5], [], 0.5, "r", None, [[0.5]]],
+    "Packing.box": ["box", np.eye(2), None],
+    "packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2)],
+    "box": ["box", np.eye(4), np.zeros((2, 2)), [[1.0, NAN], [0.0, 1.0]]],
+    "particles": [*COUNT, None],
+    "dimension": [1, 4, 2.0, "2", None],
+    "packing_fraction": POSITIVE,
+    "sizes": ["bidisperse", 1.4, pm.Bidisperse],
+    "seed": [-1, 1.5, "1", True],
+    "rng": [1, np.random.Generator, "rng"],
+    "name": CHOICE,
+    "repeats": [0, (1, 2, 3), (1, -1), (1.5, 1), "two"],
+    "supercell": [np.eye(2), np.zeros((2, 2), dtype=int), np.eye(3, dtype=int), "cell"],
+    "conventional": SWITCH,
+    "relative_overlap": [NAN, 1.0, 2.0, "0", None],
+    "diameter": POSITIVE,
+    "ratio": [NAN, INF, 1.0, -1.0, "1.4", None],
+    "fraction": [NAN, 0.0, 1.0, "half", "1:0", "1:2:3", None],
+    "scatter": [NAN, -0.1, 0.31, "0", None],
+    "spread": [NAN, INF, 0.0, -1.0, "0", None],
+    "ratios": [(), (1.0, -1.0), (1.0, NAN), "12", 3, None],
+    "fractions": [(), (1.0,), (1.0, -1.0), (1.0, NAN), "12", 3, None],
+    # files
+    "path": FILE,
+    "description": [3, None],
+    "write_packing.law": ["harmonic", 3, pm.Harmonic, Toothless()],
+    # scenes
+    "scene": [None, "scene", 3, touching()],
+    "effects": [
+        None, "repulsion", pm.Repulsion(), (pm.Harmonic(),), (pm.Repulsion,), (pm.Repulsion(law="hertz"),),
+        (Toothless(),),
+    ],
+    "drive": ["jam", pm.JamDrive, 3],
+    "cls": [3, "law", dict, pm.Harmonic(), Toothless],
+    "Repulsion.law": ["harmonic", 3, None, pm.Harmonic, Toothless()],
+    "energy_scale": [NAN, INF, 0.0, -1.0, "1", None, True],
+    "stiffness": [NAN, INF, 0.0, -1.0, "1", None, True],
+    "exponent": [NAN, INF, 1.0, -1.0, "2", None, True],
+    "coefficient": [NAN, INF, -1.0, "1", None, True],
+    # contacts and measures
+    "gap_tolerance": [NAN, INF, -2.0, "0", None, [0.0]],
+    "contacts": [3, "contacts", contacts_of_another()],
+    "rattlers": CHOICE,
+    # jamming
+    "pressure": POSITIVE,
+    "force_tolerance": POSITIVE,
+    "energy_tolerance": POSITIVE,
+    "jam.strain": CHOICE,
+    "JamDrive.strain": CHOICE,
+    "jam.method": ["fast", 3, pm.HardVertex],
+    "progress": CALL,
+    "check": SWITCH,
+    "start_packing_fraction": POSITIVE,
+    "stop_pressure": POSITIVE,
+    "factor": [NAN, 0.0, 1.0, -1.0, "0.5", None],
+    "increment": [NAN, 0.0, 0.5, -1.0, "0.5", None],
+    "quench_tolerance": [NAN, 0.0, 1.0, -1.0, "0.5", None],
+    "quench_steps": [-1, 2.5, "2", None],
+    "iteration_limit": [*COUNT, None],
+    "step_limit": [*COUNT, None],
+    "program_limit": [*COUNT, None],
+    "trust_radius": [NAN, 0.0, 0.5, -1.0, "0.1", None],
+    "minimizer": [3, "fire"],
+    # mechanics
+    "solver": CHOICE,
+    "method": CHOICE,
+    "bound": CHOICE,
+    "volume": CHOICE,
+    "kind": CHOICE,
+    "volume_curvature": CHOICE,
+    "strain": SWITCH,
+    "floppy_modes.strain": CHOICE,
+    "states_of_self_stress.strain": CHOICE,
+    "rest_tolerance": [NAN, 0.0, -1.0, "1", None],
+    "tolerance": [NAN, INF, 0.0, -1.0, "1", None],
+    "rank_tolerance": [NAN, INF, 0.0, 1.0, "1", None],
+    "basis_limit": [NAN, INF, 0.0, -1.0, "1", None],
+    "count": COUNT,
+    "bins": [0, -1, 2.5, "two", [1.0], [1.0, 0.5], [0.0, NAN], None],
+    "source": [3, "modes", None, touching()],
+    "mass_n": [[1.0], np.zeros(9), -np.ones(9), np.full(9, NAN), "m"],
+    "strain_scale": [NAN, INF, 0.0, -1.0, "1"],
+    "displacement_nd": [np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), "u", None],
+    "strain_dd": [np.eye(3), [[0.0, 1.0], [0.0, 0.0]], np.full((2, 2), INF), "e"],
+    # accuracy and recording
+    "problem": [3, None, {}, {"a": 3}],
+    "settings": [(), (0.0,), (-1.0,), (NAN,), (1.0, 1.0), 3, None, ("a",)],
+    "error": CALL,
+    "clock": [*CALL, None],
+    "work_precision.repeats": [*COUNT, None],
+    "subject": [3, None, "packing"],
+    "run": [3, None, touching()],
+    "frames": [1, 0, 2.5, "2", None],
+    "modes": [3, "modes"],
+    "mode_count": [-1, 2.5, "2", None],
+    "parameters": TABLE,
+    "results": TABLE,
+}  # fmt: skip
+
+
+def good(name, folder):
+    """Return arguments with which the public function or record works."""
+    ones = {
+        "Box": {"lattice_dd": np.eye(2)},
+        "Packing": {"position_nd": [[0.0, 0.0]], "radius_n": [0.5], "box": pm.Box.cubic(2.0, 2)},
+        "Mixture": {"ratios": (1.0, 2.0), "fractions": (1.0, 1.0)},
+        "random_packing": {"particles": 4, "dimension": 2, "packing_fraction": 0.8, "seed": 1},
+        "lattice_packing": {"name": "square"},
+        "read_packing": {"path": folder / "a.npz"},
+        "read_law": {"path": folder / "a.npz"},
+        "read_scene": {"path": "default"},
+        "write_packing": {"packing": touching(), "path": folder / "b.npz"},
+        "write_scene": {"scene": scene(), "path": folder / "b.toml"},
+        "Scene": {"packing": touching(), "effects": (pm.Repulsion(),)},
+        "perturbation_energy": {"scene": scene(), "displacement_nd": np.zeros((9, 2))},
+        "density_of_states": {"source": scene()},
+        "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
+        "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
+        "law": {"cls": type(pm.Harmonic())},
+        "effect": {"cls": type(pm.Repulsion())},
+    }
+    if name in ones:
+        return ones[name]
+    parameters = inspect.signature(getattr(pm, name)).parameters
+    made = {"scene": scene, "packing": touching}
+    found = {key: make() for key, make in made.items() if key in parameters}
+    if name == "record_run":
+        found |= {"run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0), "path": folder / "a.rrd"}
+    return found
+
+
+def call(name, arguments):
+    """Call a public function or make a record; effects and laws are checked by the scene that they stand in."""
+    made = getattr(pm, name)(**arguments)
+    if is_effect(made):
+        pm.Scene(touching(), (pm.Repulsion(), made))
+    if is_law(made):
+        pm.Scene(touching(), (pm.Repulsion(law=made),))
+    return made
+
+
+def public():
+    return [name for name in pm.__all__ if name not in RESULTS]
+
+
+def parameters(name):
+    return inspect.signature(getattr(pm, name)).parameters
+
+
+def bad_values(name, parameter):
+    for key in (f"{name}.{parameter}", parameter):
+        if key in BAD:
+            return BAD[key]
+    return []
+
+
+CASES = [
+    (name, parameter, value)
+    for name in public()
+    for parameter in parameters(name)
+    for value in bad_values(name, parameter)
+    if not (value is None and parameters(name)[parameter].default is None)
+]  # fmt: skip
+
+
+def brief(value):
+    text = re.sub(r"0x[0-9a-f]+", "", repr(value)).replace("\n", "")
+    return text if len(text) < 30 else text[:27] + "..."
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("files")
+    pm.write_packing(touching(), made / "a.npz", law=pm.Harmonic())
+    return made
+
+
+def test_every_parameter_is_covered():
+    missing = [
+        f"{name}.{parameter}"
+        for name in public()
+        for parameter in parameters(name)
+        if not bad_values(name, parameter) and f"{name}.{parameter}" not in ANYTHING
+    ]  # fmt: skip
+    assert missing == []
+
+
+@pytest.mark.parametrize("name", public())
+def test_good_arguments_pass(name, folder):
+    call(name, good(name, folder))
+
+
+@pytest.mark.parametrize(("name", "parameter", "value"), CASES, ids=[f"{n}-{p}-{brief(v)}" for n, p, v in CASES])
+def test_bad_argument_gets_one_error_that_names_it(name, parameter, value, folder):
+    arguments = good(name, folder) | {parameter: value}
+    if parameter == "rng":
+        arguments.pop("seed")
+    with pytest.raises((TypeError, ValueError)) as caught:
+        call(name, arguments)
+    message = str(caught.value)
+    shown = CALLED.get(f"{name}.{parameter}", parameter)
+    assert re.search(rf"(^|[\w\]]\.){shown}\b", message.split(" must ")[0]), message
+    assert " must " in message and "\n" not in message
+
+
+def test_unreadable_file_is_refused_by_the_name_of_its_argument(tmp_path):
+    for ending, read in ((".npz", pm.read_packing), (".gsd", pm.read_packing), (".toml", pm.read_scene)):
+        path = tmp_path / f"broken{ending}"
+        path.write_bytes(b"\x80\x00 nothing of the kind")
+        with pytest.raises(ValueError, match=f"^path must name a .*broken{ending}"):
+            read(path)
+        with pytest.raises(FileNotFoundError, match="^path must name an existing file, got .*none"):
+            read(tmp_path / f"none{ending}")
