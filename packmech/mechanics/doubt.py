@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from packmech.contacts import Contacts
 from packmech.mechanics.judging import Judged
-from packmech.mechanics.touching import RestCheck, Touching
+from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer
 
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
@@ -20,14 +20,17 @@ SMALL_OVERLAP = 0.1
 _UNKNOWN = (None, None)
 
 
-def unrest(rest: RestCheck | None) -> str:
+def unrest(rest: RestCheck | None, touching: Touching) -> str:
     """Return why the packing is not at rest, or an empty string."""
     if rest is None or rest.at_rest:
         return ""
-    return (
+    reason = (
         f"not at rest: the largest net force is {rest.residual:.1e} of the mean contact force,"
         f" above {rest.limit:.1e} (law: {rest.law})"
     )
+    if touching.mean_overlap < LEAST_GAP:
+        reason += f"; if overlaps of {touching.mean_overlap:.0e} are errors of hard particles: rest_tolerance=inf"
+    return reason
 
 
 def off_plateau(touching: Touching) -> str:
@@ -57,7 +60,7 @@ def settle(
         Gives the findings on other contacts of the same packing.
 
     """
-    reason = unrest(rest)
+    reason = unrest(rest, touching)
     if reason:
         return _left_open(collectively, reason), _left_open(strictly, reason)
     reason = off_plateau(touching)

@@ -72,6 +72,7 @@ def classify_jamming(
     rest_tolerance
         Largest net force over mean contact force [1] at which a packing with overlaps counts as at rest; at least eight
         rounding floors are allowed. Without a scene the forces are those of a harmonic law. Beyond it: ambiguous.
+        Infinity leaves the check out, for hard particles with coordinates of few digits.
     tolerance
         Of the solvers.
     bound
@@ -144,7 +145,7 @@ def classify_jamming(
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
     emptied = len({level.contacts > 0 for level in touching.levels}) > 1
-    doubt = unrest(rest) or (off_plateau(touching) if emptied else "")
+    doubt = unrest(rest, touching) or (off_plateau(touching) if emptied else "")
     if doubt:
         local, local_reason = AMBIGUOUS, doubt
     rattlers = np.ones(packing.particles, dtype=bool)

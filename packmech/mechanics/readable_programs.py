@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.mechanics.motions import MotionCone
-from packmech.mechanics.programs import Openings, ForceBalance
+from packmech.mechanics.programs import ForceBalance, Openings
 from packmech.outcome import Outcome, Solve
 
 _OUTCOMES = {"optimal": Outcome.CONVERGED, "infeasible": Outcome.INFEASIBLE}
