@@ -77,6 +77,8 @@ _PUBLIC = {
     "perturbation_energy": "packmech.mechanics.hessian",
     "rigidity_matrix": "packmech.mechanics.rigidity",
     "states_of_self_stress": "packmech.mechanics.counting",
+    # minimizers
+    "Newton": "packmech.dynamics.polish",
     # verdict
     "classify_jamming": "packmech.mechanics.jamming",
     "Verdict": "packmech.mechanics.verdict",

@@ -189,7 +189,9 @@ def _checked(matrix: Any) -> sp.csc_matrix:
         raise TypeError(f"matrix must be a scipy sparse array, got {type(matrix).__name__}")
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"matrix must be square, got shape {matrix.shape}")
-    if matrix.format == "csr":
+    if not matrix.nnz:
+        return sp.csc_matrix(matrix.shape, dtype=np.float64)
+    if matrix.format == "csr" and matrix.has_canonical_format:
         # symmetric: its rows are its columns
         column = sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape, dtype=np.float64)
     else:
@@ -198,6 +200,10 @@ def _checked(matrix: Any) -> sp.csc_matrix:
     if not np.isfinite(column.data).all():
         row = int(column.indices[np.flatnonzero(~np.isfinite(column.data))[0]])
         raise ValueError(f"matrix must be finite, got {column.data[~np.isfinite(column.data)][0]} in row {row}")
+    probe = np.random.default_rng(0).normal(size=column.shape[0])
+    skew = np.abs(column @ probe - column.T @ probe).max()
+    if skew > 1e-8 * np.abs(column.data).max() * np.abs(probe).max():
+        raise ValueError(f"matrix must be symmetric, got one whose transpose differs by about {skew:.2g}")
     return column
 
 
