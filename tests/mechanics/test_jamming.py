@@ -381,5 +381,6 @@ def test_large_packings_of_the_protocol_are_jammed_by_both_methods_and_not_witho
         less = pm.classify_jamming(packing, contacts=contacts)
         if verdict.states_of_self_stress[question] == 1:
             assert (less.strict if strain == "free" else less.collective) == NO
-        exact = pm.classify_jamming(packing, contacts=contacts, solver="highs")
-        assert (less.collective, less.strict) == (exact.collective, exact.strict)
+        if verdict.states_of_self_stress[question] > 1 or particles == 256:
+            exact = pm.classify_jamming(packing, contacts=contacts, solver="highs")
+            assert (less.collective, less.strict) == (exact.collective, exact.strict)
