@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from packmech.check import integer, positive, real
+from packmech.dynamics.expand import decompress
 from packmech.dynamics.hard_vertex import find_vertex, press
-from packmech.measure import packing_fraction
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 
@@ -17,17 +15,15 @@ if TYPE_CHECKING:
     from packmech.dynamics.protocol import Protocol
 
 _START = {2: 0.90, 3: 0.70}
-# dP / d(packing fraction) in units of the pressure unit: where the secant starts, and its bounds
-_SLOPE, _SLOPES = 0.35, (0.1, 1.0)
 
 
 @dataclass(frozen=True)
 class Decompression:
     """Quench at a packing fraction well above jamming, then decompress in steps that divide the pressure.
 
-    Every step relaxes by FIRE and extrapolates the pressure to the next target by the last slope. The last two pressures give the
-    packing fraction of zero pressure; the exact hard packing and the soft one at the pressure asked for follow from there.
-    "Random at .90, FIRE, decompress, extrapolate" is this protocol.
+    Every step relaxes by FIRE and extrapolates the pressure to the next target by the last slope. The last two
+    pressures give the packing fraction of zero pressure; the exact hard packing and the soft one at the pressure
+    asked for follow from there. "Random at .90, FIRE, decompress, extrapolate" is this protocol.
 
     Parameters
     ----------
@@ -73,61 +69,3 @@ class Decompression:
         if vertex is None:
             return protocol.last, Outcome.NOT_JAMMED
         return press(protocol, vertex, pressure)
-
-
-def decompress(
-    protocol: Protocol, start: float, stop_pressure: float, factor: float, tolerance: float, steps: int
-) -> Packing:
-    """Return the packing decompressed to the stop pressure; the extrapolated packing fraction goes into the report.
-
-    Parameters
-    ----------
-    protocol
-        The protocol; one stage is added per box.
-    start
-        Packing fraction of the quench.
-    stop_pressure
-        Pressure to stop at [energy_scale / diameter^d].
-    factor
-        Ratio of successive pressures [1].
-    tolerance, steps
-        Where FIRE stops in each box.
-
-    """
-    unit = protocol.scene.pressure_unit
-
-    def relaxed(at: Packing, name: str) -> tuple[Packing, float]:
-        with protocol.stage(name) as figures:
-            packing, done = protocol.relax(at, tolerance, steps, floor=1e-3 * stop_pressure)
-            figures.residual, figures.steps, figures.force_evaluations = (
-                done.residual,
-                done.steps,
-                done.force_evaluations,
-            )
-            now = done.pressure / unit
-            figures.note = f"FIRE at packing fraction {packing_fraction(packing):.6f}, pressure {now:.2e}"
-        return packing, now if done.outcome is not Outcome.UNJAMMED else 0.0
-
-    packing, pressure = relaxed(protocol.at_fraction(protocol.scene.packing, start), "quench")
-    fraction, slope = packing_fraction(packing), _SLOPE
-    last: tuple[float, float] | None = None
-    while pressure > stop_pressure:
-        target = max(factor, stop_pressure / pressure * 0.9)
-        while True:
-            there = fraction - pressure * (1.0 - target) / slope
-            trial, found = relaxed(protocol.at_fraction(packing, there), "decompression")
-            if found > 0.0 or target > 0.9:
-                break
-            # unjammed: go back and ask for less
-            target = float(np.sqrt(target))
-        last = (fraction, pressure)
-        if found <= 0.0:
-            pressure = 0.0
-            packing = trial
-            break
-        slope = float(np.clip((pressure - found) / (fraction - there), *_SLOPES))
-        packing, pressure, fraction = trial, found, there
-    if last is not None and 0.0 < pressure < last[1]:
-        onset = fraction - pressure * (last[0] - fraction) / (last[1] - pressure)
-        protocol.report["extrapolated_packing_fraction"] = onset
-    return packing

@@ -1,4 +1,4 @@
-"""The default jamming protocol: a short quench, the exact hard packing by an interior-point method, the soft packing from it."""
+"""The default jamming protocol: a short quench, the exact hard packing by interior points, the soft packing from it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
+from packmech.dynamics.expand import decompress
 from packmech.dynamics.soft import SoftState, soften
 from packmech.dynamics.soft_search import search_pressure
 from packmech.dynamics.vertex import Vertex, certify
@@ -29,25 +30,29 @@ _BARRIERS = (1e-12, 1e-13, 1e-14)
 class HardVertex:
     """Quench at a packing fraction, then find the exact hard packing nearby, then press it to the pressure asked for.
 
-    FIRE stops early, at rough balance: what it is slow at (soft modes, contacts that flicker, rattlers) is left to an interior-point
-    method that makes the hard packing denser at its true distances until contacts block every motion. Measured from a quench at .87,
-    2D: 20-120 factorizations for N = 256 and 45-125 for N = 1024. The ensemble is that of this protocol; state it with every jamming
-    packing fraction.
+    FIRE stops early, at rough balance: what it is slow at (soft modes, contacts that flicker, rattlers) is left to an
+    interior-point method that makes the hard packing denser at its true distances until contacts block every motion.
+    Measured from a quench at .87, 2D: 20-120 factorizations for N = 256 and 45-125 for N = 1024. The ensemble is that
+    of this protocol; state it with every jamming packing fraction.
 
     Parameters
     ----------
     start_packing_fraction
         Where the quench happens; None: .87 in two dimensions, .68 in three.
+    stop_pressure
+        FIRE decompresses until the pressure is at most this [energy_scale / diameter^d]; after a quench at the usual
+        packing fraction it already is.
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
-        Most FIRE steps.
+        Most FIRE steps in one box.
     iteration_limit
         Most interior-point iterations.
 
     """
 
     start_packing_fraction: float | None = None
+    stop_pressure: float = 0.05
     quench_tolerance: float = 1e-3
     quench_steps: int = 200_000
     iteration_limit: int = 2000
@@ -55,41 +60,23 @@ class HardVertex:
     def __post_init__(self) -> None:
         if self.start_packing_fraction is not None:
             positive("start_packing_fraction", self.start_packing_fraction)
+        positive("stop_pressure", self.stop_pressure)
         real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
         integer("quench_steps", self.quench_steps, at_least=0)
         integer("iteration_limit", self.iteration_limit, at_least=1)
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
-        packing = quench(protocol, self.start_packing_fraction, self.quench_tolerance, self.quench_steps)
+        start = (
+            START[protocol.scene.packing.dimension]
+            if self.start_packing_fraction is None
+            else self.start_packing_fraction
+        )
+        packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
         vertex = find_vertex(protocol, packing, self.iteration_limit)
         if vertex is None:
             return protocol.last, Outcome.NOT_JAMMED
         return press(protocol, vertex, pressure)
-
-
-def quench(protocol: Protocol, start: float | None, tolerance: float, steps: int) -> Packing:
-    """Return the packing relaxed by FIRE at the start's packing fraction.
-
-    Parameters
-    ----------
-    protocol
-        The protocol; a stage is added to it.
-    start
-        Packing fraction, or None for the usual one.
-    tolerance, steps
-        Where FIRE stops.
-
-    """
-    first = protocol.scene.packing
-    start = START[first.dimension] if start is None else start
-    with protocol.stage("quench") as figures:
-        packing, done = protocol.relax(protocol.at_fraction(first, start), tolerance, steps)
-        figures.residual, figures.steps, figures.force_evaluations = done.residual, done.steps, done.force_evaluations
-        figures.note = (
-            f"FIRE at packing fraction {start:.4g}, pressure {done.pressure / protocol.scene.pressure_unit:.2e}"
-        )
-    return packing
 
 
 def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> Vertex | None:

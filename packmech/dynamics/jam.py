@@ -34,7 +34,8 @@ def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
 
     """
     if strain == "fixed":
-        return np.eye(dimension)[None] / np.sqrt(dimension)
+        isotropic: NDArray[np.float64] = np.eye(dimension)[None] / np.sqrt(dimension)
+        return isotropic
     return mandel_basis(dimension).copy()
 
 
@@ -51,8 +52,8 @@ def jam(
 ) -> Run:
     """Return the run that ends in a jammed packing at the pressure asked for.
 
-    The packing's box is scaled to the start of the protocol, whatever its packing fraction. Every figure is recomputed from the
-    packing that is returned.
+    The packing's box is scaled to the start of the protocol, whatever its packing fraction. Every figure is
+    recomputed from the packing that is returned.
 
     Parameters
     ----------
@@ -63,7 +64,8 @@ def jam(
     strain
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "fixed": the box keeps its shape.
     method
-        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression(); their parameters are those of the protocol.
+        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression(); their parameters are those of
+        the protocol.
     energy_tolerance
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
@@ -76,11 +78,11 @@ def jam(
     Returns
     -------
     Run
-        `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction (of the hard
-        packing), pressure, pressure_asked [energy_scale / diameter^d], particles, rattlers, contacts, isostatic_contacts,
-        excess_contacts, states_of_self_stress, patches (arrays of particles held redundantly), stress_anisotropy, method, strain,
-        and, where a hard packing was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance,
-        smallest_force.
+        `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
+        (of the hard packing), pressure, pressure_asked [energy_scale / diameter^d], particles, rattlers, contacts,
+        isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles held redundantly),
+        stress_anisotropy, method, strain, and, where a hard packing was found, hard_packing, hard_contacts,
+        hard_excess_contacts, gap_error, force_imbalance, smallest_force.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import pair_contacts
-from packmech.dynamics.decompression import decompress
+from packmech.dynamics.expand import decompress
 from packmech.dynamics.hard_vertex import START, press, report_vertex
 from packmech.dynamics.vertex import Vertex, certify
 from packmech.mechanics.interior_point import HardState
@@ -29,11 +29,11 @@ _STRAIN_BOUND = 0.05
 
 @dataclass(frozen=True)
 class ProgramChain:
-    """Quench and decompress a little, then a chain of sparse linear programs to the exact hard packing, then the soft one.
+    """Quench, decompress a little, then a chain of sparse linear programs to the exact hard packing, then the soft one.
 
-    Each program minimizes the trace of the strain over displacements within a trust radius such that no pair closer than the
-    radius allows comes to overlap (Torquato and Jiao, Phys. Rev. E 82, 061302, 2010). Distances are convex in the unknowns, so a
-    step keeps the true gaps open. Slower than HardVertex, and independent of its solver.
+    Each program minimizes the trace of the strain over displacements within a trust radius such that no pair closer
+    than the radius allows comes to overlap (Torquato and Jiao, Phys. Rev. E 82, 061302, 2010). Distances are convex
+    in the unknowns, so a step keeps the true gaps open. Slower than HardVertex, and independent of its solver.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class ProgramChain:
     def _program(
         self, packing: Packing, basis_kdd: NDArray[np.float64], radius: float, tolerance: float
     ) -> tuple[HardState, float, Solution]:
-        """Return the packing after one program with slacks and forces, the largest step of a force-bearing particle, and the solution."""
+        """Return the packing after one program with slacks and forces, its backbone's largest step, the solution."""
         d, n, k = packing.dimension, packing.particles, len(basis_kdd)
         small = 2.0 * float(packing.radius_n.min())
         pairs = candidate_pairs(

@@ -1,7 +1,8 @@
 """From the hard packing to the soft one at a small pressure: invert the law for the overlaps, then Newton's method.
 
-Unknowns are displacements and the free strains; the enthalpy U + p V is stationary where forces balance and the stress is -p on
-every free strain. Prestress is included: without it Newton's method stalls at a residual of 1e-2 near jamming.
+Unknowns are displacements and the free strains; the enthalpy U + p V is stationary where forces balance and the
+stress is -p on every free strain. Prestress is included: without it Newton's method stalls at a residual of 1e-2 near
+jamming.
 """
 
 from __future__ import annotations
@@ -51,21 +52,23 @@ class Units:
         return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)
 
     def overlap_of(self, force_c: NDArray[np.float64], sigma_c: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the relative overlaps at which the law gives the forces (at most one half), by bisection in the logarithm."""
+        """Return the relative overlaps, at most one half, at which the law gives the forces; by bisection."""
         low, high = np.full(len(force_c), np.log(1e-18)), np.full(len(force_c), np.log(0.5))
         for _ in range(60):
             middle = 0.5 * (low + high)
             weaker = -self.derivatives(sigma_c * (1.0 - np.exp(middle)), sigma_c)[0] < force_c
             low, high = np.where(weaker, middle, low), np.where(weaker, high, middle)
-        return np.exp(0.5 * (low + high))
+        overlap: NDArray[np.float64] = np.exp(0.5 * (low + high))
+        return overlap
 
 
 @dataclass(frozen=True, eq=False)
 class SoftState:
     """A soft packing in balance, or as near as Newton's method came: how well, and after how many iterations.
 
-    `stress_error` is the largest missing stress on a free strain over the pressure; `negative` counts unstable directions;
-    `reached` is the depth of the overlaps over that asked for; `floor` the residual that rounding of positions alone can cause.
+    `stress_error` is the largest missing stress on a free strain over the pressure; `negative` counts unstable
+    directions; `reached` is the depth of the overlaps over that asked for; `floor` the residual that rounding of
+    positions alone can cause.
     """
 
     packing: Packing
@@ -82,7 +85,8 @@ class SoftState:
 
     def sound(self, tolerance: float) -> bool:
         """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
-        # positions are multiples of their last digit: eight such floors is as still as a packing can be in double precision
+        # positions are multiples of their last digit: eight such floors is as still as a packing can be in double
+        # precision
         return self.negative == 0 and self.balanced(max(tolerance, 8.0 * self.floor))
 
 
@@ -93,6 +97,7 @@ class _Network:
         self.packing, self.units, self.basis_kdd, self.pressure = packing, units, basis_kdd, pressure
         self.pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _REACH)
         self.system: BlockSystem | None = None
+        self._touching = np.zeros(0, dtype=bool)
         self.trace_k = np.einsum("kaa->k", basis_kdd)
         self.measure(packing)
 
@@ -183,6 +188,7 @@ def newton(
     negative = 0
     used = 0
     idle = 0
+    travelled = 0.0
     for _ in range(iterations):
         used += 1
         start, merit = network.packing, network.merit
@@ -198,6 +204,10 @@ def newton(
         if not np.isfinite(longest):
             break
         size = min(1.0, 0.3 * _REACH / max(longest, 1e-300))
+        travelled += size * longest
+        if travelled > 0.8 * _REACH:
+            network = _Network(start, units, basis_kdd, pressure)
+            travelled = size * longest
         for _ in range(8):
             network.packing = start
             network.measure(network.moved(size * u_nd, size * strain_k))
@@ -223,8 +233,9 @@ def newton(
 def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
     """Return the packing in which the contacts of the hard one overlap as its forces ask for, to first order.
 
-    The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness; the motion under the load
-    follows from one linear system. Contacts that would pull and near pairs that would overlap are switched one at a time.
+    The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness; the motion under
+    the load follows from one linear system. Contacts that would pull and near pairs that would overlap are switched
+    one at a time.
 
     Parameters
     ----------
@@ -276,8 +287,8 @@ def soften(
 ) -> SoftState:
     """Return the soft packing at the pressure, followed from the exact hard one.
 
-    Where the pressure asks for overlaps above 1e-7 the packing is taken there in steps, each at most four times deeper than the
-    one before and halved (in the logarithm) when Newton's method does not end in balance.
+    Where the pressure asks for overlaps above 1e-7 the packing is taken there in steps, each at most four times
+    deeper than the one before and halved (in the logarithm) when Newton's method does not end in balance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The soft packing at a pressure far above the hard one, where following the contacts fails: FIRE and a secant in the box size."""
+"""The soft packing far above the hard one, where following the contacts fails: FIRE and a secant in the box size."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FIRE_STEPS = 300_000
 
 
 def search_pressure(protocol: Protocol, state: SoftState, goal: float) -> SoftState:
-    """Return the packing at the pressure: FIRE in boxes of changing size until the pressure is near, then Newton's method.
+    """Return the packing at the pressure: FIRE in boxes of changing size until it is near, then Newton's method.
 
     The network rearranges on the way; the stage's note says so.
 

@@ -23,10 +23,10 @@ _START = {2: 0.84, 3: 0.64}
 
 @dataclass(frozen=True)
 class StepHalving:
-    """Compress or expand by small steps in packing fraction, relax after each, halve the step whenever the side changes.
+    """Compress or expand by small steps in packing fraction, relax, halve the step whenever the side changes.
 
-    Ends when the energy per particle lies between `energy_tolerance` and twice that. The pressure follows from the energy; the one
-    asked of `jam` is not used.
+    Ends when the energy per particle lies between `energy_tolerance` and twice that. The pressure follows from the
+    energy; the one asked of `jam` is not used.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The exact hard packing at the end of an interior-point search: which pairs touch, that they balance, and how many too many."""
+"""The exact hard packing at the end of a search: which pairs touch, that they balance, and how many are redundant."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class Vertex:
     force_c
         (C,) their forces; the sum of force * distance is N d.
     excess
-        Contacts beyond d N' - d + k for N' force-bearing particles and k free strains: 0 means one state of self stress.
+        Contacts beyond d N' - d + k for N' force-bearing particles and k free strains: 0 means one state of self
+        stress.
     floppy_modes
         Motions of the backbone that no contact resists to first order.
     gap_error
@@ -43,8 +44,8 @@ class Vertex:
     force_imbalance
         Largest net force or unbalanced stress over the mean force [1].
     patches
-        Particles held by more contacts than needed: one array per connected group. Equal particles close the contacts of a hexagonal
-        patch exactly, so its forces are not unique.
+        Particles held by more contacts than needed: one array per connected group. Equal particles close the contacts
+        of a hexagonal patch exactly, so its forces are not unique.
 
     """
 
@@ -107,7 +108,8 @@ class Backbone:
         """Return A (u, strain)."""
         out = np.empty(len(self.contacts))
         extensions(self.contacts.i_c, self.contacts.j_c, self.contacts.normal_cd, u_nd, out)
-        return out + self.stretch_ck @ strain_k
+        extension: NDArray[np.float64] = out + self.stretch_ck @ strain_k
+        return extension
 
     def solve(
         self, net: NDArray[np.float64], load_k: NDArray[np.float64]
@@ -230,8 +232,8 @@ def certify(
 ) -> tuple[Vertex | None, str]:
     """Return the exact hard packing that the state has come close to, or None and what is missing.
 
-    Accepted only if all contacts touch to 1e-11 and all other pairs are apart, every force is positive, and the forces balance
-    to 1e-9 of their mean.
+    Accepted only if all contacts touch to 1e-11 and all other pairs are apart, every force is positive, and the
+    forces balance to 1e-9 of their mean.
 
     Parameters
     ----------

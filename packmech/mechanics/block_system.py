@@ -1,8 +1,8 @@
-"""Sparse systems A^T D A of contact networks: one d x d block per particle and per touching pair, factored again and again.
+"""Sparse systems A^T D A of contact networks: one d x d block per particle and per pair, factored again and again.
 
 A contact with stiffness `along` its normal and `across` it couples the displacements of its two particles through
-K = across 1 + (along - across) n n. The pattern depends on the pairs alone, so it is analyzed once; a factorization then
-costs the numbers only. A particle's own image moves with it and adds nothing here.
+K = across 1 + (along - across) n n. The pattern depends on the pairs alone, so it is analyzed once; a factorization
+then costs the numbers only. A particle's own image moves with it and adds nothing here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Solver = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @kernel
 def _block_rows(i_c, j_c, slot_c, first_n, neighbor):  # type: ignore[no-untyped-def]
-    """Number the distinct pairs of pairs sorted by (i, j): slot within row i, and the neighbor lists; return their number."""
+    """Write each pair's slot in its row and the rows' neighbor lists, for pairs sorted by (i, j); return the blocks."""
     blocks = 0
     row = -1
     last = -1
@@ -66,7 +66,7 @@ def _fill_pattern(first_n, neighbor, start, index, d):  # type: ignore[no-untype
 
 @kernel
 def _assemble(i_c, j_c, slot_c, normal, along, across, extra_n, start, data):  # type: ignore[no-untyped-def]
-    """Add the blocks of all contacts, in their order, to the lower triangle; return the particle of the stiffest row."""
+    """Add the blocks of all contacts, in order, to the lower triangle; return the particle of the stiffest row."""
     d = normal.shape[1]
     data[:] = 0.0
     for c in range(i_c.shape[0]):
@@ -131,7 +131,7 @@ class Factored(NamedTuple):
 
 
 class BlockSystem:
-    """The pattern of one list of pairs, analyzed once; `factor` takes new numbers and invalidates the factors before it.
+    """The pattern of one list of pairs, analyzed once; each `factor` with new numbers ends the use of the one before.
 
     Parameters
     ----------
@@ -140,9 +140,9 @@ class BlockSystem:
     particles, dimension
         N and d.
     backend
-        "qdldl", "rslab" (supernodal, if installed) or "auto": rslab in three dimensions where it is installed, else qdldl.
-        Measured, CPU milliseconds of one factorization of the pairs within 1.3 diameters: 2D N = 4096: qdldl 19, rslab 33; 3D
-        N = 1024: 160 and 58.
+        "qdldl", "rslab" (supernodal, if installed) or "auto": rslab in three dimensions where it is installed, else
+        qdldl. Measured, CPU milliseconds of one factorization of the pairs within 1.3 diameters: 2D N = 4096: qdldl
+        19, rslab 33; 3D N = 1024: 160 and 58.
 
     """
 
@@ -204,8 +204,8 @@ class BlockSystem:
         extra_n
             (N,) springs that tie particles to where they are.
         pin
-            Hold one particle, so that uniform translations do not make the system singular. Right-hand sides must sum to zero;
-            then the hold bears no force and does not change the solution otherwise.
+            Hold one particle, so that uniform translations do not make the system singular. Right-hand sides must sum
+            to zero; then the hold bears no force and does not change the solution otherwise.
 
         """
         across = np.zeros_like(along_c) if across_c is None else across_c

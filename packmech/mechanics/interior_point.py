@@ -2,10 +2,11 @@
 
     minimize the volume   over displacements u and strains e   subject to   |v_c + u_j - u_i + e v_c| >= sigma_c
 
-for every pair c near enough to touch. Distances are convex in (u, e), so their linearizations lie below them: a step that keeps
-the linear gaps open keeps the true ones open, and each iteration may linearize anew at the packing as it is. One primal-dual step
-(Mehrotra's predictor and corrector) costs one factorization of the pair network; the multipliers converge to the contact forces.
-The programs of Torquato and Jiao (Phys. Rev. E 82, 061302, 2010) solve the same problem one linear program after another.
+for every pair c near enough to touch. Distances are convex in (u, e), so their linearizations lie below them: a step
+that keeps the linear gaps open keeps the true ones open, and each iteration may linearize anew at the packing as it
+is. One primal-dual step (Mehrotra's predictor and corrector) costs one factorization of the pair network; the
+multipliers converge to the contact forces. The programs of Torquato and Jiao (Phys. Rev. E 82, 061302, 2010) solve
+the same problem one linear program after another.
 """
 
 from __future__ import annotations
@@ -202,7 +203,8 @@ def start_state(
     load
         Sum of force * distance over all pairs at the end.
     force_of
-        Contact forces from (overlap_c, contact_distance_c); proportional to relative overlap over distance if not given.
+        Contact forces from (overlap_c, contact_distance_c); proportional to relative overlap over distance if not
+        given.
 
     """
     pairs = _Pairs(position_nd, lattice_dd, radius_n)
@@ -246,7 +248,8 @@ def densify(
     radius_n
         (N,) radii in the state's units.
     basis_kdd
-        (k, d, d) strains that are free: the unit tensor over sqrt(d) alone keeps the shape of the box, the Mandel basis frees all.
+        (k, d, d) strains that are free: the unit tensor over sqrt(d) alone keeps the shape of the box, the Mandel
+        basis frees all.
     barrier
         Mean of slack * force to end at; forces have mean of order one.
     iteration_limit
@@ -284,7 +287,8 @@ def densify(
         *_, ds, df = step.direction(np.zeros_like(slack))
         ahead_p, ahead_d = min(1.0, _largest_step(slack, ds)), min(1.0, _largest_step(force, df))
         reached = float(((force + ahead_d * df) * (slack + ahead_p * ds)).mean())
-        # a packing that still moves is far from balance: lowering the barrier faster than it settles makes it crawl along walls
+        # a packing that still moves is far from balance: lowering the barrier faster than it settles makes it crawl
+        # along walls
         center = min(1.0, max((reached / mean) ** 3, 1e-4, 0.3 * step.unbalanced() ** 2 / mean))
         correction = ds * df if min(ahead_p, ahead_d) > 0.1 else 0.0
         u_nd, strain_k, ds, df = step.direction(center * mean + np.zeros_like(slack) - correction)
