@@ -8,18 +8,18 @@ Bitzek et al., Phys. Rev. Lett. 97, 170201 (2006), and its second form, GuÃ©nolÃ
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, NamedTuple
 
 from packmech.compiled import kernel
 from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
 from packmech.dynamics.pair_list import TRAVEL
 
-# places in the state that a run of steps leaves behind
-DT, ALPHA, DOWNHILL, SPEED2, FASTEST2, STEP, STIFF, MOBILITY, UPHILL = range(9)
-STATE = 9
+if TYPE_CHECKING:
+    from packmech.dynamics.kernels import Goal
+    from packmech.dynamics.program import Program, Progress
+
+# places in Progress.number
+_STEP, _EVALUATIONS, _DT, _ALPHA, _DOWNHILL, _SPEED2, _FASTEST2, _STIFFNESS, _MOBILITY, _NUMBERS = range(10)
 
 # the stiffness is looked at again after this many steps, and whenever motion starts anew
 _RENEW = 64
@@ -56,6 +56,14 @@ class Fire(NamedTuple):
     mixing_decay: float = 0.97
     largest_step: float = 0.1
 
+    def start(self, program: Program) -> Progress:
+        """Return the state of a run that has not started."""
+        return _start(self, program)
+
+    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps; return the status code."""
+        return program.advance(fire_steps, _Numbers(*self[:-1], 0.0, 0.0), goal, progress, steps, self.largest_step)
+
 
 class Fire2(NamedTuple):
     """FIRE 2.0: velocities are mixed after the kick, and an uphill step is taken half back.
@@ -73,32 +81,55 @@ class Fire2(NamedTuple):
     mixing_decay: float = 0.99
     largest_step: float = 0.1
 
+    def start(self, program: Program) -> Progress:
+        """Return the state of a run that has not started."""
+        return _start(self, program)
 
-class FireForm(NamedTuple):
-    """What tells the two forms apart: the part of an uphill step taken back; whether mixing sees the kick."""
+    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps; return the status code."""
+        return program.advance(fire_steps, _Numbers(*self[:-1], 0.5, 1.0), goal, progress, steps, self.largest_step)
 
+
+class _Numbers(NamedTuple):
+    """The numbers of either form, the part of an uphill step taken back, and whether mixing sees the kick."""
+
+    dt: float
+    dt_max: float
+    dt_min: float
+    delay: float
+    grow: float
+    shrink: float
+    mixing: float
+    mixing_decay: float
     step_back: float
     mix_kicked: float
 
 
+def _start(method: Fire | Fire2, program: Program) -> Progress:
+    progress = program.progress(_NUMBERS, 0)
+    progress.number[_DT] = method.dt
+    progress.number[_ALPHA] = method.mixing
+    return progress
+
+
 @kernel
 def fire_steps(
-    effects, axes, row, force_nd, velocity_nd, space, pairs, settings, form, goal, largest_step, state, steps
+    effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
-    """Advance up to `steps` steps and return how they ended and the pair list; the last forces stay in the rows."""
-    dt = state[DT]
-    alpha = state[ALPHA]
-    downhill = state[DOWNHILL]
-    speed2 = state[SPEED2]
-    fastest2 = state[FASTEST2]
-    stiffness = state[STIFF]
-    mobility = state[MOBILITY]
+    """Advance up to `steps` steps and return how they ended and the pair list."""
+    dt = number[_DT]
+    alpha = number[_ALPHA]
+    downhill = number[_DOWNHILL]
+    speed2 = number[_SPEED2]
+    fastest2 = number[_FASTEST2]
+    stiffness = number[_STIFFNESS]
+    mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
     clear(force_nd)
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        now = int(state[STEP]) + step
+        now = int(number[_STEP]) + step
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
             stiffness = survey(effects, axes, row, pairs).stiffness
@@ -110,9 +141,8 @@ def fire_steps(
         step += 1
         if stopped:
             if now > 0:
-                state[UPHILL] += 1.0
-                if form.step_back > 0.0:
-                    back = form.step_back * dt
+                if settings.step_back > 0.0:
+                    back = settings.step_back * dt
                     for i in range(row.shape[0]):
                         for a in range(len(axes)):
                             row[i, a] -= back * velocity_nd[i, a]
@@ -129,7 +159,7 @@ def fire_steps(
                 alpha *= settings.mixing_decay
             kick = dt * mobility
             keep = 1.0 - alpha
-            if form.mix_kicked > 0.0:
+            if settings.mix_kicked > 0.0:
                 kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
                 push = keep * kick + alpha * math.sqrt(kicked2 / sums.square)
             else:
@@ -141,27 +171,13 @@ def fire_steps(
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
         pairs = travel(axes, row, space, pairs, dt * math.sqrt(fastest2))
-    state[DT] = dt
-    state[ALPHA] = alpha
-    state[DOWNHILL] = downhill
-    state[SPEED2] = speed2
-    state[FASTEST2] = fastest2
-    state[STEP] += step
-    state[STIFF] = stiffness
-    state[MOBILITY] = mobility
+    number[_DT] = dt
+    number[_ALPHA] = alpha
+    number[_DOWNHILL] = downhill
+    number[_SPEED2] = speed2
+    number[_FASTEST2] = fastest2
+    number[_STEP] += step
+    number[_EVALUATIONS] += step + 1
+    number[_STIFFNESS] = stiffness
+    number[_MOBILITY] = mobility
     return status, pairs
-
-
-def fresh_state(settings: Fire | Fire2) -> NDArray[np.float64]:
-    """Return the state of a run that has not started.
-
-    Parameters
-    ----------
-    settings
-        The method.
-
-    """
-    state = np.zeros(STATE)
-    state[DT] = settings.dt
-    state[ALPHA] = settings.mixing
-    return state

@@ -179,7 +179,7 @@ def travel(axes, row, space, pairs, distance):
 
 
 class Survey(NamedTuple):
-    """Energy, virial, and the largest sum of contact stiffnesses on one particle (half a bound on the largest curvature).
+    """Energy, virial, and largest sum of contact stiffnesses on one particle, half a bound on the largest curvature.
 
     virial_dd is the sum over pairs of (du/dr) n v (outer product), in three dimensions.
     """

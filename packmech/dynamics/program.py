@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
 from packmech.contacts.cells import Sizes, frame_of, size_levels
-from packmech.dynamics.fire import STEP, Fire, Fire2, FireForm, fire_steps, fresh_state
+from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import (
     CONVERGED,
     FLOOR,
@@ -76,6 +76,35 @@ class Relaxation(NamedTuple):
     contacts: int
     steps: int
     force_evaluations: int
+
+
+class Progress(NamedTuple):
+    """The state of a minimization between two chunks of steps: numbers, of which the first two count, and vectors."""
+
+    number: NDArray[np.float64]
+    vector_kf: NDArray[np.float64]
+
+    @property
+    def steps(self) -> int:
+        """Steps so far."""
+        return int(self.number[0])
+
+    @property
+    def force_evaluations(self) -> int:
+        """Passes over the forces so far."""
+        return int(self.number[1])
+
+
+class Minimizer(Protocol):
+    """What every minimization method is: a record of settings that starts a run on a program, and advances it."""
+
+    def start(self, program: Program) -> Progress:
+        """Return the state of a run that has not started."""
+        ...
+
+    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps; return the status code."""
+        ...
 
 
 @dataclass(eq=False)
@@ -201,17 +230,62 @@ class Program:
             force_floor=float(totals.stiffness * self.space.resolution),
         )
 
-    def fire(
+    def progress(self, numbers: int, vectors: int) -> Progress:
+        """Return the empty state of a minimization: so many numbers, and so many vectors over all coordinates."""
+        return Progress(np.zeros(numbers), np.zeros((vectors, self.velocity_nd.size)))
+
+    def advance(
+        self,
+        steps_kernel: Any,
+        settings: Any,
+        goal: Goal,
+        progress: Progress,
+        steps: int,
+        largest_step: float | None = None,
+    ) -> int:
+        """Run a minimizer's compiled loop for up to `steps` steps; return its status code.
+
+        Parameters
+        ----------
+        steps_kernel
+            The loop.
+        settings
+            The record of its numbers.
+        goal, progress, steps
+            When to stop, the state, which is updated, and the largest number of steps.
+        largest_step
+            Bound on every particle's displacement in a step [smallest diameter]; that of the settings when left out.
+
+        """
+        cap = settings.largest_step if largest_step is None else largest_step
+        status, self.pairs = steps_kernel(
+            self.effects,
+            self.axes,
+            self.row,
+            self.force_nd,
+            self.velocity_nd,
+            self.space,
+            self.pairs,
+            settings,
+            goal,
+            cap * self.smallest_diameter,
+            progress.number,
+            progress.vector_kf,
+            steps,
+        )
+        return int(status)
+
+    def relax(
         self,
         position_nd: ArrayLike | None = None,
         lattice_dd: ArrayLike | None = None,
         *,
         force_tolerance: float,
-        method: Fire | Fire2 | None = None,
-        step_limit: int = 1_000_000,
+        method: Minimizer | None = None,
+        step_limit: int = 500_000,
         force_floor: float = 0.0,
     ) -> Relaxation:
-        """Return the packing that FIRE relaxes to in the box as it is; a failure to converge is told by `outcome` only.
+        """Return where a minimizer ends in the box as it is; a failure to converge is told by `outcome` only.
 
         Parameters
         ----------
@@ -227,49 +301,41 @@ class Program:
             Call the packing unjammed when the mean contact force falls to this [force].
 
         """
-        tolerance = positive("force_tolerance", force_tolerance)
+        goal = Goal(positive("force_tolerance", force_tolerance), real("force_floor", force_floor, at_least=0.0))
         limit = integer("step_limit", step_limit, at_least=0)
-        goal = Goal(tolerance, real("force_floor", force_floor, at_least=0.0))
         method = Fire() if method is None else method
         if position_nd is None:
             self.velocity_nd[:] = 0.0
         else:
             self.place(position_nd, lattice_dd)
-        state = fresh_state(method)
-        status = self.fire_chunk(method, goal, state, limit)
+        progress = method.start(self)
+        outcome = OUTCOME_OF[method.advance(self, goal, progress, limit)]
         end = self.evaluate()
         return Relaxation(
-            self.positions(),
-            OUTCOME_OF[status],
-            end.residual,
-            end.max_force,
-            end.mean_force,
-            end.energy,
-            end.pressure,
-            end.contacts,
-            int(state[STEP]),
-            int(state[STEP]) + 2,
+            position_nd=self.positions(),
+            outcome=outcome,
+            residual=end.residual,
+            max_force=end.max_force,
+            mean_force=end.mean_force,
+            energy=end.energy,
+            pressure=end.pressure,
+            contacts=end.contacts,
+            steps=progress.steps,
+            force_evaluations=progress.force_evaluations + 1,
         )
 
-    def fire_chunk(self, method: Fire | Fire2, goal: Goal, state: NDArray[np.float64], steps: int) -> int:
-        """Advance FIRE by up to `steps` steps from `state`, which is updated; return the status code."""
-        form = FireForm(0.5, 1.0) if isinstance(method, Fire2) else FireForm(0.0, 0.0)
-        status, self.pairs = fire_steps(
-            self.effects,
-            self.axes,
-            self.row,
-            self.force_nd,
-            self.velocity_nd,
-            self.space,
-            self.pairs,
-            Fire(*method),
-            form,
-            goal,
-            method.largest_step * self.smallest_diameter,
-            state,
-            steps,
-        )
-        return int(status)
+    def fire(
+        self, position_nd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None, **settings: Any
+    ) -> Relaxation:
+        """Return where FIRE ends: `relax` with its usual method.
+
+        Parameters
+        ----------
+        position_nd, lattice_dd, settings
+            As in `relax`.
+
+        """
+        return self.relax(position_nd, lattice_dd, **settings)
 
 
 def _space_order(packing: Packing) -> NDArray[np.int64]:
@@ -341,6 +407,3 @@ def build_program(scene: Scene) -> Program:
     program.place(packing.position_nd)
     program.build_seconds = time.process_time() - started
     return program
-
-
-__all__ = ["Evaluation", "Program", "Relaxation", "build_program"]

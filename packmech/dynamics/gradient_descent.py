@@ -1,0 +1,67 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Gradient descent: down the force by steps that the stiffest particle bounds. Slow, simple, and true to the basin."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from packmech.compiled import kernel
+from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
+
+if TYPE_CHECKING:
+    from packmech.dynamics.kernels import Goal
+    from packmech.dynamics.program import Program, Progress
+
+# places in Progress.number
+_STEP, _EVALUATIONS, _STIFFNESS, _NUMBERS = range(4)
+_RENEW = 16
+
+
+class GradientDescent(NamedTuple):
+    """Explicit Euler steps of dx/dt = F: x = x + step F / k, k the largest sum of contact stiffnesses on one particle.
+
+    Parameters
+    ----------
+    step
+        Step [1]; stable below 1. Smaller ones follow the path of steepest descent more closely.
+    largest_step
+        Nobody moves farther than this in one step [smallest diameter].
+
+    """
+
+    step: float = 0.8
+    largest_step: float = 0.1
+
+    def start(self, program: Program) -> Progress:
+        """Return the state of a run that has not started."""
+        return program.progress(_NUMBERS, 0)
+
+    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps; return the status code."""
+        return program.advance(gradient_descent_steps, self, goal, progress, steps)
+
+
+@kernel
+def gradient_descent_steps(
+    effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
+):
+    """Advance up to `steps` steps and return how they ended and the pair list."""
+    clear(force_nd)
+    clear(velocity_nd)
+    step = 0
+    while True:
+        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+        number[_EVALUATIONS] += 1.0
+        if int(number[_STEP]) % _RENEW == 0:
+            number[_STIFFNESS] = survey(effects, axes, row, pairs).stiffness
+        status = judge(sums, number[_STIFFNESS], space, goal)
+        if status != RUNNING or step == steps:
+            break
+        push = settings.step / number[_STIFFNESS]
+        push = min(push, largest_step / math.sqrt(sums.most))
+        _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
+        pairs = travel(axes, row, space, pairs, math.sqrt(fastest2))
+        number[_STEP] += 1.0
+        step += 1
+    return status, pairs
