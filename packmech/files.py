@@ -94,6 +94,14 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
         Naming the argument: not a packing, an ending without a format, a folder that does not exist, a law in a format
         that has no place for it.
 
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> pm.write_packing(pm.lattice_packing("square"), folder / "square.txt")
+    >>> print((folder / "square.txt").read_text().splitlines()[-1])
+    0.0 0.0 0.5
+
     """
     instance("packing", packing, Packing)
     target = target_file(path)
@@ -124,6 +132,14 @@ def read_law(path: PathLike) -> Any:
     ------
     FileNotFoundError, ValueError
         As ``read_packing``; also for a law of an unknown kind (register a law of your own with ``pm.law`` first).
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "square.npz"
+    >>> pm.write_packing(pm.lattice_packing("square"), path, law=pm.Hertz(energy_scale=2.0))
+    >>> pm.read_law(path)
+    Hertz(energy_scale=2.0)
 
     """
     found = _existing(path)

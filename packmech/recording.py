@@ -122,6 +122,17 @@ def record_run(
     OSError
         When the file cannot be written.
 
+    Examples
+    --------
+    >>> import tempfile, packmech as pm
+    >>> packing = pm.random_packing(16, dimension=2, packing_fraction=0.8, seed=3)
+    >>> scene = pm.Scene(packing, effects=(pm.Repulsion(law=pm.Harmonic()),))
+    >>> run = pm.jam(scene, pressure=1e-6)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = record_run(run, folder + "/jam.rrd", scene=scene)
+    ...     written.stat().st_size > 1000
+    True
+
     """
     instance("run", run, Run)
     instance("scene", scene, Scene)

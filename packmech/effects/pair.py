@@ -43,6 +43,17 @@ def effect(cls: E) -> E:
     TypeError
         If it is not, or if a hook takes the wrong number of arguments.
 
+    Examples
+    --------
+    >>> @effect
+    ... class Quartic(NamedTuple):
+    ...     strength: float = 1.0
+    ...     def pair_energy(self, distance, contact_distance):
+    ...         return self.strength * (1.0 - distance / contact_distance) ** 4
+    >>> terms = contact_terms((Quartic(2.0),), np.array([0.5]), np.array([1.0]))
+    >>> terms.energy_c.tolist(), terms.first_c.tolist()
+    ([0.125], [0.0])
+
     """
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
         raise TypeError(f"effect must be a NamedTuple class, got {cls!r}")

@@ -1,0 +1,102 @@
+"""Facts about the house: one direction of import, light to import, every public name explained by an example."""
+
+import doctest
+import importlib
+import inspect
+import pathlib
+import pkgutil
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+import packmech as pm
+
+ROOT = pathlib.Path(__file__).parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+# each is imported where it is used, never by `import packmech` or by the physics
+HEAVY = {"rerun", "dask", "gymnasium", "matplotlib", "cvxpy", "clarabel", "highspy", "gsd", "rich", "typer", "pandas"}
+
+
+def modules_after(code):
+    """Return the top-level modules loaded by a new process that runs the code."""
+    script = f"{code}\nimport sys\nprint(*sorted({{name.partition('.')[0] for name in sys.modules}}))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(done.stdout.split())
+
+
+def test_imports_point_in_one_direction():
+    linter = pytest.importorskip("importlinter.cli")
+    assert linter.lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True) == 0
+
+
+def test_import_packmech_loads_nothing_but_python():
+    loaded = modules_after("import packmech")
+    assert not loaded & (HEAVY | {"numpy", "scipy", "numba"})
+
+
+def test_physics_loads_nothing_that_draws_records_or_solves_programs():
+    code = """
+import packmech as pm
+scene = pm.read_scene("default")
+pm.energy(scene), pm.forces(scene), pm.stress_tensor(scene), pm.find_contacts(scene.packing)
+pm.write_scene, pm.read_packing, pm.hessian, pm.normal_modes, pm.elastic_moduli, pm.classify_jamming, pm.jam
+"""
+    assert not modules_after(code) & HEAVY
+
+
+def test_top_level_holds_only_what_the_project_names():
+    allowed = {"pyproject.toml", "packmech", "envs", "tests", "recordings", "README.md"}
+    listed = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=ROOT, check=False)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    top = {line.partition("/")[0] for line in listed.stdout.splitlines()}
+    assert {name for name in top if not name.startswith(".")} <= allowed
+
+
+def all_modules():
+    return sorted(info.name for info in pkgutil.walk_packages(pm.__path__, "packmech."))
+
+
+def test_every_public_name_is_found_and_listed():
+    for name in pm.__all__:
+        assert getattr(pm, name) is not None
+    assert set(pm.__all__) <= set(dir(pm))
+    with pytest.raises(AttributeError, match="has no attribute 'no_such_name'"):
+        pm.no_such_name  # noqa: B018 - reading it is the test
+
+
+def test_no_module_is_longer_than_400_lines():
+    long = {}
+    for path in (ROOT / "packmech").rglob("*.py"):
+        lines = len(path.read_text().splitlines())
+        if lines > 400:
+            long[path.name] = lines
+    assert long == {}
+
+
+def test_default_run_includes_the_examples_in_docstrings():
+    options = PYPROJECT["tool"]["pytest"]["ini_options"]
+    assert "--doctest-modules" in options["addopts"] and "packmech" in options["testpaths"]
+
+
+@pytest.mark.parametrize("name", [name for name in pm.__all__ if inspect.isfunction(getattr(pm, name))])
+def test_every_public_function_has_a_runnable_example(name):
+    function = getattr(pm, name)
+    module = importlib.import_module(function.__module__)
+    found = doctest.DocTestFinder(recurse=False).find(function, name, module=module)
+    assert any(test.examples for test in found)
+
+
+@pytest.mark.parametrize("name", pm.__all__)
+def test_every_public_name_says_what_it_is_in_one_first_line(name):
+    first = (inspect.getdoc(getattr(pm, name)) or "").partition("\n")[0]
+    assert len(first) > 10 and first.endswith((".", ":")), first
+
+
+def test_every_module_can_be_imported_and_says_what_it_is_for():
+    for name in all_modules():
+        if not name.endswith("__main__"):
+            assert (importlib.import_module(name).__doc__ or "").strip(), name
