@@ -233,8 +233,10 @@ def _inertia(pivot: NDArray[np.float64], scale: NDArray[np.float64]) -> Inertia:
 def _growth(lower: sp.csc_matrix, pivot: NDArray[np.float64], scale: NDArray[np.float64]) -> float:
     """Return max over rows of (|L||D||L^T|)_ii / max|A|, for a unit lower factor given with or without its diagonal."""
     squares = lower.copy()
-    squares.data = squares.data**2
-    return float((squares @ np.abs(pivot)).max(initial=0.0) / scale.max())
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares.data = squares.data**2
+        growth = float((squares @ np.abs(pivot)).max(initial=0.0) / scale.max())
+    return growth if np.isfinite(growth) else np.inf
 
 
 def _upper(column: sp.csc_matrix) -> sp.csc_matrix:
