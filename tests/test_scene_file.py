@@ -95,6 +95,17 @@ lattice_vectors = [[1.0, 0.0], [0.25, 2.0]]
     assert scene.drive is None
 
 
+def test_another_seed_gives_the_packing_of_that_seed():
+    sizes = pm.Bidisperse(ratio=1.4, fraction="50:50")
+    expected = pm.random_packing(256, dimension=2, packing_fraction=0.87, seed=12, sizes=sizes)
+    assert pm.read_scene("default", seed=12).packing == expected
+
+
+def test_another_seed_is_refused_where_nothing_is_random():
+    with pytest.raises(ValueError, match="^seed must be left out for a packing that is not random, got 3"):
+        pm.read_scene("kagome", seed=3)
+
+
 def test_a_kind_alone_stands_for_its_defaults(tmp_path):
     scene = read(
         tmp_path,
