@@ -17,7 +17,6 @@ from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
 # condition is P N^2 << 1; 53 of 60 packings had no surplus contact at 0.04, 13 of 20 at 0.7, none at 10.)
 SMALL_OVERLAP = 0.1
-_UNKNOWN = (None, None)
 
 
 def unrest(rest: RestCheck | None, touching: Touching) -> str:
@@ -46,6 +45,7 @@ def settle(
     strictly: Answer,
     touching: Touching,
     rest: RestCheck | None,
+    decide: Callable[[Contacts, bool], bool | None],
     judge: Callable[[Contacts], Judged],
 ) -> tuple[Answer, Answer]:
     """Return the collective and the strict answer, ambiguous where the packing's state leaves them open.
@@ -56,8 +56,10 @@ def settle(
         The answers by the contacts within the gap tolerance.
     touching, rest
         What was assumed.
+    decide
+        Whether other contacts of the same packing jam it: with (True) or without strain.
     judge
-        Gives the findings on other contacts of the same packing.
+        Gives all findings on other contacts.
 
     """
     reason = unrest(rest, touching)
@@ -65,12 +67,19 @@ def settle(
         return _left_open(collectively, reason), _left_open(strictly, reason)
     reason = off_plateau(touching)
     if reason:
-        jams = (collectively.first_order_jammed, strictly.first_order_jammed)
-        fewer = judge(touching.within(0)) if any(jams) else None
-        more = judge(touching.within(2)) if not all(jams) else None
-        less, plus = (_UNKNOWN if one is None else one.jammed for one in (fewer, more))
-        collectively = _settled(collectively, touching, less[0], plus[0], reason)
-        strictly = _settled(strictly, touching, less[1], plus[1], reason)
+        fewer, more = touching.within(0), touching.within(2)
+        jammed = (collectively.verdict == JAMMED, strictly.verdict == JAMMED)
+        if jammed == (True, True):
+            held = decide(fewer, True)
+            kept = (held, held)
+        elif jammed == (True, False):
+            # while the whole backbone is collectively jammed, no part of it can be strictly jammed by itself
+            kept = (decide(fewer, False), decide(more, True) is False)
+        else:
+            collective, strict = judge(more).jammed
+            kept = (collective is False, strict is False)
+        collectively = _settled(collectively, touching, kept[0], reason)
+        strictly = _settled(strictly, touching, kept[1], reason)
     return _consistent(collectively, strictly)
 
 
@@ -78,18 +87,17 @@ def _left_open(answer: Answer, reason: str) -> Answer:
     return replace(answer, verdict=AMBIGUOUS, reason=reason)
 
 
-def _settled(
-    answer: Answer, touching: Touching, with_fewer: bool | None, with_more: bool | None, reason: str
-) -> Answer:
-    """Return the answer, ambiguous unless it is the same with the fewest or the most contacts."""
+def _settled(answer: Answer, touching: Touching, kept: bool | None, reason: str) -> Answer:
+    """Return the answer, ambiguous unless it is `kept` by the fewest contacts (if jammed) or the most (if not)."""
+    if answer.verdict == AMBIGUOUS:
+        return answer
     fewest, at, most = touching.levels
-    if answer.verdict == NOT_JAMMED and with_more is False:
+    if answer.verdict == NOT_JAMMED and kept:
         return replace(answer, reason=f"{answer.reason}; nor with all pairs within {most.tolerance:.1e}")
-    if answer.verdict == JAMMED and with_fewer:
-        note = f"{answer.reason}; with the pairs within {fewest.tolerance:.1e} already"
+    if answer.verdict == JAMMED and kept:
         unique = answer.states_of_self_stress == 1 and fewest.excess == at.excess
         if unique or touching.mean_overlap * fewest.particles**2 < SMALL_OVERLAP:
-            return replace(answer, reason=note)
+            return replace(answer, reason=f"{answer.reason}; with the pairs within {fewest.tolerance:.1e} already")
     return _left_open(answer, reason)
 
 

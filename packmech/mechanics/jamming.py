@@ -16,10 +16,10 @@ from packmech.contacts.rattlers import check_contacts
 from packmech.mechanics.certificates import Finding, certify, yield_to_loads
 from packmech.mechanics.doubt import off_plateau, settle, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
-from packmech.mechanics.motions import MotionCone, unjamming_motion
+from packmech.mechanics.motions import MotionCone, motion_cone, unjamming_motion
 from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_stable
-from packmech.mechanics.touching import LEAST_GAP, Touching, check_rest, find_touching
+from packmech.mechanics.touching import LEAST_GAP, Touching, backbone_contacts, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -125,6 +125,11 @@ def classify_jamming(
             return carrying_contacts(cone, network, solver, tolerance)
         return standing_contacts(cone, network, finding)
 
+    def jams(contacts: Contacts, strain: bool) -> bool | None:
+        network = backbone_contacts(contacts)
+        cone = motion_cone(packing, network, strain=strain, volume=volume)
+        return decide(cone).jammed if len(network) else False
+
     with single_thread():
         if contacts is None:
             touching = find_touching(packing, gap_tolerance)
@@ -141,7 +146,7 @@ def classify_jamming(
             closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
             collectively = replace(collectively, stable=is_stable(scene, strain=False, gap_tolerance=closed))
             strictly = replace(strictly, stable=is_stable(scene, strain=True, gap_tolerance=closed))
-        collectively, strictly = settle(collectively, strictly, touching, rest, judge)
+        collectively, strictly = settle(collectively, strictly, touching, rest, jams, judge)
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
     emptied = len({level.contacts > 0 for level in touching.levels}) > 1

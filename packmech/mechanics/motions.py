@@ -99,7 +99,7 @@ class MotionCone:
         gram = self._gram
         if self.unknowns <= _DENSE_UNKNOWNS:
             return float(np.linalg.eigvalsh(gram.toarray())[-1])
-        found = spla.eigsh(gram, k=1, which="LA", tol=1e-6, v0=_start(self.unknowns), return_eigenvectors=False)
+        found = spla.eigsh(gram, k=1, which="LA", tol=1e-4, v0=_start(self.unknowns), return_eigenvectors=False)
         return float(found[0])
 
     @functools.cached_property
@@ -135,7 +135,7 @@ class MotionCone:
                 (n, n), matvec=lambda load: self._solve(self.without_translations(np.ravel(load))), dtype=np.float64
             )
             start = self.without_translations(_start(n))
-            _, vector = spla.eigsh(inverse, k=1, which="LA", tol=1e-10, v0=start)
+            _, vector = spla.eigsh(inverse, k=1, which="LA", tol=1e-7, v0=start)
             motion = _unit(self.without_translations(vector[:, 0]))
         stretch = self.rows @ motion
         return float(np.sqrt(stretch @ stretch / self.largest_eigenvalue)), motion
