@@ -78,7 +78,14 @@ _PUBLIC = {
     "rigidity_matrix": "packmech.mechanics.rigidity",
     "states_of_self_stress": "packmech.mechanics.counting",
     # minimizers
+    "ConjugateGradient": "packmech.dynamics.conjugate_gradient",
+    "DampedDynamics": "packmech.dynamics.damped",
+    "Fire": "packmech.dynamics.fire",
+    "Fire2": "packmech.dynamics.fire",
+    "GradientDescent": "packmech.dynamics.gradient_descent",
+    "LBFGS": "packmech.dynamics.lbfgs",
     "Newton": "packmech.dynamics.polish",
+    "quench": "packmech.dynamics.quench",
     # verdict
     "classify_jamming": "packmech.mechanics.jamming",
     "Verdict": "packmech.mechanics.verdict",
@@ -88,6 +95,7 @@ _PUBLIC = {
     "ProgramChain": "packmech.dynamics.jam_methods",
     "StepHalving": "packmech.dynamics.jam_methods",
     "jam": "packmech.dynamics.jam",
+    "shear_stabilize": "packmech.dynamics.shear_stabilize",
     # outcomes
     "NotConverged": "packmech.outcome",
     "Outcome": "packmech.outcome",

@@ -181,12 +181,14 @@ def travel(axes, row, space, pairs, distance):
 class Survey(NamedTuple):
     """Energy, virial, and largest sum of contact stiffnesses on one particle, half a bound on the largest curvature.
 
-    virial_dd is the sum over pairs of (du/dr) n v (outer product), in three dimensions.
+    virial_dd is the sum over pairs of (du/dr) n v (outer product), in three dimensions; deepest the largest relative
+    overlap.
     """
 
     energy: float
     virial_dd: NDArray[np.float64]
     stiffness: float
+    deepest: float
 
 
 @device
@@ -197,6 +199,7 @@ def survey(effects, axes, row, pairs):
     stiffness_n = np.zeros(row.shape[0])
     energy = 0.0
     virial = np.zeros((3, 3))
+    deepest = 0.0
     for p in range(pairs.picked):
         i = pairs.i_p[p]
         j = pairs.code_p[p] >> bits
@@ -208,6 +211,7 @@ def survey(effects, axes, row, pairs):
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
             r = math.sqrt(square)
+            deepest = max(deepest, (sigma - r) / sigma)
             first = 0.0
             second = 0.0
             for one in literal_unroll(effects):
@@ -230,7 +234,7 @@ def survey(effects, axes, row, pairs):
     stiffness = 0.0
     for i in range(row.shape[0]):
         stiffness = max(stiffness, stiffness_n[i])
-    return Survey(energy, virial, stiffness)
+    return Survey(energy, virial, stiffness, deepest)
 
 
 @kernel

@@ -49,7 +49,7 @@ class Evaluation(NamedTuple):
     energy [energy]; pressure [energy/length^d]; stress_dd, Cauchy, tension positive; contacts touching pairs;
     max_force the largest net force on a particle and mean_force the mean contact force [force]; residual their ratio,
     0 when nothing touches; force_nd (N, d) net forces; force_floor the net force that rounding of positions alone can
-    cause [force].
+    cause [force]; deepest_overlap the largest relative overlap [1].
     """
 
     energy: float
@@ -61,6 +61,7 @@ class Evaluation(NamedTuple):
     residual: float
     force_nd: NDArray[np.float64]
     force_floor: float
+    deepest_overlap: float
 
 
 class Relaxation(NamedTuple):
@@ -228,6 +229,7 @@ class Program:
             residual=largest / mean if mean > 0 else 0.0,
             force_nd=force,
             force_floor=float(totals.stiffness * self.space.resolution),
+            deepest_overlap=float(totals.deepest),
         )
 
     def progress(self, numbers: int, vectors: int) -> Progress:

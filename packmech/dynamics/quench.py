@@ -1,0 +1,300 @@
+"""Quench: from where the particles are to a nearby minimum of the energy, in the box as it is, by any minimizer."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, integer, positive
+from packmech.dynamics.fire import Fire
+from packmech.dynamics.kernels import RUNNING, Goal
+from packmech.dynamics.program import OUTCOME_OF, Evaluation, Minimizer, Program, build_program
+from packmech.effects import Harmonic, Repulsion, pair_energy
+from packmech.outcome import NotConverged, Outcome, Run, Stage, Trace
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+# the default route hands over to Newton's method here, where contacts no longer change
+_HAND_OVER = 1e-6
+# an overlap [1] at which a law that diverges at the center must not be the one to part the particles
+_DEEP = 0.2
+# particle-steps between two looks at the clock, some tens of milliseconds
+_CHUNK = 1_000_000
+# forces within this many floors of balance may be rounding
+_FLOORS = 8.0
+
+Progress = Callable[[str, dict[str, Any]], None]
+
+
+def quench(
+    scene: Scene,
+    *,
+    force_tolerance: float,
+    method: Any = None,
+    step_limit: int = 500_000,
+    trace_every: int | None = None,
+    trace_positions: bool = False,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> Run:
+    """Return the run to a minimum of the energy in the box as it is.
+
+    Starts with coincident or deeply overlapping particles are fine: steps are bounded, and coincident ones part along
+    a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones), deep overlaps are
+    first relaxed with the harmonic law. Effects without an energy, such as damping, have no part in it.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    force_tolerance
+        Stop when the largest net force on a particle falls to this times the mean contact force [1].
+    method
+        Fire(), Fire2(), ConjugateGradient(), LBFGS(), DampedDynamics(), GradientDescent() or Newton(). Unless given:
+        FIRE, and below a tolerance of 1e-6 Newton's method for the last digits, which also tells a saddle from a
+        minimum.
+    step_limit
+        Largest number of steps (Newton's not counted).
+    trace_every
+        Keep energy, pressure, contacts and largest force every so many steps, in `Run.trace`.
+    trace_positions
+        Keep the positions with them.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures), figures a dict with "steps" and "residual".
+    check
+        Raise NotConverged when the outcome is not a success; otherwise return the run all the same.
+
+    Returns
+    -------
+    Run
+        Outcome.ROUNDING_FLOOR, a success, where the tolerance lies below what the coordinates' rounding allows;
+        Outcome.UNJAMMED, a success, where nothing touches any more.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the tolerance was not met and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was reached.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=1)
+    >>> run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-10)
+    >>> run.outcome.name, run.residual <= 1e-10
+    ('CONVERGED', True)
+
+    """
+    instance("scene", scene, Scene)
+    tolerance = positive("force_tolerance", force_tolerance)
+    descent = _Descent(
+        scene,
+        step_limit=integer("step_limit", step_limit, at_least=0),
+        trace_every=None if trace_every is None else integer("trace_every", trace_every, at_least=1),
+        trace_positions=trace_positions,
+        time_limit=math.inf if time_limit is None else positive("time_limit", time_limit),
+        progress=progress,
+    )
+    newton = None if method is None or hasattr(method, "advance") else _newton(method)
+    try:
+        outcome = descent.soften()
+        if outcome is None:
+            if method is None:
+                outcome = _default_route(descent, tolerance)
+            elif newton is not None:
+                outcome = descent.polish(tolerance, newton)
+            else:
+                outcome = descent.follow(type(method).__name__, method, tolerance)
+    except KeyboardInterrupt as stop:
+        stop.run = descent.finish(Outcome.INTERRUPTED, tolerance)  # type: ignore[attr-defined]
+        raise
+    run = descent.finish(outcome, tolerance)
+    if check and not run.ok:
+        raise NotConverged(run)
+    return run
+
+
+def _newton(method: Any) -> Any:
+    from packmech.dynamics.polish import Newton
+
+    if not isinstance(method, Newton):
+        raise TypeError(f"method must be a minimizer such as Fire() or LBFGS(), got {method!r}")
+    return method
+
+
+def _default_route(descent: _Descent, tolerance: float) -> Outcome:
+    """FIRE until contacts settle, then Newton's method; FIRE again where that finds no minimum."""
+    outcome = descent.follow("FIRE", Fire(), max(tolerance, _HAND_OVER))
+    if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
+        return outcome
+    before = descent.program.positions()
+    polished = descent.polish(tolerance, None)
+    if polished.ok or outcome is Outcome.STEP_LIMIT:
+        return polished if polished.ok else outcome
+    descent.program.place(before)
+    return descent.follow("FIRE, to the end", Fire(), tolerance)
+
+
+class _Descent:
+    """One quench on its way: its program, its stages so far, and its limits."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        step_limit: int,
+        trace_every: int | None,
+        trace_positions: bool,
+        time_limit: float,
+        progress: Progress | None,
+    ) -> None:
+        self.began = time.process_time()
+        self.scene = scene
+        self.program = build_program(scene)
+        self.build_seconds = time.process_time() - self.began
+        self.step_limit = step_limit
+        self.trace_every = trace_every
+        self.deadline = self.began + time_limit
+        self.progress = progress
+        self.stages: list[Stage] = []
+        self.steps = 0
+        self.evaluations = 0
+        self._trace = None if trace_every is None else _TraceBuilder(trace_positions)
+
+    def soften(self) -> Outcome | None:
+        """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
+        if not _diverges(self.scene) or self.program.evaluate().deepest_overlap < _DEEP:
+            return None
+        harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)),))
+        own, self.program = self.program, build_program(harmonic)
+        keep, self._trace = self._trace, None
+        outcome = self.follow("harmonic law first", Fire(), 1e-2)
+        position = self.program.positions()
+        self.program, self._trace = own, keep
+        self.program.place(position)
+        return None if outcome.ok or outcome is Outcome.STEP_LIMIT else outcome
+
+    def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:
+        """Advance by one method until it ends or a limit is met; return how it ended."""
+        began = time.process_time()
+        program = self.program
+        program.velocity_nd[:] = 0.0
+        progress = method.start(program)
+        goal = Goal(tolerance, 0.0)
+        left = self.step_limit - self.steps
+        chunk = max(1, _CHUNK // program.velocity_nd.size)
+        outcome = Outcome.STEP_LIMIT
+        while True:
+            due = left - progress.steps
+            if self._trace is not None and self.trace_every is not None:
+                if (self.steps + progress.steps) % self.trace_every == 0:
+                    self._trace.add(self.steps + progress.steps, program)
+                due = min(due, self.trace_every - (self.steps + progress.steps) % self.trace_every)
+            status = method.advance(program, goal, progress, min(due, chunk))
+            outcome = OUTCOME_OF[status]
+            if status != RUNNING or progress.steps >= left:
+                break
+            if self.progress is not None:
+                self.progress(name, {"steps": self.steps + progress.steps, "residual": program.evaluate().residual})
+            if time.process_time() > self.deadline:
+                outcome = Outcome.INTERRUPTED
+                break
+        self.steps += progress.steps
+        self.evaluations += progress.force_evaluations
+        self._keep(name, program.evaluate(), progress.steps, progress.force_evaluations, began)
+        return outcome
+
+    def polish(self, tolerance: float, method: Any) -> Outcome:
+        """Take Newton steps; return how they ended."""
+        from packmech.dynamics.polish import polish
+
+        began = time.process_time()
+        done = polish(self.packing(), self.program.effects, force_tolerance=tolerance, method=method)
+        self.program.place(done.packing.position_nd)
+        self.steps += done.steps
+        self.evaluations += done.force_evaluations
+        note = f"{done.negative} unstable directions" if done.negative else ""
+        self._keep("Newton", self.program.evaluate(), done.steps, done.force_evaluations, began, note)
+        return done.outcome
+
+    def packing(self) -> Packing:
+        """Return the packing as it is now."""
+        return self.scene.packing.replace(position_nd=self.program.positions())
+
+    def _keep(self, name: str, now: Evaluation, steps: int, evaluations: int, began: float, note: str = "") -> None:
+        self.evaluations += 1
+        self.stages.append(Stage(name, now.residual, steps, evaluations, time.process_time() - began, note))
+        if self.progress is not None:
+            self.progress(name, {"steps": self.steps, "residual": now.residual})
+
+    def finish(self, outcome: Outcome, tolerance: float) -> Run:
+        """Return the run; its figures are those of the positions that are returned."""
+        packing = self.packing()
+        end = self.program.evaluate(packing.position_nd)
+        if outcome is Outcome.CONVERGED and end.residual > tolerance:
+            near = end.max_force <= _FLOORS * end.force_floor
+            outcome = Outcome.ROUNDING_FLOOR if near else Outcome.STALLED
+        trace = None
+        if self._trace is not None:
+            self._trace.add(self.steps, self.program)
+            trace = self._trace.build()
+        return Run(
+            packing=packing,
+            outcome=outcome,
+            residual=end.residual,
+            steps=self.steps,
+            force_evaluations=self.evaluations + 1,
+            seconds=time.process_time() - self.began - self.build_seconds,
+            build_seconds=self.build_seconds,
+            stages=tuple(self.stages),
+            trace=trace,
+        )
+
+
+class _TraceBuilder:
+    """Figures kept on the way. Looking at them changes no bit of what follows."""
+
+    def __init__(self, positions: bool) -> None:
+        self.kept: list[tuple[int, Evaluation]] = []
+        self.position_t: list[NDArray[np.float64]] | None = [] if positions else None
+
+    def add(self, step: int, program: Program) -> None:
+        """Keep the figures of this step, once."""
+        if self.kept and self.kept[-1][0] == step:
+            return
+        self.kept.append((step, program.evaluate()))
+        if self.position_t is not None:
+            self.position_t.append(program.positions())
+
+    def build(self) -> Trace:
+        """Return what was kept."""
+        return Trace(
+            step_t=np.array([step for step, _ in self.kept], dtype=np.int64),
+            energy_t=np.array([now.energy for _, now in self.kept]),
+            pressure_t=np.array([now.pressure for _, now in self.kept]),
+            contacts_t=np.array([now.contacts for _, now in self.kept], dtype=np.int64),
+            max_force_t=np.array([now.max_force for _, now in self.kept]),
+            position_tnd=None if self.position_t is None else np.array(self.position_t),
+        )
+
+
+def _diverges(scene: Scene) -> bool:
+    """Return whether the energy of two particles grows beyond measure as their centers meet."""
+    sigma = scene.packing.reference_diameter
+    scale = scene.energy_scale
+    try:
+        near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return True
+    return not near < 1e3 * scale
