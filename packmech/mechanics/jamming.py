@@ -142,7 +142,7 @@ def classify_jamming(
         collectively, strictly = (
             _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )
-        if scene is not None and contacts is None:
+        if scene is not None and rest is not None and rest.at_rest:
             closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
             collectively = replace(collectively, stable=is_stable(scene, strain=False, gap_tolerance=closed))
             strictly = replace(strictly, stable=is_stable(scene, strain=True, gap_tolerance=closed))

@@ -47,7 +47,7 @@ class Answer:
         A motion that closes no contact; None unless not jammed.
     stable
         Whether the energy's Hessian, contact forces included, is positive on all motions but translations: at fixed box
-        for the collective question, at fixed volume for the strict one. None without a law.
+        for the collective question, at fixed volume for the strict one. None without a law, or away from rest.
     solves
         What each solver achieved and took.
 

@@ -215,6 +215,14 @@ def test_without_a_law_stability_is_not_claimed():
     assert verdict.prestress_stable is None
 
 
+@pytest.mark.parametrize("law", [pm.Harmonic(), pm.RepulsiveLennardJones()])
+def test_coincident_centers_are_not_at_rest(law):
+    packing = pm.Packing([[1.0, 1.0], [1.0, 1.0], [1.4, 1.0]], [0.5] * 3, pm.Box.cubic(3.0, 2))
+    verdict = pm.classify_jamming(pm.Scene(packing, (pm.Repulsion(law=law),)))
+    assert (verdict.local, verdict.collective, verdict.strict) == (UNKNOWN, UNKNOWN, UNKNOWN)
+    assert verdict.mechanically_stable is None
+
+
 WRONG = [
     ({"method": "guess"}, ValueError, "method must be one of 'certificate', 'loads', got 'guess'"),
     ({"solver": "abacus"}, ValueError, "solver must be one of 'clarabel', 'cvxpy', 'highs', got 'abacus'"),
