@@ -36,7 +36,7 @@ def _gather(i_c, j_c, pair_c, normal, distance, first, second, basis, pair, diag
         across = u1 / r if u1 != 0.0 else 0.0
         for a in range(d):
             for b in range(d):
-                block[a, b] = (u2 - across) * n[a] * n[b]
+                block[a, b] = (u2 - across) * (n[a] * n[b])
             block[a, a] += across
         for m in range(s):
             stretch[m] = 0.0

@@ -224,7 +224,7 @@ def _row_scale(column: sp.csc_matrix) -> NDArray[np.float64]:
 
 
 def _inertia(pivot: NDArray[np.float64], scale: NDArray[np.float64]) -> Inertia:
-    zero = np.abs(pivot) <= ZERO_PIVOT * scale
+    zero = (np.abs(pivot) <= ZERO_PIVOT * scale) | (scale == 0.0)
     positive = int(np.count_nonzero((pivot > 0) & ~zero))
     negative = int(np.count_nonzero((pivot < 0) & ~zero))
     return Inertia(positive, negative, int(np.count_nonzero(zero)))

@@ -100,12 +100,14 @@ def hessian(
     contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
     terms = closed_terms(scene, contacts)
     sums = scene_sums(contacts, terms, kind)
+    position = sums.position_matrix()
+    position.eliminate_zeros()
     if not strain:
-        return sums.position_matrix()
+        return position
     corner = sums.strain_ee
     if kind == "exact" and volume == "fixed" and volume_curvature == "det":
         corner = corner + volume_curvature_term(contacts, terms)
-    return bordered(sums.position_matrix(), sums.coupling_xe, corner)
+    return bordered(position, sums.coupling_xe, corner)
 
 
 def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:

@@ -249,10 +249,12 @@ def _dense(
         return np.zeros(0), np.zeros((len(translation), 0)), 0
     full = matrix.toarray()
     # lift the translations above everything else, out of the way
-    full += 4.0 * max(largest, 1.0) * (translation @ translation.T)
+    full += (4.0 * largest or 1.0) * (translation @ translation.T)
     rows = len(full)
     subset = None if wanted > rows // 3 else (0, wanted - 1)
     value, vector = scipy.linalg.eigh(full, subset_by_index=subset)
+    if largest == 0.0:
+        value = np.zeros_like(value)
     return value[:wanted], vector[:, :wanted], 0
 
 

@@ -79,7 +79,7 @@ def random_scene():
 
 @pytest.fixture(scope="session")
 def rest_scene():
-    """Return a function: a disordered packing at rest in its box, by FIRE and Newton's method."""
+    """Return a function: a disordered packing at rest in its box: FIRE with the harmonic law, then Newton."""
 
     @functools.cache
     def make(particles, dimension, packing_fraction, seed, law="harmonic"):
@@ -90,9 +90,8 @@ def rest_scene():
             sizes=pm.Bidisperse(ratio=1.4) if dimension == 2 else pm.Monodisperse(),
             seed=seed,
         )
-        scene = pm.Scene(packing, (pm.Repulsion(law=LAWS[law]),))
-        relaxed = build_program(scene).fire(force_tolerance=1e-7)
-        scene = scene.replace(packing=packing.replace(position_nd=relaxed.position_nd))
-        return scene.replace(packing=newton(scene, force_tolerance=1e-11).packing)
+        relaxed = build_program(pm.Scene(packing, (pm.Repulsion(law=LAWS["harmonic"]),))).fire(force_tolerance=1e-7)
+        scene = pm.Scene(packing.replace(position_nd=relaxed.position_nd), (pm.Repulsion(law=LAWS[law]),))
+        return scene.replace(packing=newton(scene, force_tolerance=1e-11, step_limit=200).packing)
 
     return make

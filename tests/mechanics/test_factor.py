@@ -27,8 +27,13 @@ def test_every_backend_solves_indefinite_systems(backend, seed):
     expected = np.linalg.solve(matrix.toarray(), right)
     factor = factorize(matrix, kind="symmetric", backend=backend)
     found = factor.solve(right)
-    assert np.abs(found - expected).max() <= 1e-13 * factor.growth * np.linalg.cond(matrix.toarray()) * np.abs(expected).max()
-    assert np.array_equal(factor.solve(right[:, 1]), found[:, 1]) or np.allclose(factor.solve(right[:, 1]), found[:, 1], rtol=1e-12)
+    assert (
+        np.abs(found - expected).max()
+        <= 1e-13 * factor.growth * np.linalg.cond(matrix.toarray()) * np.abs(expected).max()
+    )
+    assert np.array_equal(factor.solve(right[:, 1]), found[:, 1]) or np.allclose(
+        factor.solve(right[:, 1]), found[:, 1], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("backend", WAYS)
@@ -90,6 +95,15 @@ def test_eigenvalues_below_a_bound_are_counted_exactly(seed, bound):
         assert eigenvalues_below(matrix, bound) == int((value < bound).sum())
 
 
+@pytest.mark.parametrize("backend", WAYS)
+def test_rows_without_entries_are_zero_eigenvalues(backend):
+    matrix = sp.csc_array(np.diag([2.0, 0.0, -1.0, 0.0]))
+    try:
+        assert factorize(matrix, kind="symmetric", backend=backend).inertia == (1, 1, 2)
+    except NotDefinite as refused:
+        assert "cannot factor" in str(refused) and backend in ("superlu", "dense")
+
+
 def test_the_matrix_given_is_left_as_it_was():
     matrix = sp.csr_array((np.array([1.0, 2.0, 1.0, 5.0]), np.array([1, 0, 0, 1]), np.array([0, 2, 4])), shape=(2, 2))
     before = matrix.data.copy(), matrix.indices.copy(), matrix.indptr.copy()
@@ -111,7 +125,11 @@ EYE = sp.eye_array(3, format="csr")
     [
         (lambda: factorize(np.eye(3)), TypeError, "matrix must be a scipy sparse array"),
         (lambda: factorize(sp.csr_array((3, 2))), ValueError, r"matrix must be square, got shape \(3, 2\)"),
-        (lambda: factorize(sp.csr_array(np.diag([1.0, np.nan]))), ValueError, "matrix must be finite, got nan in row 1"),
+        (
+            lambda: factorize(sp.csr_array(np.diag([1.0, np.nan]))),
+            ValueError,
+            "matrix must be finite, got nan in row 1",
+        ),
         (lambda: factorize(sp.csr_array(np.triu(np.ones((3, 3))))), ValueError, "matrix must be symmetric"),
         (lambda: factorize(EYE, kind="any"), ValueError, "kind must be one of"),
         (lambda: factorize(EYE, backend="mumps"), ValueError, "backend must be one of"),

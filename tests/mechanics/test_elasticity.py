@@ -1,0 +1,393 @@
+"""Facts about elastic moduli."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import packmech as pm
+from packmech.dynamics.polish import newton
+from packmech.mechanics.strain import mandel_tensor, mandel_vector
+
+ROOT = 3**0.5
+OUTSIDE = pathlib.Path(__file__).parents[3] / "shared" / "data" / "outside" / "soft-discs-N64-P1e-4.json"
+COMPONENTS = ["xxxx", "yyyy", "xyxy", "xxyy", "xxxy", "yyxy"]
+
+
+def crystal(name, repeats, overlap=0.0, diameter=1.0, law=None):
+    packing = pm.lattice_packing(name, repeats=repeats, relative_overlap=overlap, diameter=diameter)
+    return pm.Scene(packing, (pm.Repulsion(law=law or pm.Harmonic()),))
+
+
+# -- closed forms ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("overlap", [0.0, 1e-6, 0.01, 0.1, 0.24])
+@pytest.mark.parametrize("repeats", [(1, 1), (2, 3), (4, 4)])
+def test_triangular_crystal_has_its_closed_forms(overlap, repeats):
+    diameter = 1.3
+    moduli = pm.elastic_moduli(crystal("triangular", repeats, overlap, diameter))
+    unit = 1.0 / ((1.0 - overlap) * diameter**2)
+    energy = moduli.average("hill", tangent="energy")
+    found = [
+        moduli.pressure, energy.bulk_modulus, energy.shear_modulus, moduli.bulk_modulus, moduli.shear_modulus,
+        moduli.hill.bulk_modulus, moduli.hill.shear_modulus,
+    ]  # fmt: skip
+    bulk, shear = ROOT / 2 * unit, ROOT * (1 - 4 * overlap) / 4 * unit
+    expected = [
+        ROOT * overlap * unit, ROOT / 2 / diameter**2, ROOT * (1 - 2 * overlap) / 4 * unit, bulk, shear, bulk, shear,
+    ]  # fmt: skip
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+    assert abs(moduli.anisotropy) < 1e-10
+    assert moduli.stable and not len(moduli.soft_directions) and not len(moduli.stiff_directions)
+
+
+@pytest.mark.parametrize("overlap", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("repeats", [(1, 1, 1), (2, 2, 2)])
+def test_fcc_crystal_has_its_closed_forms(overlap, repeats):
+    diameter = 1.1
+    q, t, volume = 1 - overlap, -overlap * (1 - overlap), diameter**3 * (1 - overlap) ** 3 / 2**0.5
+    pressure = -2 * t / volume
+    moduli = pm.elastic_moduli(crystal("fcc", repeats, overlap, diameter))
+    assert abs(moduli.pressure - pressure) < 1e-10
+    for name, energy, cauchy in (
+        ("xxxx", (q + 2 * t) / volume, (q + 2 * t) / volume),
+        ("xxyy", q / (2 * volume), q / (2 * volume) + pressure),
+        ("yzyz", (q / 2 + t) / volume, (q / 2 + t) / volume - pressure / 2),
+        ("xyxy", (q / 2 + t) / volume, (q / 2 + t) / volume - pressure / 2),
+        ("xxyz", 0.0, 0.0),
+    ):
+        assert abs(moduli.component(name, tangent="energy") - energy) < 1e-10
+        assert abs(moduli.component(name) - cauchy) < 1e-10
+
+
+def test_stored_crystals_agree(golden):
+    for name, stored in golden("crystal_moduli.json").items():
+        if name == "source":
+            continue
+        position = stored.get("positions", [[0.0, 0.0, 0.0]])
+        packing = pm.Packing(position, [stored["radius"]] * len(position), pm.Box(stored["lattice_columns"]))
+        moduli = pm.elastic_moduli(pm.Scene(packing, (pm.Repulsion(),)))
+        assert abs(moduli.pressure - stored["pressure"]) < 1e-10
+        if "C_energy_mandel" in stored:
+            np.testing.assert_allclose(moduli.energy, stored["C_energy_mandel"], rtol=0, atol=1e-10)
+            assert abs(moduli.bulk_modulus - stored["K_cauchy"]) < 1e-10
+            assert abs(moduli.shear_modulus - stored["G_cauchy"]) < 1e-10
+        else:
+            averages = stored["averages"]
+            for letter, bound in (("V", "voigt"), ("R", "reuss"), ("H", "hill")):
+                found = moduli.average(bound, tangent="energy")
+                assert abs(found.bulk_modulus - averages[f"K_{letter}"]) < 1e-10
+                assert abs(found.shear_modulus - averages[f"G_{letter}"]) < 1e-10
+            assert abs(found.poisson_ratio - averages["nu_H"]) < 1e-10
+            assert abs(found.young_modulus - averages["E_H"]) < 1e-10
+            if stored["xi"] == 0.0:
+                assert abs(moduli.anisotropy - 0.6) < 1e-10
+
+
+def test_crystals_at_contact_have_their_exact_moduli(golden):
+    stored = golden("lattice_exact.json")["moduli"]
+    hexagonal, fcc = (pm.elastic_moduli(crystal(name, (2,) * d)) for name, d in (("triangular", 2), ("fcc", 3)))
+    assert abs(hexagonal.shear_modulus - stored["hexagonal"]["G"]) < 1e-10
+    assert abs(hexagonal.bulk_modulus - stored["hexagonal"]["B"]) < 1e-10
+    assert abs(fcc.bulk_modulus - stored["fcc"]["B"]) < 1e-10
+    for name, key in (("xxxx", "C11"), ("xxyy", "C12"), ("xyxy", "C44")):
+        assert abs(fcc.component(name) - stored["fcc"][key]) < 1e-10
+    assert pm.elastic_moduli(crystal("square", (3, 3))).shear_modulus == stored["square"]["G_simple_shear_along_axes"]
+
+
+@pytest.mark.parametrize("repeats", [(1, 1), (2, 2), (3, 4), (6, 6)])
+def test_kagome_has_finite_moduli_because_its_floppy_modes_carry_no_strain(repeats):
+    moduli = pm.elastic_moduli(crystal("kagome", repeats))
+    assert abs(moduli.bulk_modulus - ROOT / 4) < 1e-10
+    assert abs(moduli.shear_modulus - ROOT / 8) < 1e-10
+    assert abs(moduli.anisotropy) < 1e-9
+    assert not len(moduli.soft_directions) and moduli.stable
+    if repeats[0] == repeats[1]:
+        assert moduli.floppy_positions == 3 * repeats[0] - 2
+
+
+@pytest.mark.parametrize("repeats", [(1, 1), (2, 2), (5, 5)])
+def test_shear_of_the_square_crystal_is_soft_not_stiff(repeats):
+    moduli = pm.elastic_moduli(crystal("square", repeats))
+    assert abs(moduli.shear_modulus) < 1e-12 and moduli.reuss.shear_modulus == 0.0
+    np.testing.assert_allclose(np.abs(moduli.soft_directions), [[0.0, 0.0, 1.0]], atol=1e-12)
+    assert moduli.compliance[2, 2] == np.inf and np.isfinite(moduli.compliance[:2, :2]).all()
+    np.testing.assert_allclose(moduli.compliance[:2, :2], np.eye(2), atol=1e-12)
+    assert moduli.stable and moduli.negative_modes == 0
+    assert moduli.anisotropy == np.inf
+
+
+@pytest.mark.parametrize("overlap", [0.01, 0.1])
+def test_square_crystal_under_pressure_has_the_shear_modulus_minus_the_pressure_and_is_unstable(overlap):
+    for repeats in ((1, 1), (4, 4)):
+        moduli = pm.elastic_moduli(crystal("square", repeats, overlap))
+        energy = np.diag(moduli.energy)
+        np.testing.assert_allclose(
+            energy * (1 - overlap) ** 2, [(1 - overlap) ** 2] * 2 + [-overlap * (1 - overlap)], atol=1e-10
+        )
+        assert abs(moduli.shear_modulus + moduli.pressure) < 1e-10
+        assert not moduli.stable and moduli.negative_strains == 1
+        value = np.linalg.eigvalsh(pm.hessian(crystal("square", repeats, overlap), False).toarray())
+        assert moduli.negative_positions == int((value < -1e-9).sum())
+
+
+def test_triangular_crystal_shears_away_beyond_an_overlap_of_one_quarter():
+    assert pm.elastic_moduli(crystal("triangular", (1, 1), 0.24)).stable
+    beyond = pm.elastic_moduli(crystal("triangular", (1, 1), 0.26))
+    assert not beyond.stable and beyond.shear_modulus < 0
+
+
+# -- independent methods -----------------------------------------------------------------------------------------------
+
+AT_REST = [(48, 2, 0.92, 1, law) for law in ("harmonic", "hertz", "lennard-jones", "user's")] + [
+    (32, 3, 0.72, 2, "harmonic")
+]
+
+
+def stress_after(scene, gradient):
+    """Return the Cauchy stress after the box was deformed by (1 + gradient) and the particles relaxed."""
+    packing = scene.packing
+    stretch = np.eye(packing.dimension) + gradient
+    start = pm.Packing(packing.position_nd @ stretch.T, packing.radius_n, packing.box.strained(gradient))
+    relaxed = newton(scene.replace(packing=start), force_tolerance=1e-15, check=False)
+    assert relaxed.ok
+    return pm.stress_tensor(scene.replace(packing=relaxed.packing))
+
+
+def slope(function, size):
+    return (8 * (function(size) - function(-size)) - (function(2 * size) - function(-2 * size))) / (12 * size)
+
+
+@pytest.mark.parametrize("case", AT_REST, ids=str)
+def test_cauchy_stiffness_is_the_change_of_stress_of_the_relaxed_packing(rest_scene, case):
+    scene = rest_scene(*case)
+    moduli = pm.elastic_moduli(scene, rattlers="keep")
+    expected = np.stack(
+        [
+            mandel_vector(slope(lambda h, unit=unit: stress_after(scene, h * mandel_tensor(unit)), 1e-6))
+            for unit in np.eye(len(moduli.cauchy))
+        ],
+        axis=1,
+    )
+    assert np.abs(moduli.cauchy - expected).max() < 1e-7 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("flow", "gradient"), [(0, 1), (1, 0)])
+def test_shear_modulus_is_the_slope_of_the_shear_stress_in_simple_shear(rest_scene, flow, gradient):
+    scene = rest_scene(48, 2, 0.92, 1)
+    shear = np.zeros((2, 2))
+    shear[flow, gradient] = 1.0
+    expected = slope(lambda h: stress_after(scene, h * shear)[0, 1], 1e-6)
+    moduli = pm.elastic_moduli(scene, rattlers="keep")
+    assert abs(moduli.simple_shear(flow, gradient) - expected) < 1e-7 * abs(expected)
+    assert moduli.shear_modulus == moduli.simple_shear(0, 1)
+
+
+@pytest.mark.parametrize("case", AT_REST[:1] + AT_REST[-1:], ids=str)
+def test_bulk_modulus_is_the_slope_of_the_pressure_in_the_packing_fraction(rest_scene, case):
+    scene = rest_scene(*case)
+    d = scene.packing.dimension
+
+    def pressure(size):
+        return -np.trace(stress_after(scene, np.eye(d) * size)) / d
+
+    # d(ln packing_fraction) = -d * strain
+    expected = -slope(pressure, 1e-6) / d
+    assert abs(pm.elastic_moduli(scene, rattlers="keep").bulk_modulus - expected) < 1e-7 * expected
+
+
+@pytest.mark.parametrize("kind", ["exact", "unstressed"])
+@pytest.mark.parametrize("case", AT_REST, ids=str)
+def test_sparse_moduli_are_those_of_the_dense_pseudo_inverse(rest_scene, case, kind):
+    scene = rest_scene(*case)
+    full = pm.hessian(scene, kind=kind).toarray()
+    count = scene.packing.position_nd.size
+    relaxed = (
+        full[count:, count:]
+        - full[count:, :count] @ np.linalg.pinv(full[:count, :count], rcond=1e-9, hermitian=True) @ full[:count, count:]
+    )
+    moduli = pm.elastic_moduli(scene, kind=kind, rattlers="keep")
+    np.testing.assert_allclose(moduli.energy, relaxed / scene.packing.box.volume, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(moduli.affine, full[count:, count:] / scene.packing.box.volume, rtol=0, atol=1e-13)
+    assert moduli.residual < 1e-11
+
+
+def test_rattlers_without_contacts_make_no_difference(rest_scene):
+    scene = rest_scene(128, 2, 0.86, 2)
+    without, with_them = (pm.elastic_moduli(scene, rattlers=choice) for choice in ("remove", "keep"))
+    rattlers = int(pm.find_rattlers(scene.packing).sum())
+    assert rattlers > 0 and with_them.particles == without.particles + rattlers
+    assert with_them.floppy_positions == 2 * rattlers
+    np.testing.assert_allclose(with_them.cauchy, without.cauchy, rtol=0, atol=1e-12)
+
+
+def test_negative_modes_are_those_of_the_whole_hessian(rest_scene):
+    found = set()
+    for seed in range(12):
+        scene = rest_scene(32, 2, 0.85, seed)
+        moduli = pm.elastic_moduli(scene, rattlers="keep")
+        value = np.linalg.eigvalsh(pm.hessian(scene).toarray())
+        assert moduli.negative_modes == int((value < -1e-9).sum())
+        found.add(moduli.negative_modes)
+        assert moduli.stable_in_box
+    # packings in a fixed box: some are stable to shear and some are not
+    assert len(found) > 1
+
+
+@pytest.mark.parametrize(("particles", "dimension", "fraction"), [(48, 2, 0.95), (32, 3, 0.75)])
+def test_averages_of_stable_packings_lie_in_their_order(rest_scene, particles, dimension, fraction):
+    stable = 0
+    for seed in range(6):
+        moduli = pm.elastic_moduli(rest_scene(particles, dimension, fraction, seed))
+        assert moduli.bulk_modulus == moduli.voigt.bulk_modulus
+        if moduli.stable:
+            stable += 1
+            # bounds of symmetric matrices; the Cauchy tangent is not quite symmetric under shear stress
+            voigt, hill, reuss = (moduli.average(bound, tangent="energy") for bound in ("voigt", "hill", "reuss"))
+            assert 0 < reuss.bulk_modulus <= hill.bulk_modulus <= voigt.bulk_modulus
+            assert 0 < reuss.shear_modulus <= hill.shear_modulus <= voigt.shear_modulus
+    assert stable
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_voigt_shear_modulus_is_the_mean_over_all_directions(rest_scene, dimension):
+    moduli = pm.elastic_moduli(rest_scene(*(AT_REST[0] if dimension == 2 else AT_REST[-1])))
+    tensor = moduli.tensor(tangent="energy")
+    rng = np.random.default_rng(0)
+    if dimension == 2:
+        angle = np.arange(16) * np.pi / 16
+        pairs = [((np.cos(a), np.sin(a)), (-np.sin(a), np.cos(a))) for a in angle]
+    else:
+        pairs = np.linalg.qr(rng.normal(size=(4000, 3, 3)))[0][:, :, :2].transpose(0, 2, 1)
+    m, n = np.moveaxis(np.array(pairs), 1, 0)
+    mean = np.einsum("abcd,ka,kb,kc,kd->k", tensor, m, n, m, n, optimize=True).mean()
+    expected = moduli.average("voigt", tangent="energy").shear_modulus
+    assert abs(mean - expected) < (1e-12 if dimension == 2 else 0.02 * expected)
+
+
+def test_a_single_particle_touching_its_images_has_moduli():
+    moduli = pm.elastic_moduli(crystal("fcc", (1, 1, 1)))
+    assert (moduli.particles, moduli.contacts) == (1, 6)
+    assert abs(moduli.bulk_modulus - 2 * 2**0.5 / 3) < 1e-10
+
+
+def test_a_packing_without_contacts_is_soft_in_every_direction():
+    packing = pm.Packing([[0.0, 0.0], [1.0, 1.0]], [0.1, 0.1], pm.Box.cubic(2.0, 2))
+    moduli = pm.elastic_moduli(pm.Scene(packing, (pm.Repulsion(),)))
+    assert moduli.bulk_modulus == moduli.shear_modulus == moduli.reuss.bulk_modulus == 0.0
+    assert len(moduli.soft_directions) == 3 and moduli.contacts == 0
+    assert np.isinf(np.diag(moduli.compliance)).all()
+
+
+# -- invariances -------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32), dimension=st.sampled_from([2, 3]))
+def test_moduli_do_not_depend_on_labels_lattice_vectors_or_wrapping(rest_scene, seed, dimension):
+    scene = rest_scene(*(AT_REST[0] if dimension == 2 else AT_REST[-1]))
+    packing = scene.packing
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(packing.particles)
+    image = rng.integers(-3, 4, size=packing.position_nd.shape)
+    change = np.eye(dimension, dtype=int) + np.triu(rng.integers(-2, 3, size=(dimension, dimension)), 1)
+    position = (packing.position_nd + image @ packing.box.lattice_dd.T)[order]
+    other = pm.Packing(position, packing.radius_n[order], pm.Box(packing.box.lattice_dd @ change))
+    one, two = pm.elastic_moduli(scene), pm.elastic_moduli(scene.replace(packing=other))
+    assert (one.particles, one.contacts, one.negative_modes) == (two.particles, two.contacts, two.negative_modes)
+    np.testing.assert_allclose(two.cauchy, one.cauchy, rtol=0, atol=1e-11)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32), dimension=st.sampled_from([2, 3]))
+def test_moduli_turn_with_the_packing(rest_scene, seed, dimension):
+    scene = rest_scene(*(AT_REST[0] if dimension == 2 else AT_REST[-1]))
+    packing = scene.packing
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(dimension, dimension)))[0]
+    other = pm.Packing(packing.position_nd @ turn.T, packing.radius_n, pm.Box(turn @ packing.box.lattice_dd))
+    one, two = pm.elastic_moduli(scene), pm.elastic_moduli(scene.replace(packing=other))
+    turned = np.einsum("ae,bf,cg,dh,efgh->abcd", turn, turn, turn, turn, one.tensor())
+    np.testing.assert_allclose(two.tensor(), turned, rtol=0, atol=1e-11)
+    for bound in ("voigt", "reuss", "hill"):
+        first, second = one.average(bound), two.average(bound)
+        assert abs(first.bulk_modulus - second.bulk_modulus) < 1e-11
+        assert abs(first.shear_modulus - second.shear_modulus) < 1e-11
+    assert abs(one.anisotropy - two.anisotropy) < 1e-8
+
+
+@pytest.mark.parametrize("length", [1e-12, 1.0, 1e12])
+@pytest.mark.parametrize("energy", [1e-12, 1e12])
+def test_moduli_carry_their_unit(rest_scene, length, energy):
+    scene = rest_scene(48, 2, 0.92, 1)
+    packing = scene.packing
+    scaled = pm.Packing(packing.position_nd * length, packing.radius_n * length, packing.box.scaled(length))
+    effects = (pm.Repulsion(law=pm.Harmonic(1.3 * energy)),)
+    one, two = pm.elastic_moduli(scene), pm.elastic_moduli(pm.Scene(scaled, effects))
+    np.testing.assert_allclose(two.cauchy * (length**2 / energy), one.cauchy, rtol=0, atol=1e-11)
+    assert (two.negative_modes, two.stable, two.floppy_positions) == (
+        one.negative_modes,
+        one.stable,
+        one.floppy_positions,
+    )
+
+
+def test_a_repetition_has_the_same_bits(rest_scene):
+    one, two = (pm.elastic_moduli(rest_scene(128, 2, 0.86, 2)).cauchy for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+
+
+# -- packings made by others -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not OUTSIDE.exists(), reason="the packings made by others are not in the repository")
+def test_elastic_constants_published_with_packings_made_by_others():
+    stored = json.loads(OUTSIDE.read_text())
+    unstable = 0
+    for one in stored["packings"]:
+        box = np.array(one["box"])
+        packing = pm.Packing(np.array(one["fractional_position"]) @ box.T, one["radius"], pm.Box(box))
+        scene = pm.Scene(packing, (pm.Repulsion(),))
+        assert abs(pm.energy(scene) - one["energy"]) < 1e-10 * one["energy"]
+        stress = np.array(one["stress"])
+        assert np.abs(pm.stress_tensor(scene) - stress).max() < 1e-10 * np.abs(stress).max()
+        moduli = pm.elastic_moduli(scene)
+        published = np.array(one["Cijkl"])
+        found = [moduli.component(name, tangent="energy") for name in COMPONENTS]
+        np.testing.assert_allclose(found, published, rtol=1e-5, atol=1e-8)
+        a, b, c, ab, ac, bc = published
+        matrix = np.array([[a, ab, 2**0.5 * ac], [ab, b, 2**0.5 * bc], [2**0.5 * ac, 2**0.5 * bc, 2 * c]])
+        assert moduli.negative_strains == int((np.linalg.eigvalsh(matrix) < 0).sum())
+        assert moduli.stable_in_box
+        if c < 0:
+            unstable += 1
+            assert not moduli.stable and moduli.shear_modulus < 0
+    assert unstable == 4
+
+
+SCENE = crystal("triangular", (2, 2))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (lambda: pm.elastic_moduli(SCENE.packing), TypeError, "scene must be a Scene"),
+        (lambda: pm.elastic_moduli(SCENE, kind="bare"), ValueError, "kind must be one of"),
+        (lambda: pm.elastic_moduli(SCENE, rattlers=True), ValueError, "rattlers must be one of"),
+        (lambda: pm.elastic_moduli(SCENE, gap_tolerance="1"), TypeError, "gap_tolerance must be a finite number"),
+        (lambda: pm.elastic_moduli(SCENE).component("xz"), ValueError, "indices must be four letters out of xy"),
+        (lambda: pm.elastic_moduli(SCENE).component("xxxx", tangent="bulk"), ValueError, "tangent must be one of"),
+        (lambda: pm.elastic_moduli(SCENE).average("mean"), ValueError, "bound must be one of"),
+        (
+            lambda: pm.elastic_moduli(SCENE).simple_shear(0, 2),
+            ValueError,
+            "flow and gradient must be two different axes below 2",
+        ),
+    ],
+)
+def test_bad_input_gets_one_clear_error(call, error, text):
+    with pytest.raises(error, match=text):
+        call()
