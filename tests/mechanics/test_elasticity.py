@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 import packmech as pm
 from packmech.dynamics.polish import newton
@@ -338,6 +339,14 @@ def test_moduli_carry_their_unit(rest_scene, length, energy):
 def test_a_repetition_has_the_same_bits(rest_scene):
     one, two = (pm.elastic_moduli(rest_scene(128, 2, 0.86, 2)).cauchy for _ in range(2))
     np.testing.assert_array_equal(one, two)
+
+
+def test_the_number_of_threads_does_not_change_a_bit(rest_scene):
+    answers = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            answers.append(pm.elastic_moduli(rest_scene(300, 2, 0.9, 3)).cauchy)
+    np.testing.assert_array_equal(*answers)
 
 
 # -- packings made by others -------------------------------------------------------------------------------------------

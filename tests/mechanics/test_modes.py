@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 import packmech as pm
 
@@ -153,6 +154,14 @@ def test_a_repetition_has_the_same_bits(rest_scene):
     one, two = (pm.normal_modes(scene, 20) for _ in range(2))
     np.testing.assert_array_equal(one.eigenvalue_m, two.eigenvalue_m)
     np.testing.assert_array_equal(one.displacement_mnd, two.displacement_mnd)
+
+
+def test_the_number_of_threads_does_not_change_a_bit(rest_scene):
+    answers = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            answers.append(pm.normal_modes(rest_scene(300, 2, 0.9, 3), 20).displacement_mnd)
+    np.testing.assert_array_equal(*answers)
 
 
 # -- density of states -------------------------------------------------------------------------------------------------
