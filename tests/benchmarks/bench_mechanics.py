@@ -53,9 +53,7 @@ def factorizations() -> None:
 
 
 def answers() -> None:
-    print(
-        "\nmedian CPU ms over 5 packings: polish from 1e-6 to the floor (steps, largest residual), moduli, lowest 50 modes"
-    )
+    print("\nmedian CPU ms over 5 packings: polish from 1e-6 (steps, largest residual), moduli, 50 modes, count")
     for case in CASES:
         polish, steps, residual, moduli, modes, counts = [], [], [], [], [], []
         for seed in range(1, 6):
