@@ -13,12 +13,12 @@ from packmech.packing import Packing
 if TYPE_CHECKING:
     from packmech.dynamics.protocol import Protocol
 
-# dP / d(packing fraction) in units of the pressure unit: where the secant starts, and its bounds
-_SLOPE, _SLOPES = 0.35, (0.1, 1.0)
+# the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
+_ONSET, _ONSETS = 0.03, (0.001, 0.2)
 
 
 def decompress(
-    protocol: Protocol, start: float, stop_pressure: float, factor: float, tolerance: float, steps: int
+    protocol: Protocol, start: float, stop_pressure: float | None, factor: float, tolerance: float, steps: int
 ) -> Packing:
     """Return the packing decompressed to the stop pressure; the extrapolated packing fraction goes into the report.
 
@@ -29,7 +29,7 @@ def decompress(
     start
         Packing fraction of the quench.
     stop_pressure
-        Pressure to stop at [energy_scale / diameter^d].
+        Pressure to stop at [energy_scale / diameter^d]; None stops after the quench.
     factor
         Ratio of successive pressures [1].
     tolerance, steps
@@ -40,20 +40,17 @@ def decompress(
 
     def relaxed(at: Packing, name: str) -> tuple[Packing, float]:
         with protocol.stage(name) as figures:
-            packing, done = protocol.relax(at, tolerance, steps, floor=1e-3 * stop_pressure)
-            figures.residual, figures.steps, figures.force_evaluations = (
-                done.residual,
-                done.steps,
-                done.force_evaluations,
-            )
+            packing, done = protocol.relax(at, tolerance, steps, floor=1e-3 * (stop_pressure or 0.0))
+            figures.take(done)
             now = done.pressure / unit
             figures.note = f"FIRE at packing fraction {packing_fraction(packing):.6f}, pressure {now:.2e}"
         return packing, now if done.outcome is not Outcome.UNJAMMED else 0.0
 
     packing, pressure = relaxed(protocol.at_fraction(protocol.scene.packing, start), "quench")
-    fraction, slope = packing_fraction(packing), _SLOPE
+    fraction = packing_fraction(packing)
+    slope = pressure / (_ONSET * fraction)
     last: tuple[float, float] | None = None
-    while pressure > stop_pressure:
+    while stop_pressure is not None and pressure > stop_pressure:
         target = max(factor, stop_pressure / pressure * 0.9)
         while True:
             there = fraction - pressure * (1.0 - target) / slope
@@ -67,8 +64,9 @@ def decompress(
             pressure = 0.0
             packing = trial
             break
-        slope = float(np.clip((pressure - found) / (fraction - there), *_SLOPES))
+        slope = (pressure - found) / (fraction - there)
         packing, pressure, fraction = trial, found, there
+        slope = float(np.clip(slope, pressure / (_ONSETS[1] * fraction), pressure / (_ONSETS[0] * target * fraction)))
     if last is not None and 0.0 < pressure < last[1]:
         onset = fraction - pressure * (last[0] - fraction) / (last[1] - pressure)
         protocol.report["extrapolated_packing_fraction"] = onset

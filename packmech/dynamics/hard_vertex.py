@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from packmech.box import Box
 from packmech.check import integer, positive, real
 from packmech.dynamics.expand import decompress
-from packmech.dynamics.soft import SoftState, soften
+from packmech.dynamics.soft import soften
+from packmech.dynamics.soft_newton import judge
 from packmech.dynamics.soft_search import search_pressure
 from packmech.dynamics.vertex import Vertex, certify
 from packmech.measure import packing_fraction
@@ -40,8 +39,8 @@ class HardVertex:
     start_packing_fraction
         Where the quench happens; None: .87 in two dimensions, .68 in three.
     stop_pressure
-        FIRE decompresses until the pressure is at most this [energy_scale / diameter^d]; after a quench at the usual
-        packing fraction it already is.
+        FIRE goes on decompressing until the pressure is at most this [energy_scale / diameter^d]; None: the quench is
+        enough.
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
@@ -52,7 +51,7 @@ class HardVertex:
     """
 
     start_packing_fraction: float | None = None
-    stop_pressure: float = 0.05
+    stop_pressure: float | None = None
     quench_tolerance: float = 1e-3
     quench_steps: int = 200_000
     iteration_limit: int = 2000
@@ -60,7 +59,8 @@ class HardVertex:
     def __post_init__(self) -> None:
         if self.start_packing_fraction is not None:
             positive("start_packing_fraction", self.start_packing_fraction)
-        positive("stop_pressure", self.stop_pressure)
+        if self.stop_pressure is not None:
+            positive("stop_pressure", self.stop_pressure)
         real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
         integer("quench_steps", self.quench_steps, at_least=0)
         integer("iteration_limit", self.iteration_limit, at_least=1)
@@ -174,27 +174,5 @@ def press(protocol: Protocol, vertex: Vertex, pressure: float) -> tuple[Packing,
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
     if state.reached < 1.0:
-        state = search_pressure(protocol, state, goal)
-    return protocol.restored(state.packing), judge(protocol, state)
-
-
-def judge(protocol: Protocol, state: SoftState) -> Outcome:
-    """Return how a soft packing came out: balanced, at the floor of rounding, unstable, or stalled.
-
-    Parameters
-    ----------
-    protocol
-        The protocol.
-    state
-        The packing, in reduced units.
-
-    """
-    if state.reached < 1.0 or not np.isfinite(state.residual):
-        return Outcome.STALLED
-    if state.negative:
-        return Outcome.UNSTABLE
-    if state.balanced(protocol.force_tolerance):
-        return Outcome.CONVERGED
-    if state.sound(protocol.force_tolerance):
-        return Outcome.ROUNDING_FLOOR
-    return Outcome.STALLED
+        state = search_pressure(protocol, state.packing, goal)
+    return protocol.restored(state.packing), judge(state, protocol.force_tolerance)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +11,10 @@ from packmech.check import function, instance, one_of, positive
 from packmech.compiled import single_thread
 from packmech.dynamics.jam_methods import Decompression, HardVertex, JamMethod, ProgramChain, StepHalving
 from packmech.dynamics.jam_report import finish
-from packmech.dynamics.protocol import Protocol
+from packmech.dynamics.protocol import Progress, Protocol
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing
 from packmech.scene import Scene
-
-Progress = Callable[[str, dict[str, Any]], None]
 
 
 def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
@@ -122,12 +117,9 @@ def jam(
         try:
             packing, outcome = method.follow(protocol, asked)
         except KeyboardInterrupt as stop:
-            stop.run = finish(protocol, protocol.last, Outcome.INTERRUPTED, asked, method, began)  # type: ignore[attr-defined]
+            stop.run = finish(protocol, protocol.last, Outcome.INTERRUPTED, asked, type(method).__name__, began)  # type: ignore[attr-defined]
             raise
-        run = finish(protocol, packing, outcome, asked, method, began)
+        run = finish(protocol, packing, outcome, asked, type(method).__name__, began)
     if check and not run.ok:
         raise NotConverged(run)
     return run
-
-
-__all__ = ["Packing", "free_strains", "jam"]

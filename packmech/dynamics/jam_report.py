@@ -55,7 +55,7 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     }
 
 
-def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float, method: Any, began: float) -> Run:
+def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float, method: str, began: float) -> Run:
     """Return the run of a protocol that ended with the packing.
 
     Parameters
@@ -67,7 +67,7 @@ def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float,
     asked
         The pressure asked for [energy_scale / diameter^d].
     method
-        The method.
+        Its name.
     began
         CPU time of the start [s].
 
@@ -83,7 +83,7 @@ def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float,
         net = sum_forces(contacts, -first_c)
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
     report: dict[str, Any] = {
-        "method": type(method).__name__,
+        "method": method,
         "strain": protocol.strain,
         "packing_fraction": packing_fraction(packing),
         "pressure": pressure / scene.pressure_unit,

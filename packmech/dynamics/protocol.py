@@ -11,12 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.dynamics.program import Program, Relaxation, build_program
-from packmech.dynamics.soft import Units
+from packmech.dynamics.fire import Fire
+from packmech.dynamics.kernels import RUNNING, Goal
+from packmech.dynamics.program import OUTCOME_OF, Minimizer, Program, Relaxation, build_program
+from packmech.dynamics.soft_newton import Units
 from packmech.measure import packing_fraction
 from packmech.outcome import Stage
 from packmech.packing import Packing
 from packmech.scene import Scene
+
+_PORTION = 5_000_000
+Progress = Callable[[str, dict[str, Any]], None]
 
 
 class Figures:
@@ -24,6 +29,10 @@ class Figures:
 
     def __init__(self) -> None:
         self.residual, self.steps, self.force_evaluations, self.note = float("nan"), 0, 0, ""
+
+    def take(self, done: Relaxation) -> None:
+        """Take over what FIRE achieved and cost."""
+        self.residual, self.steps, self.force_evaluations = done.residual, done.steps, done.force_evaluations
 
 
 class Protocol:
@@ -50,7 +59,7 @@ class Protocol:
         basis_kdd: NDArray[np.float64],
         strain: str,
         force_tolerance: float,
-        progress: Callable[[str, dict[str, Any]], None] | None,
+        progress: Progress | None,
     ) -> None:
         self.scene, self.basis_kdd, self.strain, self.force_tolerance = scene, basis_kdd, strain, force_tolerance
         self._progress = progress
@@ -119,9 +128,14 @@ class Protocol:
         return packing.replace(position_nd=packing.position_nd * factor, box=packing.box.scaled(factor))
 
     def relax(
-        self, packing: Packing, force_tolerance: float, step_limit: int, floor: float = 0.0
+        self,
+        packing: Packing,
+        force_tolerance: float,
+        step_limit: int,
+        floor: float = 0.0,
+        method: Minimizer | None = None,
     ) -> tuple[Packing, Relaxation]:
-        """Return the packing that FIRE relaxes to in the box as it is, and how that went.
+        """Return the packing that a minimizer relaxes to in the box as it is, and how that went.
 
         Parameters
         ----------
@@ -131,12 +145,35 @@ class Protocol:
             When to stop.
         floor
             Mean contact force at which the packing counts as unjammed [energy_scale / reference diameter].
+        method
+            Fire() unless given.
 
         """
-        force_floor = floor * self.scene.energy_scale / packing.reference_diameter
-        done = self.program.fire(
-            packing.position_nd, packing.box.lattice_dd,
-            force_tolerance=force_tolerance, step_limit=step_limit, force_floor=force_floor,
-        )  # fmt: skip
-        self.last = packing.replace(position_nd=done.position_nd)
+        program = self.program
+        goal = Goal(force_tolerance, floor * self.scene.energy_scale / packing.reference_diameter)
+        method = Fire() if method is None else method
+        program.place(packing.position_nd, packing.box.lattice_dd)
+        state = method.start(program)
+        # in portions of a fraction of a second, so that an interruption is heard
+        portion = max(1, _PORTION // packing.particles)
+        while True:
+            status = method.advance(program, goal, state, min(portion, step_limit - state.steps))
+            if status != RUNNING or state.steps >= step_limit:
+                break
+            self.last = packing.replace(position_nd=program.positions())
+            self.tell("relaxation", steps=state.steps)
+        end = program.evaluate()
+        self.last = packing.replace(position_nd=program.positions())
+        done = Relaxation(
+            position_nd=self.last.position_nd,
+            outcome=OUTCOME_OF[status],
+            residual=end.residual,
+            max_force=end.max_force,
+            mean_force=end.mean_force,
+            energy=end.energy,
+            pressure=end.pressure,
+            contacts=end.contacts,
+            steps=state.steps,
+            force_evaluations=state.force_evaluations + 1,
+        )
         return self.last, done

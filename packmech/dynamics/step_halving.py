@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from packmech.check import integer, positive, real
-from packmech.dynamics.hard_vertex import judge
-from packmech.dynamics.soft import newton
+from packmech.dynamics.hard_vertex import find_vertex, press
 from packmech.measure import packing_fraction
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 from packmech.records import is_record
 
 if TYPE_CHECKING:
+    from packmech.dynamics.program import Minimizer
     from packmech.dynamics.protocol import Protocol
 
+_VERTEX_ITERATIONS = 2000
 _START = {2: 0.84, 3: 0.64}
 
 
 @dataclass(frozen=True)
 class StepHalving:
     """Compress or expand by small steps in packing fraction, relax, halve the step whenever the side changes.
+
+    With every strain free, the exact hard packing near the result is found with the box among the unknowns, and
+    pressed to the pressure that was reached.
 
     Ends when the energy per particle lies between `energy_tolerance` and twice that. The pressure follows from the
     energy; the one asked of `jam` is not used.
@@ -48,7 +52,7 @@ class StepHalving:
     start_packing_fraction: float | None = None
     increment: float = 1e-4
     energy_tolerance: float = 1e-16
-    minimizer: Any = None
+    minimizer: Minimizer | None = None
     quench_tolerance: float = 1e-5
     quench_steps: int = 1_000_000
     step_limit: int = 10_000
@@ -58,6 +62,8 @@ class StepHalving:
             positive("start_packing_fraction", self.start_packing_fraction)
         real("increment", self.increment, above=0.0, at_most=0.1)
         positive("energy_tolerance", self.energy_tolerance)
+        if self.minimizer is not None and not hasattr(self.minimizer, "advance"):
+            raise TypeError(f"minimizer must be a minimizer such as Fire() or LBFGS(), got {self.minimizer!r}")
         real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
         integer("quench_steps", self.quench_steps, at_least=1)
         integer("step_limit", self.step_limit, at_least=1)
@@ -102,26 +108,13 @@ class StepHalving:
         return packing, outcome
 
     def _relaxed(self, protocol: Protocol, packing: Packing, floor: float) -> tuple[Packing, float, float, int]:
-        if self.minimizer is None:
-            packing, done = protocol.relax(packing, self.quench_tolerance, self.quench_steps, floor)
-            energy, residual, steps = done.energy, done.residual, done.steps
-        else:
-            from packmech.dynamics.minimize import quench
-
-            run = quench(
-                protocol.scene.replace(packing=packing),
-                force_tolerance=self.quench_tolerance, method=self.minimizer, step_limit=self.quench_steps, check=False,
-            )  # fmt: skip
-            packing, residual, steps = run.packing, run.residual, run.steps
-            energy = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).energy
-        return packing, energy / (packing.particles * protocol.scene.energy_scale), residual, steps
+        packing, done = protocol.relax(packing, self.quench_tolerance, self.quench_steps, floor, self.minimizer)
+        return packing, done.energy / (packing.particles * protocol.scene.energy_scale), done.residual, done.steps
 
     def _stabilized(self, protocol: Protocol, packing: Packing) -> tuple[Packing, Outcome]:
-        """Return the packing with all strains relaxed at the pressure it has reached."""
-        with protocol.stage("shear stabilization") as figures:
-            pressure = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).pressure
-            goal = protocol.reduced_pressure(pressure / protocol.scene.pressure_unit)
-            state = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
-            figures.residual, figures.steps = state.residual, state.iterations
-            protocol.last = protocol.restored(state.packing)
-        return protocol.last, judge(protocol, state)
+        """Return the packing with all strains free, at the pressure that was reached."""
+        pressure = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).pressure
+        vertex = find_vertex(protocol, packing, _VERTEX_ITERATIONS)
+        if vertex is None:
+            return protocol.last, Outcome.NOT_JAMMED
+        return press(protocol, vertex, pressure / protocol.scene.pressure_unit)

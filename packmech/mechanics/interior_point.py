@@ -151,6 +151,8 @@ class _Step:
         self.shape = (pairs.system.particles, pairs.system.dimension)
         self.weight_c = force_c / slack_c
         self.stretch_ck = np.einsum("ca,kab,cb->ck", pairs.normal_cd, basis_kdd, pairs.vector_cd)
+        # particles and strains are tied to where they are: by little, but enough where nothing else resists a motion
+        tie += 1e-11 * float(self.weight_c.mean())
         self.factored: Factored = pairs.system.factor(
             pairs.normal_cd, self.weight_c, extra_n=np.full(self.shape[0], tie)
         )
@@ -158,6 +160,7 @@ class _Step:
         self.coupling = coupling
         self.relaxed = self.factored.solve(coupling)
         self.corner_kk = (self.stretch_ck.T * self.weight_c) @ self.stretch_ck - coupling.T @ self.relaxed
+        self.corner_kk += tie * self.shape[0] * np.eye(len(load_k))
 
     def gather(self, weight_c: NDArray[np.float64]) -> NDArray[np.float64]:
         out = np.empty(self.shape)

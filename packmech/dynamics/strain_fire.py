@@ -1,0 +1,126 @@
+"""FIRE with the box: positions and strains relax together, at constant pressure or constant volume.
+
+The slow but sure way to shear-stabilized packings: it crosses instabilities that stop Newton's method. A strain moves
+every particle with it; its coordinate is the strain times sqrt(N) mean diameters, which makes it about as stiff as a
+particle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics.program import Evaluation, Program
+from packmech.dynamics.soft_newton import isochoric_part
+from packmech.packing import Packing
+
+_DELAY, _GROW, _SHRINK, _MIXING, _DECAY = 10, 1.1, 0.5, 0.15, 0.97
+_STEP, _STEP_MAX, _STEP_MIN = 0.3, 0.5, 0.02
+_FURTHEST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class StrainRelaxation:
+    """Where positions and strains came to rest, and the errors: net force over mean force, stress over pressure."""
+
+    packing: Packing
+    residual: float
+    stress_error: float
+    pressure: float
+    steps: int
+
+    @property
+    def merit(self) -> float:
+        """The larger of the two errors."""
+        return max(self.residual, self.stress_error)
+
+
+def relax_strained(
+    program: Program,
+    packing: Packing,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | None,
+    *,
+    tolerance: float,
+    step_limit: int,
+) -> StrainRelaxation:
+    """Return the packing relaxed in positions and strains.
+
+    Parameters
+    ----------
+    program
+        The compiled scene.
+    packing
+        Where to start.
+    basis_kdd
+        (k, d, d) free strains; their traces are kept out of the motion when the volume is held.
+    pressure
+        Pressure to hold [energy/length^d], or None to hold the volume.
+    tolerance
+        Both errors to stop at [1].
+    step_limit
+        Most steps.
+
+    """
+    d, n = packing.dimension, packing.particles
+    volume = packing.box.volume
+    scale = float(np.sqrt(n) * packing.diameter_n.mean())
+    basis = isochoric_part(basis_kdd, d) if pressure is None else basis_kdd
+    position, box = packing.position_nd.copy(), packing.box
+    velocity, rate = np.zeros_like(position), np.zeros((d, d))
+    dt, mixing, downhill, mobility = _STEP, _MIXING, 0, 1.0
+    furthest = _FURTHEST * float(packing.diameter_n.min())
+    step = 0
+    while True:
+        now = program.evaluate(position, box.lattice_dd)
+        pull = _stress_pull(now, basis, box.volume, pressure)
+        errors = _errors(now, basis, pressure)
+        if max(errors) <= tolerance or step >= step_limit:
+            return StrainRelaxation(packing.replace(position_nd=position, box=box), *errors, now.pressure, step)
+        if step % 64 == 0:
+            stiffness = now.force_floor / program.space.resolution
+            mobility = 5.0 / stiffness if stiffness > 0.0 else mobility
+        step += 1
+        strain_force = pull / scale
+        power = float((now.force_nd * velocity).sum() + (strain_force * rate).sum())
+        if power > 0.0:
+            downhill += 1
+            speed = float(np.sqrt((velocity**2).sum() + (rate**2).sum()))
+            force = float(np.sqrt((now.force_nd**2).sum() + (strain_force**2).sum()))
+            velocity = (1.0 - mixing) * velocity + mixing * speed / force * now.force_nd
+            rate = (1.0 - mixing) * rate + mixing * speed / force * strain_force
+            if downhill > _DELAY:
+                dt, mixing = min(_GROW * dt, _STEP_MAX), _DECAY * mixing
+        else:
+            downhill, mixing, dt = 0, _MIXING, max(_SHRINK * dt, _STEP_MIN)
+            velocity, rate = np.zeros_like(velocity), np.zeros_like(rate)
+        velocity = velocity + dt * mobility * now.force_nd
+        rate = rate + dt * mobility * strain_force
+        reach = dt * max(float(np.sqrt((velocity**2).sum(axis=1).max())), float(np.abs(rate).max()))
+        if reach > furthest:
+            velocity, rate = velocity * (furthest / reach), rate * (furthest / reach)
+        strain = dt * rate / scale
+        position = position + dt * velocity + position @ strain.T
+        box = box.strained(strain)
+        if pressure is None:
+            factor = (volume / box.volume) ** (1.0 / d)
+            position, box = position * factor, box.scaled(factor)
+
+
+def _stress_pull(
+    now: Evaluation, basis: NDArray[np.float64], volume: float, pressure: float | None
+) -> NDArray[np.float64]:
+    """Return minus the enthalpy's slope along the free strains, as a tensor in their span."""
+    stress = now.stress_dd + (0.0 if pressure is None else pressure) * np.eye(len(now.stress_dd))
+    pull: NDArray[np.float64] = -volume * np.einsum("kab,kcd,cd->ab", basis, basis, stress)
+    return pull
+
+
+def _errors(now: Evaluation, basis: NDArray[np.float64], pressure: float | None) -> tuple[float, float]:
+    d = len(now.stress_dd)
+    held = now.pressure if pressure is None else pressure
+    missing = np.einsum("kab,ab->k", basis, now.stress_dd + held * np.eye(d))
+    residual = now.residual if now.contacts else (0.0 if pressure is None else np.inf)
+    return residual, float(np.abs(missing).max()) / held if held > 0.0 else 0.0
