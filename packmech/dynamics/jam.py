@@ -7,11 +7,12 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function, instance, one_of, positive
+from packmech.check import instance, one_of, positive
 from packmech.compiled import single_thread
 from packmech.dynamics.jam_methods import Decompression, HardVertex, JamMethod, ProgramChain, StepHalving
 from packmech.dynamics.jam_report import finish
 from packmech.dynamics.protocol import Progress, Protocol
+from packmech.dynamics.settings import check_manner
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
 from packmech.scene import Scene
@@ -101,9 +102,7 @@ def jam(
     asked = positive("pressure", pressure)
     one_of("strain", strain, ("fixed", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
-    instance("check", check, bool)
-    if progress is not None:
-        function("progress", progress)
+    check_manner(progress, check)
     if energy_tolerance is not None:
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")

@@ -8,6 +8,7 @@ from packmech.check import instance, integer, positive
 from packmech.compiled import single_thread
 from packmech.dynamics.jam_report import finish
 from packmech.dynamics.protocol import Progress, Protocol
+from packmech.dynamics.settings import check_manner
 from packmech.dynamics.soft_newton import SoftState, judge, newton
 from packmech.dynamics.strain_fire import relax_strained
 from packmech.mechanics.strain import mandel_basis
@@ -73,6 +74,7 @@ def shear_stabilize(
     tolerance = positive("force_tolerance", force_tolerance)
     asked = None if pressure is None else positive("pressure", pressure)
     limit = integer("step_limit", step_limit, at_least=0)
+    check_manner(progress, check)
     began = time.process_time()
     with single_thread():
         protocol = Protocol(scene, mandel_basis(scene.packing.dimension).copy(), "free", tolerance, progress)
