@@ -22,6 +22,8 @@ RESULTS = {
     "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
 }  # fmt: skip
 
+MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
+
 # texts and other values of which any will do
 ANYTHING = {
     "work_precision.reference", "work_precision.reference_is", "work_precision.title", "work_precision.knob",
@@ -113,6 +115,8 @@ BAD = {
     "energy_tolerance": POSITIVE,
     "jam.strain": CHOICE,
     "JamDrive.strain": CHOICE,
+    "compress.strain": CHOICE,
+    "distances": [[], [0.0], [-1.0], [1e-3, NAN], 3, None, "1"],
     "jam.method": ["fast", 3, pm.HardVertex],
     "progress": CALL,
     "check": SWITCH,
@@ -123,10 +127,30 @@ BAD = {
     "quench_tolerance": [NAN, 0.0, 1.0, -1.0, "0.5", None],
     "quench_steps": [-1, 2.5, "2", None],
     "iteration_limit": [*COUNT, None],
-    "step_limit": [*COUNT, None],
+    "step_limit": [-1, 2.5, "2", None],
+    "StepHalving.step_limit": [*COUNT, None],
     "program_limit": [*COUNT, None],
     "trust_radius": [NAN, 0.0, 0.5, -1.0, "0.1", None],
     "minimizer": [3, "fire"],
+    # minimizers
+    "quench.method": ["fire", 3, pm.Fire],
+    "trace_every": COUNT,
+    "trace_positions": SWITCH,
+    "time_limit": [NAN, 0.0, -1.0, "1"],
+    "dt": POSITIVE,
+    "dt_max": POSITIVE,
+    "dt_min": NOT_NEGATIVE,
+    "delay": NOT_NEGATIVE,
+    "grow": [NAN, 0.5, "1", None],
+    "shrink": [NAN, 0.0, 2.0, "1", None],
+    "mixing": [NAN, -1.0, 2.0, "1", None],
+    "mixing_decay": [NAN, -1.0, 2.0, "1", None],
+    "largest_step": POSITIVE,
+    "slope_ratio": [NAN, 0.0, 2.0, "1", None],
+    "damping": NOT_NEGATIVE,
+    "memory": [*COUNT, None],
+    "step": POSITIVE,
+    "skin": POSITIVE,
     # mechanics
     "solver": CHOICE,
     "method": CHOICE,
@@ -180,6 +204,8 @@ def good(name, folder):
         "Scene": {"packing": touching(), "effects": (pm.Repulsion(),)},
         "perturbation_energy": {"scene": scene(), "displacement_nd": np.zeros((9, 2))},
         "density_of_states": {"source": scene()},
+        "quench": {"scene": scene(), "force_tolerance": 1e-6},
+        "compress": {"scene": scene(), "distances": [1e-3]},
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
         "law": {"cls": type(pm.Harmonic())},
@@ -196,12 +222,14 @@ def good(name, folder):
 
 
 def call(name, arguments):
-    """Call a public function or make a record; effects and laws are checked by the scene that they stand in."""
+    """Call a function or make a record; a law or an effect is checked by its scene, a minimizer by its quench."""
     made = getattr(pm, name)(**arguments)
     if is_effect(made):
         pm.Scene(touching(), (pm.Repulsion(), made))
     if is_law(made):
         pm.Scene(touching(), (pm.Repulsion(law=made),))
+    if name in MINIMIZERS:
+        pm.quench(scene(), force_tolerance=1e-6, method=made)
     return made
 
 
