@@ -94,6 +94,7 @@ _PUBLIC = {
     "HardVertex": "packmech.dynamics.jam_methods",
     "ProgramChain": "packmech.dynamics.jam_methods",
     "StepHalving": "packmech.dynamics.jam_methods",
+    "compress": "packmech.dynamics.compress",
     "jam": "packmech.dynamics.jam",
     "shear_stabilize": "packmech.dynamics.shear_stabilize",
     # outcomes

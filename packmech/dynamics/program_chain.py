@@ -134,6 +134,8 @@ class ProgramChain:
         stretch = np.einsum("ca,kab,cb->ck", near.normal_cd, basis_kdd, near.vector_cd)
         both = sp.csr_array(sp.hstack([matrix, sp.csr_array(stretch)]))
         reach = np.concatenate([np.full(n * d, radius * min(1.0, small)), np.full(k, min(radius, _STRAIN_BOUND))])
+        # one particle stays: a vertex solution would else drift with all particles at the bound
+        reach[:d] = 0.0
         cost = np.concatenate([np.zeros(n * d), np.einsum("kaa->k", basis_kdd) * n])
         program = Program(
             cost=cost, equal=sp.csr_array((0, n * d + k)), equal_to=np.zeros(0),

@@ -66,7 +66,7 @@ def isochoric_part(basis_kdd: NDArray[np.float64], dimension: int) -> NDArray[np
 
     """
     trace = np.einsum("kaa->k", basis_kdd)
-    flat = (basis_kdd - trace[:, None, None] * np.eye(dimension) / dimension).reshape(len(basis_kdd), -1)
+    flat = (basis_kdd - trace[:, None, None] * np.eye(dimension) / dimension).reshape(len(basis_kdd), dimension**2)
     _, size, rows = np.linalg.svd(flat, full_matrices=False)
     kept: NDArray[np.float64] = rows[size > 1e-9].reshape(-1, dimension, dimension)
     return kept

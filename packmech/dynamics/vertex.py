@@ -19,6 +19,8 @@ GAP_ERROR = 1e-11
 FORCE_IMBALANCE = 1e-9
 _SWEEPS = 8
 _CORRECTIONS = 8
+# rattlers may be shoved aside this often, by overlaps up to this [mean diameter]
+_SHOVES, _SHOVE = 50, 1e-6
 _DENSE_UNKNOWNS = 60
 
 
@@ -253,6 +255,23 @@ def certify(
     return None, reason
 
 
+def _room_for_rattlers(packing: Packing, state: HardState, live_n: NDArray[np.bool_]) -> Packing:
+    """Return the packing with rattlers moved off what they overlap by a solver's tolerance; cages have room."""
+    position = packing.position_nd.copy()
+    for _ in range(_SHOVES):
+        near = pair_contacts(packing, state.i_c, state.j_c, state.image_cd)
+        overlap = np.maximum(-near.gap_c, 0.0)
+        at_i, at_j = ~live_n[near.i_c], ~live_n[near.j_c]
+        wrong = (overlap > 1e-14) & (at_i != at_j) & (overlap < _SHOVE)
+        if not wrong.any():
+            break
+        push = (1.5 * overlap[wrong])[:, None] * near.normal_cd[wrong]
+        np.subtract.at(position, near.i_c[wrong & at_i], push[at_i[wrong]])
+        np.add.at(position, near.j_c[wrong & at_j], push[at_j[wrong]])
+        packing = packing.replace(position_nd=position)
+    return packing
+
+
 def _accept(
     state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64], touching: NDArray[np.bool_]
 ) -> tuple[Vertex | None, str]:
@@ -273,6 +292,7 @@ def _accept(
                 return None, reason
             touching[np.flatnonzero(touching)[np.argmin(ratio[touching])]] = False
             continue
+        packing = _room_for_rattlers(packing, state, backbone.live_n)
         overlap_c = -pair_contacts(packing, state.i_c, state.j_c, state.image_cd).gap_c
         overlap = float(np.maximum(overlap_c, 0.0).max())
         if overlap > GAP_ERROR:
