@@ -1,7 +1,7 @@
 """Checks that the calls of this room share: a minimizer's numbers, and how a run reports and ends.
 
-Minimizers are NamedTuples, because compiled loops take them as they are; a NamedTuple does not check itself, so they are
-checked where they are handed over, by one table of what each number may be.
+Minimizers are NamedTuples, because compiled loops take them as they are; a NamedTuple does not check itself, so they
+are checked where they are handed over, by one table of what each number may be.
 """
 
 from __future__ import annotations
