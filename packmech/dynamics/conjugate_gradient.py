@@ -33,7 +33,7 @@ class ConjugateGradient(NamedTuple):
     slope_ratio
         A search ends where the slope has fallen to this part of its first value.
     largest_step
-        Nobody moves farther than this in one step [smallest diameter].
+        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

@@ -34,7 +34,7 @@ class DampedDynamics(NamedTuple):
         Time step [reference diameter sqrt(m / energy_scale)], shortened where the stiffest particle or the damping
         ask for it.
     largest_step
-        Nobody moves farther than this in one step [smallest diameter].
+        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

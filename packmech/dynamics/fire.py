@@ -42,7 +42,7 @@ class Fire(NamedTuple):
     mixing, mixing_decay
         Fraction of the velocity turned towards the force each step, and the factor on it downhill.
     largest_step
-        Nobody moves farther than this in one step [smallest diameter].
+        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

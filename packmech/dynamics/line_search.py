@@ -44,6 +44,7 @@ def line_search(
     high_slope = 0.0
     length = min(first, longest)
     last = 0.0
+    side = 0
     good = False
     evaluations = 0
     sums = Sums(0.0, 0, 0.0, 0.0, 0.0)
@@ -76,12 +77,17 @@ def line_search(
             if high == np.inf:
                 length = min(max(guess, 1.5 * length), 4.0 * length, longest)
                 continue
+            again = side > 0
+            side = 1
         else:
             high = length
             high_slope = here
+            again = side < 0
+            side = -1
         width = high - low
         if width <= 4e-16 * high:
             break
-        part = 0.5 if high_slope == -np.inf else low_slope / (low_slope - high_slope)
+        # where the straight line vanishes; the middle when that has moved the same end twice
+        part = 0.5 if again or high_slope == -np.inf else low_slope / (low_slope - high_slope)
         length = low + width * min(max(part, 0.05), 0.95)
     return Reached(sums, pairs, last, good, evaluations)

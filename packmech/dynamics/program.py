@@ -26,6 +26,7 @@ from packmech.dynamics.kernels import (
     evaluate,
 )
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, follow_strained
+from packmech.effects import pair_energy
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -124,6 +125,8 @@ class Program:
         Those of its effects that have an energy.
     order_n
         (N,) particle of each row.
+    diverges
+        Whether the energy of two particles grows beyond measure as their centers meet.
     build_seconds
         CPU seconds spent on building.
 
@@ -142,12 +145,14 @@ class Program:
     change_dd: NDArray[np.int64]
     space: Space
     pairs: PairList
+    diverges: bool
     build_seconds: float = 0.0
 
     @property
-    def smallest_diameter(self) -> float:
-        """The smallest diameter [length]."""
-        return 2.0 * float(self.row[:, 3].min())
+    def step_unit(self) -> float:
+        """Unit of a method's largest step [length]: the largest diameter; the smallest under a law that diverges."""
+        radius = self.row[:, 3]
+        return 2.0 * float(radius.min() if self.diverges else radius.max())
 
     def place(self, position_nd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
         """Put the particles at the given positions, in the given box, at rest.
@@ -256,7 +261,7 @@ class Program:
         goal, progress, steps
             When to stop, the state, which is updated, and the largest number of steps.
         largest_step
-            Bound on every particle's displacement in a step [smallest diameter]; that of the settings when left out.
+            Bound on every particle's displacement in a step [step_unit]; that of the settings when left out.
 
         """
         cap = settings.largest_step if largest_step is None else largest_step
@@ -270,7 +275,7 @@ class Program:
             self.pairs,
             settings,
             goal,
-            cap * self.smallest_diameter,
+            cap * self.step_unit,
             progress.number,
             progress.vector_kf,
             steps,
@@ -356,6 +361,15 @@ def _space_order(packing: Packing) -> NDArray[np.int64]:
     return order
 
 
+def _diverges(scene: Scene) -> bool:
+    sigma = scene.packing.reference_diameter
+    try:
+        near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return True
+    return not near < 1e3 * scene.energy_scale
+
+
 def build_program(scene: Scene) -> Program:
     """Return the scene compiled for its effects, its particles sorted in space.
 
@@ -405,6 +419,7 @@ def build_program(scene: Scene) -> Program:
         change_dd=change,
         space=Space(sizes, frame_of(small), 0.0),
         pairs=empty_list(packing.particles, skin),
+        diverges=_diverges(scene),
     )
     program.place(packing.position_nd)
     program.build_seconds = time.process_time() - started

@@ -13,14 +13,18 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, positive
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
+from packmech.dynamics.lbfgs import LBFGS
 from packmech.dynamics.program import OUTCOME_OF, Evaluation, Minimizer, Program, build_program
-from packmech.effects import Harmonic, Repulsion, pair_energy
+from packmech.dynamics.settings import check_manner, check_minimizer
+from packmech.effects import Harmonic, Repulsion
 from packmech.outcome import NotConverged, Outcome, Run, Stage, Trace
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 # the default route hands over to Newton's method here, where contacts no longer change
 _HAND_OVER = 1e-6
+# beyond this ratio of sizes stiffnesses differ so much that FIRE, which knows one time scale, falls behind L-BFGS
+_BROAD = 20.0
 # an overlap [1] at which a law that diverges at the center must not be the one to part the particles
 _DEEP = 0.2
 # particle-steps between two looks at the clock, some tens of milliseconds
@@ -46,8 +50,8 @@ def quench(
     """Return the run to a minimum of the energy in the box as it is.
 
     Starts with coincident or deeply overlapping particles are fine: steps are bounded, and coincident ones part along
-    a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones), deep overlaps are
-    first relaxed with the harmonic law. Effects without an energy, such as damping, have no part in it.
+    a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones), deep overlaps
+    are first relaxed with the harmonic law. Effects without an energy, such as damping, have no part in it.
 
     Parameters
     ----------
@@ -57,8 +61,8 @@ def quench(
         Stop when the largest net force on a particle falls to this times the mean contact force [1].
     method
         Fire(), Fire2(), ConjugateGradient(), LBFGS(), DampedDynamics(), GradientDescent() or Newton(). Unless given:
-        FIRE, and below a tolerance of 1e-6 Newton's method for the last digits, which also tells a saddle from a
-        minimum.
+        FIRE (L-BFGS for size ratios above 20), and below a tolerance of 1e-6 Newton's method for the last digits,
+        which also tells a saddle from a minimum.
     step_limit
         Largest number of steps (Newton's not counted).
     trace_every
@@ -98,6 +102,10 @@ def quench(
     """
     instance("scene", scene, Scene)
     tolerance = positive("force_tolerance", force_tolerance)
+    instance("trace_positions", trace_positions, bool)
+    if method is not None:
+        check_minimizer(method)
+    check_manner(progress, check)
     descent = _Descent(
         scene,
         step_limit=integer("step_limit", step_limit, at_least=0),
@@ -134,8 +142,11 @@ def _newton(method: Any) -> Any:
 
 
 def _default_route(descent: _Descent, tolerance: float) -> Outcome:
-    """FIRE until contacts settle, then Newton's method; FIRE again where that finds no minimum."""
-    outcome = descent.follow("FIRE", Fire(), max(tolerance, _HAND_OVER))
+    """FIRE or L-BFGS until contacts settle, then Newton's method; the first again where that finds no minimum."""
+    radius = descent.scene.packing.radius_n
+    method: Any
+    name, method = ("L-BFGS", LBFGS()) if radius.max() > _BROAD * radius.min() else ("FIRE", Fire())
+    outcome = descent.follow(name, method, max(tolerance, _HAND_OVER))
     if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
         return outcome
     before = descent.program.positions()
@@ -143,7 +154,7 @@ def _default_route(descent: _Descent, tolerance: float) -> Outcome:
     if polished.ok or outcome is Outcome.STEP_LIMIT:
         return polished if polished.ok else outcome
     descent.program.place(before)
-    return descent.follow("FIRE, to the end", Fire(), tolerance)
+    return descent.follow(f"{name}, to the end", method, tolerance)
 
 
 class _Descent:
@@ -174,7 +185,7 @@ class _Descent:
 
     def soften(self) -> Outcome | None:
         """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
-        if not _diverges(self.scene) or self.program.evaluate().deepest_overlap < _DEEP:
+        if not self.program.diverges or self.program.evaluate().deepest_overlap < _DEEP:
             return None
         harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)),))
         own, self.program = self.program, build_program(harmonic)
@@ -287,14 +298,3 @@ class _TraceBuilder:
             max_force_t=np.array([now.max_force for _, now in self.kept]),
             position_tnd=None if self.position_t is None else np.array(self.position_t),
         )
-
-
-def _diverges(scene: Scene) -> bool:
-    """Return whether the energy of two particles grows beyond measure as their centers meet."""
-    sigma = scene.packing.reference_diameter
-    scale = scene.energy_scale
-    try:
-        near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
-    except (OverflowError, ZeroDivisionError, ValueError):
-        return True
-    return not near < 1e3 * scale
