@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from packmech.check import one_of
 from packmech.cli_show import console, print_results, working, write_json
+from packmech.interrupts import safe_interrupts
 from packmech.outcome import Run, Stage
 from packmech.packing import Packing
 from packmech.recording_film import trace_of
@@ -89,15 +92,16 @@ def _law(name: str) -> Any:
 
 
 def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mapping[str, Any]) -> int:
-    with working(f"{name}: {scene.packing.particles} particles") as tell:
+    with safe_interrupts(), working(f"{name}: {scene.packing.particles} particles") as tell:
+        run: Run | None = None
         try:
             run = _drive(scene, tell, keep=outputs.record is not None)
+            if outputs.out is not None:  # before the examination, which may be interrupted
+                _write_packing(scene, run.packing, outputs.out)
+            strain = scene.drive.strain if isinstance(scene.drive, JamDrive) else "fixed"
+            report = examine(scene.replace(packing=run.packing), strain=strain, modes=outputs.modes, told=tell)
         except KeyboardInterrupt as stop:
-            return _interrupted(scene, getattr(stop, "run", None), outputs)
-        if outputs.out is not None:  # before the examination, which may be interrupted
-            _write_packing(scene, run.packing, outputs.out)
-        strain = scene.drive.strain if isinstance(scene.drive, JamDrive) else "fixed"
-        report = examine(scene.replace(packing=run.packing), strain=strain, modes=outputs.modes, told=tell)
+            return _interrupted(scene, getattr(stop, "run", run), outputs)
     _finish(name, scene, run, report, outputs, parameters)
     if not run.ok:
         console(error=True).print(f"packmech: {run.outcome.value} (residual {run.residual:.1e})")
@@ -181,8 +185,8 @@ def _finish(
 
 
 def numbers_of_run(run: Run) -> dict[str, Any]:
-    """Return what a run says of itself, by name."""
-    return {
+    """Return what a run says of itself, by name; what is counted anew from its packing is left to the report."""
+    told = {
         "outcome": run.outcome.name.lower(),
         "force_residual": run.residual,
         "steps": run.steps,
@@ -190,6 +194,18 @@ def numbers_of_run(run: Run) -> dict[str, Any]:
         "seconds": run.seconds,
         "build_seconds": run.build_seconds,
     }
+    further = (
+        "method",
+        "jamming_packing_fraction",
+        "pressure_asked",
+        "stress_anisotropy",
+        "gap_error",
+        "force_imbalance",
+    )
+    told |= {name: run.report[name] for name in further if name in run.report}
+    if "patches" in run.report:
+        told["redundant_patches"] = [np.asarray(patch).tolist() for patch in run.report["patches"]]
+    return told
 
 
 def stage_of_run(run: Run) -> Stage:

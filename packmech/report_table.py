@@ -18,10 +18,9 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     d = numbers["dimension"]
     unit = f"energy_scale / diameter^{d}"
     rows: list[Row] = []
-    if "packing_fraction_at_jamming" in numbers:
-        rows.append(
-            ("packing fraction at jamming", f"{numbers['packing_fraction_at_jamming']:.8f}", "rattlers included")
-        )
+    if "jamming_packing_fraction" in numbers:
+        note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
+        rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     rows += [
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
         ("pressure", f"{numbers['pressure']:.6g}", unit),
@@ -29,6 +28,9 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         _contacts(numbers),
         _rattlers(numbers),
     ]
+    if numbers.get("redundant_patches"):
+        sizes = ", ".join(str(len(patch)) for patch in numbers["redundant_patches"])
+        rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
     if "collective" in numbers:
         rows += [_answer(numbers, "collective", "box fixed"), _answer(numbers, "strict", "box free to deform")]
     if "bulk_modulus" in numbers:

@@ -1,0 +1,47 @@
+"""Ctrl-C at a safe place."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_AGAIN_SECONDS = 0.05
+# an exception in the middle of these leaves types and caches half made
+_DELICATE = ("numba", "llvmlite")
+
+
+@contextmanager
+def safe_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back while machine code is made, loaded or chosen; elsewhere it is the usual KeyboardInterrupt.
+
+    What follows an exception inside numba are senseless errors in calls that were right, and now and then the end of
+    the process without a word. Outside the main thread nothing is changed.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not _delicate(frame):
+            raise KeyboardInterrupt
+        later = threading.Timer(_AGAIN_SECONDS, signal.raise_signal, (number,))
+        later.daemon = True
+        later.start()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _delicate(frame: FrameType | None) -> bool:
+    """Whether this frame, or one that led to it, is inside the compiler."""
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] in _DELICATE:
+            return True
+        frame = frame.f_back
+    return False

@@ -1,0 +1,26 @@
+"""Studies of accuracy against time, by name. Each makes a table and says in words what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from packmech.accuracy_table import WorkPrecision
+
+__all__ = ["Study", "studies"]
+
+Progress = Callable[[str, float], None]
+Study = Callable[[Progress], tuple[WorkPrecision, str]]
+
+
+def studies() -> dict[str, Study]:
+    """Return the studies by name.
+
+    Examples
+    --------
+    >>> list(studies())
+    ['minimizers']
+
+    """
+    from packmech.studies.minimizers import minimizers
+
+    return {"minimizers": minimizers}

@@ -1,0 +1,337 @@
+"""Facts about the command: what it writes is what Python gives, errors are one line, exit codes say what happened."""
+
+import contextlib
+import functools
+import io
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import packmech as pm
+
+JSON_FIELDS = {
+    "packing_fraction",
+    "pressure",
+    "particles",
+    "rattlers",
+    "contacts",
+    "isostatic_contacts",
+    "collective",
+    "strict",
+    "bulk_modulus",
+    "shear_modulus",
+    "force_residual",
+    "seconds",
+}
+
+SMALL = """
+[packing]
+kind = "random"
+particles = 24
+dimension = 2
+packing_fraction = 0.87
+seed = 2
+
+[[effects]]
+kind = "repulsion"
+law = { kind = "harmonic", energy_scale = 1.0 }
+
+[drive]
+kind = "jam"
+pressure = 1e-6
+strain = "fixed"
+"""
+
+
+class Done(NamedTuple):
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def packmech(*arguments: str, folder: Path) -> Done:
+    """Run the command as the shell would, in this process: the words, the exit code, the working folder."""
+    from packmech.cli import main
+
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        argv, sys.argv = sys.argv, ["packmech", *arguments]
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        finally:
+            sys.argv = argv
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def one_line(done: Done) -> str:
+    """The one line of an error; more than one line, or a traceback, fails."""
+    (line,) = done.stderr.strip().splitlines()
+    return line
+
+
+@pytest.fixture(scope="module")
+def jammed(tmp_path_factory):
+    """A small scene jammed by the command, with everything it can write."""
+    folder = tmp_path_factory.mktemp("jammed")
+    (folder / "small.toml").write_text(SMALL)
+    done = packmech("jam", "small.toml", "--out", "end.npz", "--json", "end.json", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder, done, json.loads((folder / "end.json").read_text())
+
+
+def test_jam_writes_every_number_that_is_promised(jammed):
+    _, _, numbers = jammed
+    assert set(numbers) >= JSON_FIELDS
+
+
+def test_jam_leaves_a_recording_by_default_and_says_how_to_open_it(jammed):
+    folder, done, _ = jammed
+    assert (folder / "jam.rrd").stat().st_size > 1000
+    assert "rerun jam.rrd" in done.stdout
+
+
+def test_numbers_of_jam_are_those_of_the_packing_it_wrote(jammed):
+    folder, _, numbers = jammed
+    packing = pm.read_packing(folder / "end.npz")
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
+    verdict = pm.classify_jamming(scene)
+    moduli = pm.elastic_moduli(scene)
+    assert numbers["packing_fraction"] == pm.packing_fraction(packing)
+    assert numbers["pressure"] == pm.pressure(scene) / scene.pressure_unit
+    assert numbers["contacts"] == verdict.contacts
+    assert numbers["rattlers"] == int(verdict.rattlers.sum())
+    assert (numbers["collective"], numbers["strict"]) == (verdict.collective, verdict.strict)
+    assert numbers["bulk_modulus"] == moduli.bulk_modulus
+    assert numbers["shear_modulus"] == moduli.shear_modulus
+
+
+def test_numbers_of_jam_are_those_of_the_python_call(jammed):
+    folder, _, numbers = jammed
+    run = pm.jam(pm.read_scene(folder / "small.toml"), pressure=1e-6, strain="fixed")
+    assert pm.read_packing(folder / "end.npz") == run.packing
+    assert numbers["force_residual"] == run.residual
+    assert numbers["force_evaluations"] == run.force_evaluations
+
+
+def test_jam_reaches_the_pressure_of_the_scene_at_the_isostatic_count(jammed):
+    _, _, numbers = jammed
+    assert numbers["pressure"] == pytest.approx(1e-6, rel=1e-4)
+    assert numbers["contacts"] == numbers["isostatic_contacts"]
+    assert numbers["isostatic_contacts"] == 2 * (numbers["particles"] - numbers["rattlers"]) - 1
+    assert numbers["force_residual"] <= 1e-5
+
+
+def test_the_recording_of_jam_holds_the_numbers_of_its_json(jammed):
+    import rerun.chunk as chunk
+
+    folder, _, numbers = jammed
+    (kept,) = [
+        piece.to_record_batch()
+        for piece in chunk.RrdReader(folder / "jam.rrd").stream().to_chunks()
+        if str(piece.entity_path) == "/__properties/packmech"
+    ]
+    results = json.loads(kept.column("results_json").to_pylist()[0][0])
+    assert {name: results[name] for name in JSON_FIELDS} == {name: numbers[name] for name in JSON_FIELDS}
+    parameters = json.loads(kept.column("parameters_json").to_pylist()[0][0])
+    assert parameters["drive"] == {"kind": "jam-drive", "pressure": 1e-6, "strain": "fixed"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "packing fraction",
+        "pressure",
+        "isostatic",
+        "rattlers",
+        "collectively jammed",
+        "strictly jammed",
+        "smallest singular value",
+        "bulk modulus",
+        "shear modulus",
+        "simple shear xy",
+        "lowest frequencies",
+        "residual",
+        "force evaluations",
+        "CPU s",
+    ],
+)
+def test_the_table_names(jammed, words):
+    assert words in jammed[1].stdout
+
+
+def test_analyze_of_the_written_packing_finds_the_same_numbers(jammed):
+    folder, _, numbers = jammed
+    done = packmech("analyze", "end.npz", "--json", "again.json", folder=folder)
+    assert done.returncode == 0, done.stderr
+    again = json.loads((folder / "again.json").read_text())
+    same = JSON_FIELDS - {"seconds", "force_residual"}
+    assert {name: again[name] for name in same} == {name: numbers[name] for name in same}
+    assert "stored with it" in done.stdout
+
+
+def test_run_does_what_the_drive_of_the_scene_says(jammed, tmp_path):
+    folder, _, numbers = jammed
+    done = packmech("run", str(folder / "small.toml"), "--json", "run.json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    ran = json.loads((tmp_path / "run.json").read_text())
+    assert ran["packing_fraction"] == numbers["packing_fraction"]
+
+
+def test_options_overrule_the_scene(jammed, tmp_path):
+    folder, _, numbers = jammed
+    options = ("--pressure", "1e-5", "--strain", "free", "--seed", "3", "--no-record", "--json", "other.json")
+    done = packmech("jam", str(folder / "small.toml"), *options, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    other = json.loads((tmp_path / "other.json").read_text())
+    assert other["pressure"] == pytest.approx(1e-5, rel=1e-4)
+    assert other["isostatic_contacts"] == 2 * (other["particles"] - other["rattlers"]) + 1
+    assert other["packing_fraction"] != numbers["packing_fraction"]
+    assert not list(tmp_path.glob("*.rrd"))
+
+
+def test_a_packing_without_law_is_analyzed_as_harmonic_and_says_so(tmp_path):
+    pm.write_packing(pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-3), tmp_path / "crystal.txt")
+    done = packmech("analyze", "crystal.txt", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "law: harmonic" in done.stdout
+    assert "none is stored with it" in done.stdout
+
+
+def test_scenes_lists_every_shipped_scene(tmp_path):
+    done = packmech("scenes", folder=tmp_path)
+    assert all(name in done.stdout for name in pm.list_scenes())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("jam", "no-such-scene"), "packmech: path must name a file or a shipped scene"),
+        (("jam", "broken.toml"), "packmech: packing.particels must be one of the fields"),
+        (("jam", "--pressure", "-1"), "packmech: drive.pressure must be"),
+        (("jam", "--strain", "loose"), "packmech: drive.strain must be one of 'fixed', 'free', got 'loose'"),
+        (("jam", "--out", "packing.docx"), "packmech: path must end in one of"),
+        (("jam", "--json", "no/such/folder.json"), "packmech: path must lie in an existing folder"),
+        (("analyze", "missing.npz"), "packmech: path must name an existing file, got 'missing.npz'"),
+        (("analyze", "text.npz"), "packmech: path must name a readable packing, got 'text.npz'"),
+        (("analyze", "nan.txt"), "position_nd must be finite"),
+        (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
+        (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
+        (("accuracy", "guess"), "packmech: study must be one of 'minimizers', got 'guess'"),
+        (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(tmp_path, arguments, message):
+    (tmp_path / "broken.toml").write_text(SMALL.replace("particles", "particels"))
+    (tmp_path / "idle.toml").write_text(SMALL.split("[drive]")[0])
+    (tmp_path / "text.npz").write_text("no archive")
+    (tmp_path / "nan.txt").write_text("lattice 4 0\nlattice 0 4\nnan 0 0.5\n")
+    (tmp_path / "pair.txt").write_text("lattice 4 0\nlattice 0 4\n0 0 0.5\n0.9 0 0.5\n")
+    done = packmech(*arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert message in one_line(done)
+
+
+def test_a_run_that_does_not_converge_is_exit_code_1_and_says_so(monkeypatch, tmp_path):
+    import packmech.dynamics.jam as protocol
+
+    (tmp_path / "small.toml").write_text(SMALL)
+    impatient = pm.HardVertex(iteration_limit=2)
+    monkeypatch.setattr(protocol, "jam", functools.partial(protocol.jam, method=impatient))
+    done = packmech("jam", "small.toml", "--no-record", "--out", "end.npz", folder=tmp_path)
+    assert done.returncode == 1
+    assert pm.Outcome.NOT_JAMMED.value in " ".join(done.stderr.split())
+    assert (tmp_path / "end.npz").exists()
+
+
+def test_a_hard_case_out_of_bounds_is_exit_code_1(monkeypatch, capsys):
+    from packmech import hard_cases
+    from packmech.cli_studies import run_hard_cases
+
+    bad = hard_cases.HardCase("two and two", "counting", "2 + 2 - 3", 0.5, "arithmetic", lambda: 2 + 2 - 3)
+    monkeypatch.setattr(hard_cases, "catalogue", lambda: (bad,))
+    assert run_hard_cases(None) == 1
+    assert "OUT OF BOUNDS" in capsys.readouterr().out
+
+
+def test_ctrl_c_waits_until_the_compiler_is_done():
+    from numba.core.compiler_lock import global_compiler_lock
+
+    from packmech.interrupts import safe_interrupts
+
+    seen = []
+    with pytest.raises(KeyboardInterrupt), safe_interrupts():
+        with global_compiler_lock:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.1)
+            seen.append("compiled")
+        for _ in range(100):
+            time.sleep(0.05)
+        seen.append("never interrupted")
+    assert seen == ["compiled"]
+
+
+def test_ctrl_c_acts_at_once_elsewhere_and_as_before_afterwards():
+    from packmech.interrupts import safe_interrupts
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), safe_interrupts():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_hard_cases_within_bounds_are_exit_code_0_and_print_bound_and_measured(tmp_path):
+    done = packmech("hard-cases", "flat box", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"ok\s+nearly flat box.*0\s+0", done.stdout)
+
+
+def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
+    from packmech import studies
+    from packmech.accuracy import work_precision
+    from packmech.cli_studies import run_studies
+
+    def halves(progress):
+        return work_precision(lambda step: 1.0 + step, (0.5, 0.25), 1.0, progress=progress), "It halves."
+
+    monkeypatch.setattr(studies, "studies", lambda: {"halves": halves})
+    assert run_studies(None, tmp_path / "out") == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["halves.csv", "halves.md", "halves.png"]
+    assert "It halves." in capsys.readouterr().out
+    assert "It halves." in (tmp_path / "out" / "halves.md").read_text()
+
+
+def test_interrupt_saves_the_last_finished_packing(tmp_path):
+    (tmp_path / "large.toml").write_text(SMALL.replace("particles = 24", "particles = 4000"))
+    command = [sys.executable, "-m", "packmech.cli", "jam", "large.toml", "--out", "saved.npz", "--no-record"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(4.0)
+        process.send_signal(signal.SIGINT)
+        _, words = process.communicate(timeout=60)
+    assert process.returncode == 130, words
+    assert "interrupted; the last finished packing is in saved.npz" in " ".join(words.split())
+    assert np.isfinite(pm.read_packing(tmp_path / "saved.npz").position_nd).all()
+
+
+def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
+    program = (
+        "import sys; sys.argv = ['packmech', 'jam', '--no-record']\n"
+        "import packmech.dynamics.fire as fire\n"
+        "import packmech.dynamics.program as program\n"
+        "def stop(*arguments, **names): print(' '.join(sorted(sys.modules))); raise SystemExit\n"
+        "fire.fire_steps = program.evaluate = stop\n"
+        "from packmech.cli import main; main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    loaded = set(done.stdout.split())
+    assert "packmech.dynamics.jam" in loaded, done.stderr
+    assert not loaded & {"cvxpy", "rerun", "matplotlib", "clarabel", "highspy", "gsd", "gymnasium", "pyarrow"}
