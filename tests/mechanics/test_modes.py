@@ -96,7 +96,7 @@ def test_frequencies_fall_with_the_root_of_a_common_mass(rest_scene):
 
 
 def test_rattlers_add_d_zero_modes_each(rest_scene):
-    scene = rest_scene(128, 2, 0.86, 2)
+    scene = rest_scene(128, 2, 0.86, 5)
     rattlers = int(pm.find_rattlers(scene.packing).sum())
     contacts = pm.find_contacts(scene.packing).count_n()[pm.find_rattlers(scene.packing)]
     assert rattlers > 0 and not contacts.any()
