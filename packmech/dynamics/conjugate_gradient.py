@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from packmech.check import positive, real
 from packmech.compiled import kernel
 from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey
 from packmech.dynamics.line_search import line_search
@@ -13,7 +14,8 @@ from packmech.dynamics.vectors import copy_to, dot, longest, read_places
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
-    from packmech.dynamics.program import Program, Progress
+    from packmech.dynamics.method import Progress
+    from packmech.dynamics.program import Program
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _STIFFNESS, _LENGTH, _SLOPE, _NUMBERS = range(6)
@@ -42,6 +44,8 @@ class ConjugateGradient(NamedTuple):
 
     def start(self, program: Program) -> Progress:
         """Return the state of a run that has not started."""
+        real("method.slope_ratio", self.slope_ratio, above=0.0, below=1.0)
+        positive("method.largest_step", self.largest_step)
         return program.progress(_NUMBERS, 2)
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:

@@ -13,7 +13,8 @@ from packmech.effects import ContactDamping
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
-    from packmech.dynamics.program import Program, Progress
+    from packmech.dynamics.method import Progress
+    from packmech.dynamics.program import Program
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _STIFFNESS, _FASTEST, _NUMBERS = range(5)
@@ -46,6 +47,7 @@ class DampedDynamics(NamedTuple):
         """Return the state of a run that has not started."""
         positive("method.damping", self.damping)
         positive("method.dt", self.dt)
+        positive("method.largest_step", self.largest_step)
         return program.progress(_NUMBERS, 0)
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:

@@ -10,13 +10,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from packmech.check import positive, real
 from packmech.compiled import kernel
 from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
 from packmech.dynamics.pair_list import TRAVEL
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
-    from packmech.dynamics.program import Program, Progress
+    from packmech.dynamics.method import Progress
+    from packmech.dynamics.program import Program
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _DT, _ALPHA, _DOWNHILL, _SPEED2, _FASTEST2, _STIFFNESS, _MOBILITY, _NUMBERS = range(10)
@@ -106,6 +108,13 @@ class _Numbers(NamedTuple):
 
 
 def _start(method: Fire | Fire2, program: Program) -> Progress:
+    for name in ("dt", "dt_max", "dt_min", "largest_step"):
+        positive(f"method.{name}", getattr(method, name))
+    real("method.delay", method.delay, at_least=0.0)
+    real("method.grow", method.grow, at_least=1.0)
+    for name in ("shrink", "mixing"):
+        real(f"method.{name}", getattr(method, name), above=0.0, below=1.0)
+    real("method.mixing_decay", method.mixing_decay, above=0.0, at_most=1.0)
     progress = program.progress(_NUMBERS, 0)
     progress.number[_DT] = method.dt
     progress.number[_ALPHA] = method.mixing

@@ -6,12 +6,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from packmech.check import positive, real
 from packmech.compiled import kernel
 from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
-    from packmech.dynamics.program import Program, Progress
+    from packmech.dynamics.method import Progress
+    from packmech.dynamics.program import Program
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _STIFFNESS, _NUMBERS = range(4)
@@ -35,6 +37,8 @@ class GradientDescent(NamedTuple):
 
     def start(self, program: Program) -> Progress:
         """Return the state of a run that has not started."""
+        real("method.step", self.step, above=0.0, at_most=1.0)
+        positive("method.largest_step", self.largest_step)
         return program.progress(_NUMBERS, 0)
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from packmech.check import integer
+from packmech.check import integer, positive, real
 from packmech.compiled import device, kernel
 from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey
 from packmech.dynamics.line_search import line_search
@@ -16,7 +16,8 @@ from packmech.dynamics.vectors import add_to, copy_to, dot, longest, read_places
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
-    from packmech.dynamics.program import Program, Progress
+    from packmech.dynamics.method import Progress
+    from packmech.dynamics.program import Program
 
 # places in Progress.number, followed by 1 / (s.y) of each remembered step
 _STEP, _EVALUATIONS, _STIFFNESS, _KNOWN, _NEWEST, _FIXED = range(6)
@@ -49,6 +50,8 @@ class LBFGS(NamedTuple):
     def start(self, program: Program) -> Progress:
         """Return the state of a run that has not started."""
         memory = integer("method.memory", self.memory, at_least=1)
+        real("method.slope_ratio", self.slope_ratio, above=0.0, below=1.0)
+        positive("method.largest_step", self.largest_step)
         return program.progress(_FIXED + memory, 2 + 2 * memory)
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:

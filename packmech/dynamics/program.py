@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,8 @@ from packmech.dynamics.kernels import (
     Space,
     evaluate,
 )
+from packmech.dynamics.method import Minimizer as Minimizer
+from packmech.dynamics.method import Progress
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, follow_strained
 from packmech.effects import pair_energy
 from packmech.outcome import Outcome
@@ -78,35 +80,6 @@ class Relaxation(NamedTuple):
     contacts: int
     steps: int
     force_evaluations: int
-
-
-class Progress(NamedTuple):
-    """The state of a minimization between two chunks of steps: numbers, of which the first two count, and vectors."""
-
-    number: NDArray[np.float64]
-    vector_kf: NDArray[np.float64]
-
-    @property
-    def steps(self) -> int:
-        """Steps so far."""
-        return int(self.number[0])
-
-    @property
-    def force_evaluations(self) -> int:
-        """Passes over the forces so far."""
-        return int(self.number[1])
-
-
-class Minimizer(Protocol):
-    """What every minimization method is: a record of settings that starts a run on a program, and advances it."""
-
-    def start(self, program: Program) -> Progress:
-        """Return the state of a run that has not started."""
-        ...
-
-    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
-        """Advance by up to `steps` steps; return the status code."""
-        ...
 
 
 @dataclass(eq=False)

@@ -14,7 +14,8 @@ from packmech.check import instance, integer, positive
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
 from packmech.dynamics.lbfgs import LBFGS
-from packmech.dynamics.program import OUTCOME_OF, Evaluation, Minimizer, Program, build_program
+from packmech.dynamics.method import Minimizer
+from packmech.dynamics.program import OUTCOME_OF, Evaluation, Program, build_program
 from packmech.dynamics.settings import check_manner, check_minimizer
 from packmech.effects import Harmonic, Repulsion
 from packmech.outcome import NotConverged, Outcome, Run, Stage, Trace
@@ -25,8 +26,11 @@ from packmech.scene import Scene
 _HAND_OVER = 1e-6
 # beyond this ratio of sizes stiffnesses differ so much that FIRE, which knows one time scale, falls behind L-BFGS
 _BROAD = 20.0
+# a symmetric start can lead to a saddle: so often, and so far [reference diameter], particles are moved off it
+_KICKS, _KICK = 4, 1e-4
 # an overlap [1] at which a law that diverges at the center must not be the one to part the particles
 _DEEP = 0.2
+_IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
 # particle-steps between two looks at the clock, some tens of milliseconds
 _CHUNK = 1_000_000
 # forces within this many floors of balance may be rounding
@@ -114,7 +118,8 @@ def quench(
         time_limit=math.inf if time_limit is None else positive("time_limit", time_limit),
         progress=progress,
     )
-    newton = None if method is None or hasattr(method, "advance") else _newton(method)
+    minimizer = hasattr(method, "advance") and not isinstance(method, type)
+    newton = None if method is None or minimizer else _newton(method)
     try:
         outcome = descent.soften()
         if outcome is None:
@@ -149,12 +154,19 @@ def _default_route(descent: _Descent, tolerance: float) -> Outcome:
     outcome = descent.follow(name, method, max(tolerance, _HAND_OVER))
     if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
         return outcome
-    before = descent.program.positions()
-    polished = descent.polish(tolerance, None)
-    if polished.ok or outcome is Outcome.STEP_LIMIT:
-        return polished if polished.ok else outcome
-    descent.program.place(before)
-    return descent.follow(f"{name}, to the end", method, tolerance)
+    for _ in range(_KICKS):
+        before = descent.program.positions()
+        polished = descent.polish(tolerance, None)
+        if polished.ok or outcome is Outcome.STEP_LIMIT:
+            return polished if polished.ok else outcome
+        if polished is not Outcome.UNSTABLE:
+            descent.program.place(before)
+            return descent.follow(f"{name}, to the end", method, tolerance)
+        descent.kick()
+        outcome = descent.follow(f"{name}, off the saddle", method, max(tolerance, _HAND_OVER))
+        if outcome is not Outcome.CONVERGED:
+            return outcome
+    return Outcome.UNSTABLE
 
 
 class _Descent:
@@ -238,6 +250,12 @@ class _Descent:
         note = f"{done.negative} unstable directions" if done.negative else ""
         self._keep("Newton", self.program.evaluate(), done.steps, done.force_evaluations, began, note)
         return done.outcome
+
+    def kick(self) -> None:
+        """Move every particle a little, each in a fixed direction of its own."""
+        packing = self.scene.packing
+        turn = np.modf((np.arange(packing.particles)[:, None] + 1.0) * _IRRATIONAL[: packing.dimension])[0]
+        self.program.place(self.program.positions() + _KICK * packing.reference_diameter * (2.0 * turn - 1.0))
 
     def packing(self) -> Packing:
         """Return the packing as it is now."""
