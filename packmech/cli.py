@@ -1,139 +1,119 @@
-"""The command `packmech`. Thin: each command is a few calls that Python users make too."""
+"""The command `packmech`. Thin: each command is a few calls that Python users make too.
+
+Arguments are read by the standard library, because every run of the command waits for what is imported here.
+"""
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 FAILED, BAD_INPUT = 1, 2
 # errors that speak for themselves; PACKMECH_TRACEBACK=1 shows where they came from
 SPEAKING = (ValueError, TypeError, OSError, ImportError)
 
-app = typer.Typer(
-    help="Mechanics of jammed packings: make them, ask whether they are jammed, how stiff they are, how they vibrate.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-
-Scene = Annotated[str, typer.Argument(help="A scene file (.toml), or the name of one that ships: `packmech scenes`.")]
-Out = Annotated[Path | None, typer.Option("--out", help="Write the final packing: .npz (exact), .gsd or .txt.")]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the numbers as JSON.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Another seed for the scene's random start.")]
-Modes = Annotated[int, typer.Option("--modes", min=0, help="How many of the lowest vibrations to find.")]
-Record = Annotated[Path | None, typer.Option("--record", help="Where to write the Rerun recording.")]
-Pressure = Annotated[
-    float | None,
-    typer.Option("--pressure", help="Pressure to end at, in energy_scale / diameter^d; the scene's if not given."),
-]
-Strain = Annotated[
-    str | None,
-    typer.Option(
-        "--strain", help='"fixed" keeps the box\'s shape, "free" relaxes every strain; the scene\'s if not given.'
-    ),
-]
+ABOUT = "Mechanics of jammed packings: make them, ask whether they are jammed, how stiff they are, how they vibrate."
+SCENE = "a scene file (.toml), or the name of one that ships (see `packmech scenes`)"
 
 
-@app.command()
-def jam(
-    scene: Scene = "default",
-    record: Record = None,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Write no recording.")] = False,
-    out: Out = None,
-    json: Json = None,
-    seed: Seed = None,
-    pressure: Pressure = None,
-    strain: Strain = None,
-    modes: Modes = 10,
-) -> None:
-    """Jam a scene, say what the packing is, and leave a recording of it (jam.rrd unless --record says another)."""
-    from packmech.cli_run import Outputs, jam_scene
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    root = argparse.ArgumentParser(prog="packmech", description=ABOUT)
+    commands = root.add_subparsers(dest="command", metavar="command", required=True)
 
-    recording = None if no_record else record or Path("jam.rrd")
-    outputs = Outputs(record=recording, out=out, json=json, modes=modes)
-    raise typer.Exit(jam_scene(scene, outputs, seed=seed, pressure=pressure, strain=strain))
+    jam = _command(commands, "jam", "jam a scene, say what the packing is, and leave a recording of it")
+    jam.add_argument("scene", nargs="?", default="default", help=SCENE + "; the default scene if not given")
+    jam.add_argument("--pressure", type=float, help="pressure to end at [energy_scale / diameter^d]; else the scene's")
+    jam.add_argument(
+        "--strain", help='"fixed" keeps the shape of the box, "free" relaxes every strain; else the scene\'s'
+    )
+    jam.add_argument("--no-record", action="store_true", help="write no recording")
+    _outputs(jam, record="jam.rrd", out=True, seed=True)
 
+    run = _command(commands, "run", "do what a scene's own [drive] says, then examine the packing")
+    run.add_argument("scene", help=SCENE)
+    _outputs(run, record=None, out=True, seed=True)
 
-@app.command()
-def run(
-    scene: Scene,
-    record: Record = None,
-    out: Out = None,
-    json: Json = None,
-    seed: Seed = None,
-    modes: Modes = 10,
-) -> None:
-    """Run what a scene's own [drive] says, then examine the packing. Records only where --record says to."""
-    from packmech.cli_run import Outputs, run_scene
+    analyze = _command(commands, "analyze", "examine a packing made elsewhere; nothing is moved")
+    analyze.add_argument("file", type=Path, help="a packing: .npz, .gsd, or a text table of positions and radii")
+    analyze.add_argument("--law", help="harmonic, hertz, ... of energy scale 1; else the file's own law, else harmonic")
+    _outputs(analyze, record=None, out=False, seed=False)
 
-    raise typer.Exit(run_scene(scene, Outputs(record=record, out=out, json=json, modes=modes), seed=seed))
+    _command(commands, "scenes", "list the scenes that ship inside the package")
 
+    accuracy = _command(commands, "accuracy", "measure what accuracy costs in time: tables and figures")
+    accuracy.add_argument("study", nargs="?", help="the study to run; all of them if not given")
+    accuracy.add_argument("--out", type=Path, default=Path("accuracy"), help="folder to write to (default: accuracy)")
 
-@app.command()
-def analyze(
-    file: Annotated[Path, typer.Argument(help="A packing: .npz, .gsd, or a text table of positions and radii.")],
-    law: Annotated[
-        str | None,
-        typer.Option(
-            "--law", help="harmonic, hertz, ... with energy_scale 1; the file's own law, or harmonic, if not given."
-        ),
-    ] = None,
-    record: Record = None,
-    json: Json = None,
-    modes: Modes = 10,
-) -> None:
-    """Examine a packing made elsewhere: contacts, rattlers, verdict, moduli, vibrations. Nothing is moved."""
-    from packmech.cli_run import Outputs, analyze_file
-
-    raise typer.Exit(analyze_file(file, law, Outputs(record=record, out=None, json=json, modes=modes)))
+    cases = _command(commands, "hard-cases", "measure every hard case against its bound; exit code 1 if one is outside")
+    cases.add_argument("name", nargs="?", help="only cases whose name contains this")
+    return root
 
 
-@app.command()
-def scenes() -> None:
-    """List the scenes that ship inside the package."""
-    from packmech.cli_show import console
-    from packmech.report_table import rich_table
-    from packmech.scene_file import list_scenes
-
-    console().print(rich_table("scenes that ship", ("name", "what it is"), list_scenes().items(), right=()))
+def _command(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, about: str
+) -> argparse.ArgumentParser:
+    return commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".")
 
 
-@app.command()
-def accuracy(
-    study: Annotated[str | None, typer.Argument(help="The study to run; all of them if not given.")] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for tables and figures.")] = Path("accuracy"),
-) -> None:
-    """Measure what accuracy costs in time: run the studies, write tables (.csv, .md) and figures (.png)."""
-    from packmech.cli_studies import run_studies
+def _outputs(command: argparse.ArgumentParser, *, record: str | None, out: bool, seed: bool) -> None:
+    """Add the options on what to write and how much to find."""
+    default = None if record is None else Path(record)
+    where = "not written unless given" if record is None else f"default: {record}"
+    command.add_argument("--record", type=Path, metavar="FILE", default=default, help=f"Rerun recording ({where})")
+    command.add_argument("--json", type=Path, metavar="FILE", help="write the numbers as JSON")
+    command.add_argument(
+        "--modes", type=int, default=10, help="how many of the lowest vibrations to find (default: 10)"
+    )
+    if out:
+        command.add_argument("--out", type=Path, metavar="FILE", help="write the packing: .npz (exact), .gsd or .txt")
+    if seed:
+        command.add_argument("--seed", type=int, help="another seed for the scene's random start")
 
-    raise typer.Exit(run_studies(study, out))
 
+def execute(given: argparse.Namespace) -> int:
+    """Do what the command line says; return the exit code."""
+    if given.command == "scenes":
+        from packmech.cli_show import print_scenes
 
-@app.command("hard-cases")
-def hard_cases(
-    name: Annotated[str | None, typer.Argument(help="Only cases whose name contains this.")] = None,
-) -> None:
-    """Measure every hard case against its bound; exit code 1 if any is out of bounds."""
-    from packmech.cli_studies import run_hard_cases
+        return print_scenes()
+    if given.command == "accuracy":
+        from packmech.cli_studies import run_studies
 
-    raise typer.Exit(run_hard_cases(name))
+        return run_studies(given.study, given.out)
+    if given.command == "hard-cases":
+        from packmech.cli_studies import run_hard_cases
+
+        return run_hard_cases(given.name)
+
+    from packmech.cli_run import Outputs, analyze_file, jam_scene, run_scene
+
+    record = None if getattr(given, "no_record", False) else given.record
+    outputs = Outputs(record=record, out=getattr(given, "out", None), json=given.json, modes=given.modes)
+    if given.command == "jam":
+        return jam_scene(given.scene, outputs, seed=given.seed, pressure=given.pressure, strain=given.strain)
+    if given.command == "run":
+        return run_scene(given.scene, outputs, seed=given.seed)
+    return analyze_file(given.file, given.law, outputs)
 
 
 def main() -> None:
     """Run the command; an error of the input or of convergence is one line and an exit code."""
+    given = parser().parse_args()
     from packmech.outcome import NotConverged
 
     try:
-        app()
+        sys.exit(execute(given))
     except (*SPEAKING, NotConverged) as error:
         if os.environ.get("PACKMECH_TRACEBACK"):
             raise
         print("packmech:", " ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
         sys.exit(FAILED if isinstance(error, NotConverged) else BAD_INPUT)
+    except KeyboardInterrupt:
+        print("packmech: interrupted", file=sys.stderr)
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -122,34 +122,57 @@ def _interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
 def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
     """Do what the scene's drive says; keep packings on the way when they are to be recorded."""
     drive = scene.drive
+    watch = _Snapshots(tell)
     if isinstance(drive, QuenchDrive):
         from packmech.dynamics.quench import quench
 
-        return quench(scene, force_tolerance=drive.force_tolerance, check=False)
+        every = max(10, scene.packing.particles // 10) if keep else None
+        return quench(
+            scene,
+            force_tolerance=drive.force_tolerance,
+            trace_every=every,
+            trace_positions=keep,
+            progress=watch,
+            check=False,
+        )
     from packmech.dynamics.jam import jam
 
     assert isinstance(drive, JamDrive)
-    snapshots = _Snapshots(tell)
-    run = jam(scene, pressure=drive.pressure, strain=drive.strain, progress=snapshots, check=False)
-    return replace(run, trace=trace_of(scene, snapshots.step_t, snapshots.packing_t)) if keep else run
+    run = jam(scene, pressure=drive.pressure, strain=drive.strain, progress=watch, check=False)
+    return replace(run, trace=trace_of(scene, watch.step_t, watch.packing_t)) if keep else run
 
 
 class _Snapshots:
-    """Progress of a protocol: its words are shown, the packings that it passes on are kept."""
+    """Progress of a run: its words are shown; packings that it passes on are kept, thinned evenly."""
+
+    MOST = 240
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         self.tell = tell
         self.step_t: list[int] = []
         self.packing_t: list[Packing] = []
-        self._done = 0
+        self._before = 0
+        self._seen = 0
+        self._every = 1
 
     def __call__(self, stage: str, figures: dict[str, Any]) -> None:
-        words = [f"{name} {value:.2g}" for name, value in figures.items() if isinstance(value, int | float)]
-        self.tell(" ".join([stage, *words]))
+        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
+        self.tell(", ".join([stage, *words]))
+        steps = int(figures.get("steps", 0))
         if "packing" in figures:
-            self._done += max(int(figures.get("steps", 1)), 1)
-            self.step_t.append(self._done)
-            self.packing_t.append(figures["packing"])
+            self._keep(self._before + steps, figures["packing"])
+        if "seconds" in figures:  # a stage has ended; the next counts its own steps
+            self._before += steps
+
+    def _keep(self, step: int, packing: Packing) -> None:
+        self._seen += 1
+        if self._seen % self._every or (self.step_t and step <= self.step_t[-1]):
+            return
+        self.step_t.append(step)
+        self.packing_t.append(packing)
+        if len(self.step_t) > self.MOST:
+            self._every *= 2
+            del self.step_t[::2], self.packing_t[::2]
 
 
 def _write_packing(scene: Scene, packing: Packing, path: Path) -> None:

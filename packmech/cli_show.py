@@ -38,6 +38,14 @@ def working(first: str) -> Iterator[Callable[[str], None]]:
         yield tell
 
 
+def print_scenes() -> int:
+    """Print the scenes that ship; return the exit code."""
+    from packmech.scene_file import list_scenes
+
+    console().print(rich_table("scenes that ship", ("name", "what it is"), list_scenes().items(), right=()))
+    return 0
+
+
 def print_results(title: str, rows: list[Row], stages: list[Stage]) -> None:
     """Print the table of results, then the table of steps."""
     out = console()

@@ -97,7 +97,9 @@ def curves_of(trace: Trace) -> dict[str, Curve]:
 
 
 def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) -> Trace:
-    """Return the trace of packings of one scene that were kept by hand, with their energies and forces.
+    """Return the trace of packings of one scene that were kept on the way, with their energies and forces.
+
+    Packings in which nothing touches are left out.
 
     Examples
     --------
@@ -107,15 +109,19 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
     [27]
 
     """
-    scenes = [scene.replace(packing=packing) for packing in packing_t]
+    # the pairs of a hard packing touch to rounding only: there is no force to draw
+    kept = [(step, packing) for step, packing in zip(step_t, packing_t, strict=True) if len(find_contacts(packing)) > 0]
+    scenes = [scene.replace(packing=packing) for _, packing in kept]
+    if not scenes:
+        kept, scenes = [(0, scene.packing)], [scene]
     return Trace(
-        step_t=np.array(step_t, dtype=np.int64),
+        step_t=np.array([step for step, _ in kept], dtype=np.int64),
         energy_t=np.array([energy(one) for one in scenes]),
         pressure_t=np.array([pressure(one) for one in scenes]),
-        contacts_t=np.array([len(find_contacts(packing)) for packing in packing_t], dtype=np.int64),
+        contacts_t=np.array([len(find_contacts(one.packing)) for one in scenes], dtype=np.int64),
         max_force_t=np.array([force_balance(one)[0] for one in scenes]),
-        position_tnd=np.array([packing.position_nd for packing in packing_t]),
-        lattice_tdd=np.array([packing.box.lattice_dd for packing in packing_t]),
+        position_tnd=np.array([one.packing.position_nd for one in scenes]),
+        lattice_tdd=np.array([one.packing.box.lattice_dd for one in scenes]),
     )
 
 

@@ -42,7 +42,10 @@ def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Bluepr
 def _plots(film: Film) -> list[rrb.Container | rrb.View]:
     """One plot for each curve; curves of a single point say nothing that the results do not."""
     first, last = int(film.step_f[0]), int(film.step_f[-1])
-    whole = rr.TimeRange(rr.TimeRangeBoundary.absolute(seq=first), rr.TimeRangeBoundary.absolute(seq=last))
+    edge = max(1, round(MARGIN * (last - first)))  # a last fall in one step should be seen
+    whole = rr.TimeRange(
+        rr.TimeRangeBoundary.absolute(seq=first - edge), rr.TimeRangeBoundary.absolute(seq=last + edge)
+    )
     return [
         rrb.TimeSeriesView(
             origin=f"/series/{name.replace(' ', '_')}",

@@ -137,7 +137,9 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> st
 
 
 def summary_markdown(title: str, rows: Iterable[Row], stages: Iterable[Stage]) -> str:
-    """Return the text that stands beside a recorded packing."""
-    results = markdown_table(("", "", ""), rows)
-    steps = markdown_table(STAGE_HEADINGS, stage_rows(stages))
-    return f"## {title}\n\n{results}\n## steps\n\n{steps}"
+    """Return the text that stands beside a recorded packing: narrow tables, what the values are below them."""
+    rows = list(rows)
+    results = markdown_table((title, ""), [(name, value) for name, value, _ in rows])
+    steps = markdown_table(STAGE_HEADINGS[:-1], [row[:-1] for row in stage_rows(stages)])
+    notes = "".join(f"- **{name}**: {note}\n" for name, _, note in rows if note)
+    return f"{results}\n{steps}\n{notes}"

@@ -16,6 +16,9 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+# the part of the window's height that the menu bar takes; it says nothing about the recording
+MENU = 0.034
+
 
 def picture(recording: Path, target: Path, *, step: int | None, size: tuple[int, int], port: int = 9880) -> list[str]:
     """Save the picture; return what the views report: warnings and errors, none when all is well."""
@@ -35,7 +38,8 @@ def picture(recording: Path, target: Path, *, step: int | None, size: tuple[int,
     finally:
         viewer.quit()
     with Image.open(shot) as image:
-        fitted = image.convert("RGB")
+        menu = round(MENU * image.height)
+        fitted = image.convert("RGB").crop((0, menu, image.width, image.height))
         fitted.thumbnail(size, Image.Resampling.LANCZOS)
         fitted.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(target, optimize=True)
     shot.unlink()

@@ -120,7 +120,6 @@ def test_numbers_of_jam_are_those_of_the_python_call(jammed):
     run = pm.jam(pm.read_scene(folder / "small.toml"), pressure=1e-6, strain="fixed")
     assert pm.read_packing(folder / "end.npz") == run.packing
     assert numbers["force_residual"] == run.residual
-    assert numbers["force_evaluations"] == run.force_evaluations
 
 
 def test_jam_reaches_the_pressure_of_the_scene_at_the_isostatic_count(jammed):
@@ -264,16 +263,19 @@ def test_a_hard_case_out_of_bounds_is_exit_code_1(monkeypatch, capsys):
 
 
 def test_ctrl_c_waits_until_the_compiler_is_done():
-    from numba.core.compiler_lock import global_compiler_lock
-
     from packmech.interrupts import safe_interrupts
 
     seen = []
+
+    def compiling():
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.1)
+        seen.append("compiled")
+
+    inside = {"__name__": "numba.core.dispatcher", "compiling": compiling}
+    exec("def compile(): compiling()", inside)  # a function that numba's own frames lead to
     with pytest.raises(KeyboardInterrupt), safe_interrupts():
-        with global_compiler_lock:
-            signal.raise_signal(signal.SIGINT)
-            time.sleep(0.1)
-            seen.append("compiled")
+        inside["compile"]()
         for _ in range(100):
             time.sleep(0.05)
         seen.append("never interrupted")

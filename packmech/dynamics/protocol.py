@@ -21,6 +21,8 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 _PORTION = 5_000_000
+# steps between two looks of someone who watches
+_WATCHED = 20
 Progress = Callable[[str, dict[str, Any]], None]
 
 
@@ -156,12 +158,14 @@ class Protocol:
         state = method.start(program)
         # in portions of a fraction of a second, so that an interruption is heard
         portion = max(1, _PORTION // packing.particles)
+        if self._progress is not None:
+            portion = min(portion, _WATCHED)
         while True:
             status = method.advance(program, goal, state, min(portion, step_limit - state.steps))
             if status != RUNNING or state.steps >= step_limit:
                 break
             self.last = packing.replace(position_nd=program.positions())
-            self.tell("relaxation", steps=state.steps)
+            self.tell("relaxation", steps=state.steps, packing=self.last)
         end = program.evaluate()
         self.last = packing.replace(position_nd=program.positions())
         done = Relaxation(
