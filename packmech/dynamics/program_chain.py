@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.box import Box
@@ -112,6 +111,8 @@ class ProgramChain:
         self, packing: Packing, basis_kdd: NDArray[np.float64], radius: float, tolerance: float
     ) -> tuple[HardState, float, Solution]:
         """Return the packing after one program with slacks and forces, its backbone's largest step, the solution."""
+        import scipy.sparse as sp
+
         d, n, k = packing.dimension, packing.particles, len(basis_kdd)
         small = 2.0 * float(packing.radius_n.min())
         pairs = candidate_pairs(

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from packmech.box import Box
 from packmech.contacts.network import Contacts, pair_contacts
@@ -191,6 +189,9 @@ def _polish(
 
 def _patches(backbone: Backbone, excess: int) -> tuple[NDArray[np.int64], ...]:
     """Return the particles of the redundant contacts, those that take part in a state of self stress without load."""
+    import scipy.sparse as sp
+    from scipy.sparse.csgraph import connected_components
+
     contacts = backbone.contacts
     backbone.factor(np.ones(len(contacts)))
     probe = np.random.default_rng(0).standard_normal((len(contacts), excess + 1))

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.check import one_of
@@ -155,6 +154,9 @@ class BlockSystem:
         *,
         backend: str = "auto",
     ) -> None:
+        # a quick command quenches first, and SciPy's sparse matrices take 0.2 s to import
+        import scipy.sparse as sp
+
         one_of("backend", backend, ("auto", "rslab", "qdldl"))
         if backend == "auto":
             backend = "rslab" if dimension == 3 and importlib.util.find_spec("rslab") else "qdldl"

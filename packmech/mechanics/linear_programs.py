@@ -11,13 +11,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.outcome import Outcome, Solve
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 # measured: KKT systems of spheres in three dimensions fill in so much that the supernodal factorization wins
 _SUPERNODAL_ROWS = 4000
@@ -60,6 +62,7 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
 
     """
     import clarabel
+    import scipy.sparse as sp
 
     start = time.process_time()
     size, rows = len(program.cost), program.equal.shape[0]
