@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from packmech.check import positive, real
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey
+from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey, travel
 from packmech.dynamics.line_search import line_search
 from packmech.dynamics.vectors import copy_to, dot, longest, read_places
 
@@ -62,6 +62,7 @@ def conjugate_gradient_steps(
     direction_f = velocity_nd.reshape(force_nd.size)
     start_f = vector_kf[0]
     before_f = vector_kf[1]
+    pairs = travel(axes, row, space, pairs, 0.0)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
     number[_EVALUATIONS] += 1.0

@@ -73,6 +73,7 @@ def damped_steps(
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
     both = (*effects, settings.dashpot)
+    pairs = travel(axes, row, space, pairs, 0.0)
     clear(force_nd)
     step = 0
     while True:

@@ -135,6 +135,7 @@ def fire_steps(
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
+    pairs = travel(axes, row, space, pairs, 0.0)
     clear(force_nd)
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)

@@ -51,6 +51,7 @@ def gradient_descent_steps(
     effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
+    pairs = travel(axes, row, space, pairs, 0.0)
     clear(force_nd)
     clear(velocity_nd)
     step = 0

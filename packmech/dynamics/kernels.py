@@ -65,7 +65,7 @@ class Sums(NamedTuple):
     most: float
 
 
-@device
+@kernel
 def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     bits = np.uint64(pairs.bits)
@@ -134,7 +134,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     return Sums(total, touching, power, whole, most)
 
 
-@device
+@kernel
 def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
     """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
     square = 0.0
@@ -168,7 +168,7 @@ def clear(array_nd):
             array_nd[i, a] = 0.0
 
 
-@device
+@kernel
 def travel(axes, row, space, pairs, distance):
     """Return the pair list after a step in which nobody moved farther than the distance."""
     pairs.number[TRAVEL] += distance
@@ -191,7 +191,7 @@ class Survey(NamedTuple):
     deepest: float
 
 
-@device
+@kernel
 def survey(effects, axes, row, pairs):
     """Return the Survey of the touching pairs."""
     bits = np.uint64(pairs.bits)

@@ -10,7 +10,7 @@ import numpy as np
 
 from packmech.check import integer, positive, real
 from packmech.compiled import device, kernel
-from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey
+from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey, travel
 from packmech.dynamics.line_search import line_search
 from packmech.dynamics.vectors import add_to, copy_to, dot, longest, read_places
 
@@ -91,6 +91,7 @@ def lbfgs_steps(
     before_f = vector_kf[1]
     step_kf = vector_kf[2 : 2 + memory]
     change_kf = vector_kf[2 + memory :]
+    pairs = travel(axes, row, space, pairs, 0.0)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
     number[_EVALUATIONS] += 1.0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packmech.compiled import device
+from packmech.compiled import kernel
 from packmech.dynamics.kernels import Sums, clear, force_pass, travel
 from packmech.dynamics.pair_list import PairList
 
@@ -28,7 +28,7 @@ class Reached(NamedTuple):
     evaluations: int
 
 
-@device
+@kernel
 def line_search(
     effects, axes, row, force_nd, direction_nd, space, pairs, start_f, slope, first, longest, fastest, shallow, steep
 ):

@@ -191,18 +191,14 @@ def follow(axes, row, sizes, frame, pairs):
     )
 
 
-@kernel
-def follow_strained(axes, row, sizes, frame, pairs, map_dd, shrink, largest):
-    """Return the pair list after the box was mapped by map_dd and the particles moved anyhow.
+def strain_list(pairs: PairList, map_dd: NDArray[np.float64], largest: float) -> None:
+    """Carry the list over to particles that moved anyhow, in a box that was mapped by the (d, d) matrix map_dd.
 
-    Distances shrink at most by the factor `shrink` under the affine map, so that the outer list still holds every pair
-    nearer than contact plus shrink * skin - (1 - shrink) * largest contact distance at the mapped anchors.
+    Distances shrink at most by the smallest singular value s of the map, so that the outer list still holds every pair
+    nearer than contact plus s * skin - (1 - s) * largest contact distance at the mapped anchors.
     """
-    for i in range(row.shape[0]):
-        x, y, z = pairs.outer_anchor_nd[i, 0], pairs.outer_anchor_nd[i, 1], pairs.outer_anchor_nd[i, 2]
-        for a in range(3):
-            pairs.outer_anchor_nd[i, a] = map_dd[a, 0] * x + map_dd[a, 1] * y + map_dd[a, 2] * z
-    number = pairs.number
-    number[SKIN_OUTER] = shrink * number[SKIN_OUTER] - max(1.0 - shrink, 0.0) * largest
-    number[TRAVEL] = np.inf
-    return follow(axes, row, sizes, frame, pairs)
+    d = len(map_dd)
+    pairs.outer_anchor_nd[:, :d] = pairs.outer_anchor_nd[:, :d] @ map_dd.T
+    shrink = min(1.0, float(np.linalg.svd(map_dd, compute_uv=False)[-1]))
+    pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * largest
+    pairs.number[TRAVEL] = np.inf

@@ -27,7 +27,7 @@ from packmech.dynamics.kernels import (
 )
 from packmech.dynamics.method import Minimizer as Minimizer
 from packmech.dynamics.method import Progress
-from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, follow_strained
+from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, strain_list
 from packmech.effects import pair_energy
 from packmech.outcome import Outcome
 from packmech.packing import Packing
@@ -152,13 +152,7 @@ class Program:
         self.velocity_nd[:] = 0.0
         extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
         self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
-        full = np.eye(3)
-        full[:d, :d] = affine
-        shrink = min(1.0, float(np.linalg.svd(affine, compute_uv=False)[-1]))
-        largest = 4.0 * float(self.sizes.largest_a.max())
-        self.pairs = follow_strained(
-            self.axes, self.row, self.sizes, self.space.frame, self.pairs, full, shrink, largest
-        )
+        strain_list(self.pairs, affine, 4.0 * float(self.sizes.largest_a.max()))
 
     def _set_box(self, box: Box) -> None:
         self.box = box

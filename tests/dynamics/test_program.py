@@ -155,7 +155,7 @@ def test_a_program_used_before_gives_the_same_bits_as_a_new_one():
 def test_a_thousand_times_smaller_box_than_particle_is_refused_with_a_reason():
     packing = pm.Packing([[0.0, 0.0]], [1e4], pm.Box.cubic(1.0, 2))
     with pytest.raises(ValueError, match="too small for its particles"):
-        build_program(pm.Scene(packing, REPULSION))
+        build_program(pm.Scene(packing, REPULSION)).evaluate()
 
 
 def test_positions_of_the_wrong_shape_are_refused():
