@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 if TYPE_CHECKING:
     from packmech.accuracy_table import WorkPrecision
@@ -44,8 +45,16 @@ def draw(table: WorkPrecision, path: Path) -> None:
             below.invert_xaxis()
             if any(trial.errors.get(quantity) == 0.0 for trial in table.trials):
                 above.axhline(zero, color="#999999", linewidth=0.8, linestyle=":")
-                above.annotate("exactly 0", (0.01, zero), xycoords=("axes fraction", "data"), va="bottom", fontsize=7.5)
+                above.annotate("exactly 0", (0.01, zero), xycoords=("axes fraction", "data"), va="top", fontsize=7.5)
+                above.set_ylim(bottom=0.1 * zero)
+                below.axvline(zero, color="#999999", linewidth=0.8, linestyle=":")
+                below.annotate(
+                    "exactly 0", (zero, 0.02), xycoords=("data", "axes fraction"), rotation=90, ha="right", fontsize=7.5
+                )
         handles, labels = ax_rows[0][0].get_legend_handles_labels()
+        if any(trial.failed and trial.errors for trial in table.trials):
+            handles.append(Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none"))
+            labels.append("hollow: failed")
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
         heading = table.title or "work and precision"
         figure.suptitle(f"{heading}\nreference: {table.reference_is}" if table.reference_is else heading, fontsize=10)
