@@ -69,7 +69,7 @@ def conjugate_gradient_steps(
     step = 0
     while True:
         if int(number[_STEP]) % _RENEW == 0:
-            number[_STIFFNESS] = survey(effects, axes, row, pairs).stiffness
+            number[_STIFFNESS] = survey(effects, row, pairs).stiffness
         status = judge(sums, number[_STIFFNESS], space, goal)
         if status != RUNNING or step == steps:
             break

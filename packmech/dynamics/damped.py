@@ -80,7 +80,7 @@ def damped_steps(
         sums = force_pass(both, axes, row, force_nd, velocity_nd, pairs)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
-            number[_STIFFNESS] = survey(effects, axes, row, pairs).stiffness
+            number[_STIFFNESS] = survey(effects, row, pairs).stiffness
         status = judge(sums, number[_STIFFNESS], space, goal)
         if status == CONVERGED or status == FLOOR:
             # balance counts without the dashpots

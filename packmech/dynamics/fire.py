@@ -142,7 +142,7 @@ def fire_steps(
         now = int(number[_STEP]) + step
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
-            stiffness = survey(effects, axes, row, pairs).stiffness
+            stiffness = survey(effects, row, pairs).stiffness
             if stiffness > 0.0:
                 mobility = 5.0 / stiffness
         status = judge(sums, stiffness, space, goal)

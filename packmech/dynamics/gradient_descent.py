@@ -59,7 +59,7 @@ def gradient_descent_steps(
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
-            number[_STIFFNESS] = survey(effects, axes, row, pairs).stiffness
+            number[_STIFFNESS] = survey(effects, row, pairs).stiffness
         status = judge(sums, number[_STIFFNESS], space, goal)
         if status != RUNNING or step == steps:
             break

@@ -65,60 +65,74 @@ class Sums(NamedTuple):
     most: float
 
 
+@device
+def _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Add the forces of a touching pair, and return their size."""
+    r = math.sqrt(square)
+    inverse = 1.0 / r
+    if square == 0.0:
+        dx, dy, dz = coincident_direction(i, j, len(axes))
+        inverse = 1.0
+    rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * dx + (velocity_nd[j, 1] - velocity_nd[i, 1]) * dy
+    if len(axes) == 3:
+        rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
+    rate *= inverse
+    first = 0.0
+    for one in literal_unroll(effects):
+        first += pair_first(one, r, sigma, rate)
+    push = first * inverse
+    force_nd[i, 0] += push * dx
+    force_nd[i, 1] += push * dy
+    force_nd[j, 0] -= push * dx
+    force_nd[j, 1] -= push * dy
+    if len(axes) == 3:
+        force_nd[i, 2] += push * dz
+        force_nd[j, 2] -= push * dz
+    return abs(first)
+
+
 @kernel
 def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
-    bits = np.uint64(pairs.bits)
-    mask = np.uint64((1 << pairs.bits) - 1)
     shift_kd = pairs.shift_kd
-    i_p = pairs.i_p
-    code_p = pairs.code_p
     n = row.shape[0]
     total = 0.0
     touching = 0
     power = 0.0
     whole = 0.0
     most = 0.0
+    for p in range(pairs.count_b[1]):
+        i = pairs.crossing_i_p[p]
+        j = pairs.crossing_j_p[p]
+        k = pairs.crossing_k_p[p]
+        dx = row[j, 0] - row[i, 0] + shift_kd[k, 0]
+        dy = row[j, 1] - row[i, 1] + shift_kd[k, 1]
+        dz = 0.0
+        square = dx * dx + dy * dy
+        if len(axes) == 3:
+            dz = row[j, 2] - row[i, 2] + shift_kd[k, 2]
+            square += dz * dz
+        sigma = row[i, 3] + row[j, 3]
+        if square < sigma * sigma:
+            total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+            touching += 1
+    i_p = pairs.i_p
+    j_p = pairs.j_p
     for b in range(pairs.block_b.shape[0] - 1):
         for p in range(pairs.block_b[b], pairs.block_b[b + 1]):
             i = i_p[p]
-            code = code_p[p]
-            j = code >> bits
-            k = code & mask
-            dx = row[j, 0] - row[i, 0] + shift_kd[k, 0]
-            dy = row[j, 1] - row[i, 1] + shift_kd[k, 1]
+            j = j_p[p]
+            dx = row[j, 0] - row[i, 0]
+            dy = row[j, 1] - row[i, 1]
             dz = 0.0
             square = dx * dx + dy * dy
             if len(axes) == 3:
-                dz = row[j, 2] - row[i, 2] + shift_kd[k, 2]
+                dz = row[j, 2] - row[i, 2]
                 square += dz * dz
             sigma = row[i, 3] + row[j, 3]
             if square < sigma * sigma:
-                r = math.sqrt(square)
-                inverse = 1.0 / r
-                if square == 0.0:
-                    dx, dy, dz = coincident_direction(i, j, len(axes))
-                    inverse = 1.0
-                rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * dx + (velocity_nd[j, 1] - velocity_nd[i, 1]) * dy
-                if len(axes) == 3:
-                    rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
-                rate *= inverse
-                first = 0.0
-                for one in literal_unroll(effects):
-                    first += pair_first(one, r, sigma, rate)
-                total += abs(first)
+                total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
                 touching += 1
-                first *= inverse
-                fx = first * dx
-                fy = first * dy
-                force_nd[i, 0] += fx
-                force_nd[i, 1] += fy
-                force_nd[j, 0] -= fx
-                force_nd[j, 1] -= fy
-                if len(axes) == 3:
-                    fz = first * dz
-                    force_nd[i, 2] += fz
-                    force_nd[j, 2] -= fz
         # pairs are sorted by i < j: the forces on this block of rows are complete, and still near
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
             fx = force_nd[i, 0]
@@ -192,21 +206,26 @@ class Survey(NamedTuple):
 
 
 @kernel
-def survey(effects, axes, row, pairs):
+def survey(effects, row, pairs):
     """Return the Survey of the touching pairs."""
-    bits = np.uint64(pairs.bits)
-    mask = np.uint64((1 << pairs.bits) - 1)
     stiffness_n = np.zeros(row.shape[0])
     energy = 0.0
     virial = np.zeros((3, 3))
     deepest = 0.0
-    for p in range(pairs.picked):
-        i = pairs.i_p[p]
-        j = pairs.code_p[p] >> bits
-        k = pairs.code_p[p] & mask
-        dx = row[j, 0] - row[i, 0] + pairs.shift_kd[k, 0]
-        dy = row[j, 1] - row[i, 1] + pairs.shift_kd[k, 1]
-        dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
+    within = pairs.count_b[0]
+    for p in range(within + pairs.count_b[1]):
+        if p < within:
+            i = pairs.i_p[p]
+            j = pairs.j_p[p]
+            sx = sy = sz = 0.0
+        else:
+            i = pairs.crossing_i_p[p - within]
+            j = pairs.crossing_j_p[p - within]
+            k = pairs.crossing_k_p[p - within]
+            sx, sy, sz = pairs.shift_kd[k, 0], pairs.shift_kd[k, 1], pairs.shift_kd[k, 2]
+        dx = row[j, 0] - row[i, 0] + sx
+        dy = row[j, 1] - row[i, 1] + sy
+        dz = row[j, 2] - row[i, 2] + sz
         square = dx * dx + dy * dy + dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
@@ -243,7 +262,7 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     pairs = travel(axes, row, space, pairs, np.inf)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    return sums, survey(effects, axes, row, pairs), pairs
+    return sums, survey(effects, row, pairs), pairs
 
 
 @device

@@ -3,8 +3,8 @@
 
 Two lists are kept. The outer one comes from the cell search, with a wide skin. The inner one is picked from the outer
 one with a narrow skin that adapts to the pace of the motion, so that nearly all of its pairs touch; it is what the loop
-over pairs walks. Pairs that do not touch add nothing, and both lists are sorted by (i, j, image), so no list history
-changes a bit of the forces.
+over pairs walks. Pairs that do not touch add nothing, and all lists are sorted by (i, j, image), pairs that cross a
+face of the cell apart, so no list history changes a bit of the forces.
 """
 
 from __future__ import annotations
@@ -38,21 +38,26 @@ BLOCK = 256
 class PairList(NamedTuple):
     """Outer and inner pairs, image vectors, the positions at which each list was made, and the numbers above.
 
-    block_b holds the first inner pair of each block of rows, and the number of inner pairs at its end.
+    Inner pairs within the cell (image zero) are listed apart from those that cross its faces, so that the many need no
+    image. block_b holds the first inner pair within the cell of each block of rows, and their number at its end;
+    count_b the number of pairs within the cell and of those that cross.
     """
 
     outer_i_p: NDArray[np.uint32]
     outer_code_p: NDArray[np.uint32]
-    i_p: NDArray[np.uint32]
-    code_p: NDArray[np.uint32]
     image_kd: NDArray[np.float64]
     shift_kd: NDArray[np.float64]
+    i_p: NDArray[np.uint32]
+    j_p: NDArray[np.uint32]
+    crossing_i_p: NDArray[np.uint32]
+    crossing_j_p: NDArray[np.uint32]
+    crossing_k_p: NDArray[np.uint32]
     outer_anchor_nd: NDArray[np.float64]
     anchor_nd: NDArray[np.float64]
     number: NDArray[np.float64]
     block_b: NDArray[np.int64]
+    count_b: NDArray[np.int64]
     bits: int
-    picked: int
 
 
 def empty_list(particles: int, skin: float) -> PairList:
@@ -75,7 +80,8 @@ def empty_list(particles: int, skin: float) -> PairList:
     image = np.zeros((1, 3))
     far = np.zeros((particles, 3))
     block = np.zeros((particles - 1) // BLOCK + 2, dtype=np.int64)
-    return PairList(none, none, none, none, image, image, far, far.copy(), number, block, 0, 0)
+    count = np.zeros(2, dtype=np.int64)
+    return PairList(none, none, image, image, none, none, none, none, none, far, far.copy(), number, block, count, 0)
 
 
 @device
@@ -97,11 +103,24 @@ def _anchor(row, anchor_nd):
 
 
 @device
+def _place_images(frame, pairs):
+    for k in range(pairs.image_kd.shape[0]):
+        for a in range(3):
+            shift = 0.0
+            for b in range(3):
+                shift += frame.lattice_dd[a, b] * pairs.image_kd[k, b]
+            pairs.shift_kd[k, a] = shift
+
+
+@device
 def _pick(axes, row, pairs, skin):
-    """Copy the outer pairs nearer than contact plus skin to the inner list, mark its blocks; return their number."""
+    """Copy the outer pairs nearer than contact plus skin to the inner lists and mark their blocks."""
     bits = np.uint64(pairs.bits)
     mask = np.uint64((1 << pairs.bits) - 1)
-    count = 0
+    # images are numbered from the most negative to the most positive
+    none = np.uint64(pairs.image_kd.shape[0] // 2)
+    within = 0
+    crossing = 0
     for p in range(pairs.outer_i_p.shape[0]):
         i = pairs.outer_i_p[p]
         code = pairs.outer_code_p[p]
@@ -114,17 +133,57 @@ def _pick(axes, row, pairs, skin):
             dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
             square += dz * dz
         limit = row[i, 3] + row[j, 3] + skin
-        pairs.i_p[count] = i
-        pairs.code_p[count] = code
-        count += square < limit * limit
+        near = square < limit * limit
+        if k == none:
+            pairs.i_p[within] = i
+            pairs.j_p[within] = j
+            within += near
+        else:
+            pairs.crossing_i_p[crossing] = i
+            pairs.crossing_j_p[crossing] = j
+            pairs.crossing_k_p[crossing] = k
+            crossing += near
+    pairs.count_b[0] = within
+    pairs.count_b[1] = crossing
     block = 0
-    for p in range(count):
+    for p in range(within):
         while block * BLOCK <= pairs.i_p[p]:
             pairs.block_b[block] = p
             block += 1
     for b in range(block, pairs.block_b.shape[0]):
-        pairs.block_b[b] = count
-    return count
+        pairs.block_b[b] = within
+
+
+@device
+def _search(axes, row, sizes, frame, pairs):
+    """Return a list with new outer pairs, and room for as many inner ones."""
+    found = find_pairs(axes, row, sizes, frame, 1.0, pairs.number[SKIN_FULL])
+    room = found.i_p.shape[0] + 1
+    none = np.uint32(found.image_kd.shape[0] // 2)
+    mask = np.uint32((1 << found.bits) - 1)
+    across = 1
+    for p in range(room - 1):
+        across += (found.code_p[p] & mask) != none
+    _anchor(row, pairs.outer_anchor_nd)
+    pairs.number[SKIN_OUTER] = pairs.number[SKIN_FULL]
+    pairs.number[SEARCHES] += 1.0
+    return PairList(
+        found.i_p,
+        found.code_p,
+        found.image_kd,
+        np.empty_like(found.image_kd),
+        np.empty(room, np.uint32),
+        np.empty(room, np.uint32),
+        np.empty(across, np.uint32),
+        np.empty(across, np.uint32),
+        np.empty(across, np.uint32),
+        pairs.outer_anchor_nd,
+        pairs.anchor_nd,
+        pairs.number,
+        pairs.block_b,
+        pairs.count_b,
+        found.bits,
+    )
 
 
 @kernel
@@ -142,53 +201,15 @@ def follow(axes, row, sizes, frame, pairs):
             number[SKIN_INNER] = min(1.5 * number[SKIN_INNER], 0.6 * number[SKIN_FULL])
         elif number[AGE] > _LONG_LIFE:
             number[SKIN_INNER] = max(number[SKIN_INNER] / 1.5, _NARROWEST * number[SKIN_FULL])
-    new = pairs
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
-        found = find_pairs(axes, row, sizes, frame, 1.0, number[SKIN_FULL])
-        number[SKIN_OUTER] = number[SKIN_FULL]
-        number[SEARCHES] += 1.0
-        i_p = np.empty(found.i_p.shape[0] + 1, np.uint32)
-        code_p = np.empty(found.i_p.shape[0] + 1, np.uint32)
-        new = PairList(
-            found.i_p,
-            found.code_p,
-            i_p,
-            code_p,
-            found.image_kd,
-            np.empty_like(found.image_kd),
-            pairs.outer_anchor_nd,
-            pairs.anchor_nd,
-            number,
-            pairs.block_b,
-            found.bits,
-            0,
-        )
-        _anchor(row, new.outer_anchor_nd)
-    for k in range(new.image_kd.shape[0]):
-        for a in range(3):
-            shift = 0.0
-            for b in range(3):
-                shift += frame.lattice_dd[a, b] * new.image_kd[k, b]
-            new.shift_kd[k, a] = shift
-    count = _pick(axes, row, new, number[SKIN_INNER])
-    _anchor(row, new.anchor_nd)
+        pairs = _search(axes, row, sizes, frame, pairs)
+    _place_images(frame, pairs)
+    _pick(axes, row, pairs, number[SKIN_INNER])
+    _anchor(row, pairs.anchor_nd)
     number[TRAVEL] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
     number[AGE] = 0.0
-    return PairList(
-        new.outer_i_p,
-        new.outer_code_p,
-        new.i_p,
-        new.code_p,
-        new.image_kd,
-        new.shift_kd,
-        new.outer_anchor_nd,
-        new.anchor_nd,
-        number,
-        new.block_b,
-        new.bits,
-        count,
-    )
+    return pairs
 
 
 def strain_list(pairs: PairList, map_dd: NDArray[np.float64], largest: float) -> None:
