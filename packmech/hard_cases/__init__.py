@@ -22,9 +22,9 @@ def catalogue() -> tuple[HardCase, ...]:
     ['one particle in a box', 'one sphere in a box']
 
     """
-    from packmech.hard_cases import geometry, matrices
+    from packmech.hard_cases import geometry, jamming, matrices, motion
 
-    cases = (*geometry.CASES, *matrices.CASES)
+    cases = (*geometry.CASES, *matrices.CASES, *motion.CASES, *jamming.CASES)
     _check(cases)
     return cases
 
