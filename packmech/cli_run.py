@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import one_of
+from packmech.check import integer, one_of
 from packmech.cli_show import console, print_results, working, write_json
 from packmech.interrupts import safe_interrupts
 from packmech.outcome import Run, Stage
@@ -37,7 +37,8 @@ class Outputs:
 
         for path in (self.record, self.out, self.json):
             if path is not None:
-                target_file(path)
+                target_file(path, packing=path is self.out)
+        integer("modes", self.modes, at_least=0)
 
 
 def jam_scene(name: str, outputs: Outputs, *, seed: int | None, pressure: float | None, strain: str | None) -> int:

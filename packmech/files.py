@@ -153,9 +153,11 @@ def read_law(path: PathLike) -> Any:
     return _in_file(found, read)
 
 
-def target_file(path: PathLike) -> Path:
-    """Return the file to be written, after checking that its folder exists."""
+def target_file(path: PathLike, *, packing: bool = False) -> Path:
+    """Return the file to be written, after checking its folder and, for a packing, its ending."""
     target = _named(path)
+    if packing:
+        _ending(target)
     if not target.parent.is_dir():
         raise ValueError(f"path must lie in an existing folder, got {str(target)!r}")
     return target

@@ -193,7 +193,7 @@ class Program:
         largest = math.sqrt(sums.most)
         return Evaluation(
             energy=float(totals.energy),
-            pressure=-float(np.trace(stress)) / d,
+            pressure=(0.0 - float(np.trace(stress))) / d,
             stress_dd=stress,
             contacts=int(sums.touching),
             max_force=largest,

@@ -136,7 +136,8 @@ def pressure(scene: Scene) -> float:
     0.0174954627
 
     """
-    return -float(np.trace(stress_tensor(scene))) / scene.packing.dimension
+    # 0 - trace, so that a scene without contacts has pressure 0 and not -0
+    return (0.0 - float(np.trace(stress_tensor(scene)))) / scene.packing.dimension
 
 
 def force_balance(scene: Scene) -> tuple[float, float]:
