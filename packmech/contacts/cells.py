@@ -255,8 +255,9 @@ def _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p):
                                 dz = placed[place, 2] + oz
                                 square += dz * dz
                             limit = scale * (ri + placed[place, 3]) + skin
-                            hit[hits] = order[place]
-                            hits += (square <= limit * limit * (1.0 + 1e-12)) & (order[place] >= i)
+                            j = order[place]
+                            hit[hits] = j
+                            hits += (square <= limit * limit * (1.0 + 1e-12)) & (j >= i)
                         c0 = last + 1
                         for h in range(hits):
                             j = hit[h]

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.contacts import candidate_pairs, neighbors
+from packmech.contacts import candidate_pairs, cells, neighbors
 
 
 @settings(max_examples=150, deadline=None)
@@ -39,18 +39,17 @@ class Counting:
 
 def pairs_tried(packing, monkeypatch):
     """Return how many pairs the search computes a distance for: each reads one entry of the sorted particle list."""
-    compiled = neighbors._search
     counters = []
+    fill = cells._fill
 
-    def search(*arguments):
-        # `order` holds the particles cell by cell
-        names = compiled.py_func.__code__.co_varnames[: len(arguments)]
-        place = names.index("order")
-        counters.append(Counting(arguments[place]))
-        return compiled.py_func(*arguments[:place], counters[-1], *arguments[place + 1 :])
+    def counting_fill(*arguments):
+        first, start, order, placed = fill(*arguments)
+        counters.append(Counting(order))
+        return first, start, counters[-1], placed
 
     with monkeypatch.context() as patch:
-        patch.setattr(neighbors, "_search", search)
+        patch.setattr(neighbors, "find_pairs", cells.find_pairs.py_func)
+        patch.setattr(cells, "_fill", counting_fill)
         found = candidate_pairs(packing.position_nd, packing.radius_n, packing.box)
     return max(counter.reads for counter in counters), len(found.i_c)
 
