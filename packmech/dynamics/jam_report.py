@@ -79,7 +79,7 @@ def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float,
     d = packing.dimension
     pressure = -float(np.trace(stress)) / d
     residual = 0.0
-    if len(contacts):
+    if first_c.any():
         net = sum_forces(contacts, -first_c)
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
     report: dict[str, Any] = {

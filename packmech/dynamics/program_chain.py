@@ -14,7 +14,7 @@ from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import pair_contacts
 from packmech.dynamics.expand import decompress
 from packmech.dynamics.hard_vertex import START, press, report_vertex
-from packmech.dynamics.vertex import Vertex, certify
+from packmech.dynamics.vertex import Vertex, certify, kicked
 from packmech.mechanics.interior_point import HardState
 from packmech.mechanics.linear_programs import Program, Solution, solve_clarabel, solve_highs
 from packmech.outcome import Outcome
@@ -37,7 +37,7 @@ class ProgramChain:
     Parameters
     ----------
     start_packing_fraction
-        Where the quench happens; None: .87 in two dimensions, .68 in three.
+        Where the quench happens; None: .86 in two dimensions, .68 in three.
     stop_pressure
         FIRE stops decompressing at this pressure [energy_scale / diameter^d].
     quench_tolerance, quench_steps
@@ -97,13 +97,17 @@ class ProgramChain:
             if step < 3e-3 and not bounded:
                 with protocol.stage("certificate") as figures:
                     vertex, reason = certify(state, reduced.radius_n, protocol.basis_kdd)
-                    figures.note = reason
                     if vertex is not None:
                         figures.residual = vertex.force_imbalance
                         figures.note = f"{len(vertex.contacts)} contacts, {vertex.excess} more than needed"
                         report_vertex(protocol, vertex)
-                        return vertex
-                    protocol.report["not_certified"] = reason
+                        if not vertex.floppy_modes:
+                            return vertex
+                        reason = f"a saddle: {vertex.floppy_modes} motions that open contacts"
+                    protocol.report["not_certified"] = figures.note = reason
+                if vertex is not None:
+                    reduced, radius = kicked(vertex.packing, protocol.basis_kdd, number), self.trust_radius
+                    continue
             radius = min(0.1, 3.0 * radius) if bounded else float(np.clip(3.0 * step, 1e-5, 0.1))
         return None
 

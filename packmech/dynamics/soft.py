@@ -17,6 +17,7 @@ _FIRST_DEPTH = 1e-7
 # gaps up to this fraction of the contact distance may close on the way to the first soft packing
 _NEAR = 1e-3
 _SWITCHES = 60
+_OPEN, _FURTHEST = 1e-9, 1e6
 # where rounding of positions leaves no digits of the overlaps
 _LEAST_DEPTH = 1e-11
 
@@ -24,9 +25,9 @@ _LEAST_DEPTH = 1e-11
 def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
     """Return the packing in which the contacts of the hard one overlap as its forces ask for, to first order.
 
-    The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness; the motion under
-    the load follows from one linear system. Contacts that would pull and near pairs that would overlap are switched
-    one at a time.
+    The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness. Contacts that would
+    pull open, near pairs that would overlap close: the springs are one-sided, their energy convex, and Newton's
+    method with an exact line search finds its minimum.
 
     Parameters
     ----------
@@ -50,19 +51,49 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
     stiffness = np.ones(len(contacts))
     stiffness[hard] = secant / unit
     network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
-    closed = hard.copy()
+    u_nd, strain_k = np.zeros_like(packing.position_nd), np.zeros(len(basis_kdd))
+    extension = np.zeros(len(contacts))
+    closed = hard
     for _ in range(_SWITCHES):
-        weight = np.where(closed, stiffness, 0.0)
-        network.factor(weight)
-        pull = weight * gap
-        u_nd, strain_k = network.solve(-network.gather(pull), -load_k - network.stretch_ck.T @ pull)
-        overlap = -network.extend(u_nd, strain_k) - gap
-        wrong = np.where(closed, -overlap, overlap)
-        worst = int(np.argmax(wrong))
-        if wrong[worst] <= 1e-15:
+        # open contacts keep a trace of stiffness: with too few closed ones the system would be singular
+        push = stiffness * np.maximum(-extension - gap, 0.0)
+        try:
+            network.factor(np.where(closed, stiffness, _OPEN * stiffness))
+            du_nd, dstrain_k = network.solve(network.gather(push), network.stretch_ck.T @ push - load_k)
+        except np.linalg.LinAlgError:
             break
-        closed[worst] = not closed[worst]
+        growth = network.extend(du_nd, dstrain_k)
+        size = _lowest(extension, growth, gap, stiffness, float(load_k @ dstrain_k))
+        u_nd, strain_k, extension = u_nd + size * du_nd, strain_k + size * dstrain_k, extension + size * growth
+        now = extension < -gap
+        if size > 0.999 and (now == closed).all():
+            break
+        closed = now
     return network.moved(packing, u_nd, strain_k)
+
+
+def _lowest(
+    extension: NDArray[np.float64],
+    growth: NDArray[np.float64],
+    gap: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    work: float,
+) -> float:
+    """Return how far along a step the energy of one-sided springs under the load is lowest; it is convex."""
+
+    def slope(size: float) -> float:
+        overlap = np.maximum(-(extension + size * growth) - gap, 0.0)
+        return work - float((stiffness * overlap) @ growth)
+
+    low, high = 0.0, 1.0
+    while slope(high) < 0.0 and high < _FURTHEST:
+        low, high = high, 2.0 * high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if slope(middle) < 0.0 else (low, middle)
+    # a full Newton step is exact while no contact switches
+    middle = 0.5 * (low + high)
+    return 1.0 if abs(middle - 1.0) < 1e-9 else middle
 
 
 def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:

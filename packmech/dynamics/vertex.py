@@ -20,6 +20,7 @@ _CORRECTIONS = 8
 # rattlers may be shoved aside this often, by overlaps up to this [mean diameter]
 _SHOVES, _SHOVE = 50, 1e-6
 _DENSE_UNKNOWNS = 60
+_KICK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class Vertex:
         Contacts beyond d N' - d + k for N' force-bearing particles and k free strains: 0 means one state of self
         stress.
     floppy_modes
-        Motions of the backbone that no contact resists to first order.
+        Motions of the backbone that no contact resists to first order: moving along them opens contacts, so the
+        packing is at a saddle.
     gap_error
         Largest gap or overlap of a contact [mean diameter].
     force_imbalance
@@ -97,6 +99,7 @@ class Backbone:
         self.coupling = np.stack([self.gather(weight_c * column) for column in self.stretch_ck.T], axis=1)
         self.relaxed = self.factored.solve(self.coupling)
         self.corner = (self.stretch_ck.T * weight_c) @ self.stretch_ck - self.coupling.T @ self.relaxed
+        self.corner += 1e-12 * float(weight_c.mean()) * self.shape[0] * np.eye(len(self.corner))
 
     def gather(self, force_c: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (N d,) net forces of contacts that push with force_c."""
@@ -227,7 +230,32 @@ def _floppy_modes(backbone: Backbone, excess: int) -> int:
     full = np.concatenate([matrix[:, live].reshape(len(contacts), -1), backbone.stretch_ck], axis=1)
     singular = np.linalg.svd(full, compute_uv=False)
     rank = int((singular > 1e-7 * singular.max(initial=1.0)).sum())
-    return len(live) * d - d + len(backbone.load_k) - rank
+    import scipy.sparse as sp
+    from scipy.sparse.csgraph import connected_components
+
+    # parts of the backbone that do not touch each other may slide without opening a contact: that is no way out
+    graph = sp.coo_array((np.ones(len(contacts)), (contacts.i_c, contacts.j_c)), shape=(contacts.particles,) * 2)
+    parts = len(np.unique(connected_components(graph, directed=False)[1][live]))
+    return max(0, len(live) * d - d * parts + len(backbone.load_k) - rank)
+
+
+def kicked(packing: Packing, basis_kdd: NDArray[np.float64], number: int) -> Packing:
+    """Return the packing after a small random displacement and strain, to leave a saddle that no contact holds it at.
+
+    Parameters
+    ----------
+    packing
+        The packing, in reduced units.
+    basis_kdd
+        (k, d, d) free strains.
+    number
+        Which kick: the same number gives the same one.
+
+    """
+    rng = np.random.default_rng(number)
+    position = packing.position_nd + _KICK * packing.radius_n[:, None] * rng.standard_normal(packing.position_nd.shape)
+    strain = np.einsum("k,kab->ab", _KICK * rng.standard_normal(len(basis_kdd)), basis_kdd)
+    return packing.replace(position_nd=position + position @ strain.T, box=packing.box.strained(strain))
 
 
 def certify(
@@ -250,7 +278,10 @@ def certify(
     """
     reason = "no pair bears a force"
     for touching in _touching_pairs(state):
-        vertex, reason = _accept(state, radius_n, basis_kdd, touching.copy())
+        try:
+            vertex, reason = _accept(state, radius_n, basis_kdd, touching.copy())
+        except np.linalg.LinAlgError as failure:
+            vertex, reason = None, f"the network cannot be factored: {failure}"
         if vertex is not None:
             return vertex, ""
     return None, reason

@@ -209,6 +209,11 @@ class BlockSystem:
             Hold one particle, so that uniform translations do not make the system singular. Right-hand sides must sum
             to zero; then the hold bears no force and does not change the solution otherwise.
 
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If a pivot vanishes.
+
         """
         across = np.zeros_like(along_c) if across_c is None else across_c
         extra = np.zeros(self.particles) if extra_n is None else extra_n
@@ -218,7 +223,10 @@ class BlockSystem:
             diagonal = self._start[pinned * d : pinned * d + d]
             data[diagonal] += max(float(data[diagonal].max()), 1e-300)
         if self._symbolic is not None:
-            found = self._symbolic.factor(data)
+            try:
+                found = self._symbolic.factor(data)
+            except RuntimeError as failure:
+                raise np.linalg.LinAlgError(f"system must not be singular: {failure}") from None
 
             def solve(right: NDArray[np.float64]) -> NDArray[np.float64]:
                 one = right.ndim == 1
@@ -232,10 +240,14 @@ class BlockSystem:
         import qdldl
 
         self._upper.data = data[self._from_lower]
-        if self._found is None:
-            self._found = qdldl.Solver(self._upper, upper=True)
-        else:
-            self._found.update(self._upper, upper=True)
+        try:
+            if self._found is None:
+                self._found = qdldl.Solver(self._upper, upper=True)
+            else:
+                self._found.update(self._upper, upper=True)
+        except (RuntimeError, ValueError) as failure:
+            self._found = None
+            raise np.linalg.LinAlgError(f"system must not be singular: {failure}") from None
         found = self._found
         # L and D of the solver are those of its last update: an older Factored must not be used any more
         pivots = found.factors()[1]

@@ -282,19 +282,24 @@ def densify(
     )
     force = np.where(force > 0.0, force, mean / np.maximum(slack, 1e-3))
     iterations = state.iterations
+    now = state
     while iterations < iteration_limit:
         iterations += 1
         defect = np.minimum(gap - slack, 0.0)
         mean = float((force * slack).mean())
-        step = _Step(pairs, basis_kdd, load_k, slack, force, defect, tie=mean)
-        *_, ds, df = step.direction(np.zeros_like(slack))
-        ahead_p, ahead_d = min(1.0, _largest_step(slack, ds)), min(1.0, _largest_step(force, df))
-        reached = float(((force + ahead_d * df) * (slack + ahead_p * ds)).mean())
-        # a packing that still moves is far from balance: lowering the barrier faster than it settles makes it crawl
-        # along walls
-        center = min(1.0, max((reached / mean) ** 3, 1e-4, 0.3 * step.unbalanced() ** 2 / mean))
-        correction = ds * df if min(ahead_p, ahead_d) > 0.1 else 0.0
-        u_nd, strain_k, ds, df = step.direction(center * mean + np.zeros_like(slack) - correction)
+        try:
+            step = _Step(pairs, basis_kdd, load_k, slack, force, defect, tie=mean)
+            *_, ds, df = step.direction(np.zeros_like(slack))
+            ahead_p, ahead_d = min(1.0, _largest_step(slack, ds)), min(1.0, _largest_step(force, df))
+            reached = float(((force + ahead_d * df) * (slack + ahead_p * ds)).mean())
+            # a packing that still moves is far from balance: lowering the barrier faster than it settles makes it crawl
+            # along walls
+            center = min(1.0, max((reached / mean) ** 3, 1e-4, 0.3 * step.unbalanced() ** 2 / mean))
+            correction = ds * df if min(ahead_p, ahead_d) > 0.1 else 0.0
+            u_nd, strain_k, ds, df = step.direction(center * mean + np.zeros_like(slack) - correction)
+        except np.linalg.LinAlgError:
+            # no digits are left to go on with: the caller's certificate decides what this is worth
+            break
         keep = 0.995 if min(ahead_p, ahead_d) > 0.95 else 0.9
         size_p, size_d = min(1.0, keep * _largest_step(slack, ds)), min(1.0, keep * _largest_step(force, df))
         strain = np.einsum("k,kab->ab", strain_k, basis_kdd)
