@@ -134,7 +134,7 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "particles": packing.particles,
         "dimension": packing.dimension,
         "packing_fraction": packing_fraction(packing),
-        "pressure": pressure(scene) / unit,
+        "pressure": pressure(scene) / unit + 0.0,  # no minus zero
         "pressure_unit": unit,
         "energy": energy(scene) / scene.energy_scale,
         "stress": (stress_tensor(scene) / unit).tolist(),
@@ -154,18 +154,22 @@ def _verdict(report: Report) -> None:
     backbone = report.scene.packing.particles - int(verdict.rattlers.sum())
     answers = {"collective": verdict.collectively, "strict": verdict.strictly}
     strain = report.numbers["strain"]
-    # the verdict's network allows for rounding in the gaps, so its counts are the better ones
-    report.numbers.update(
-        rattlers=int(verdict.rattlers.sum()),
-        contacts=verdict.contacts,
-        isostatic_contacts=isostatic_contacts(backbone, report.scene.packing.dimension, strain),
-        local=verdict.local,
-        collective=verdict.collective,
-        strict=verdict.strict,
-        gap_tolerance=verdict.touching.tolerance,
-        mechanically_stable=verdict.mechanically_stable,
-        prestress_stable=verdict.prestress_stable,
-    )
+    if verdict.touching.on_plateau:
+        # the verdict's network allows for rounding in the gaps, so its counts are the better ones
+        report.numbers |= {
+            "rattlers": int(verdict.rattlers.sum()),
+            "contacts": verdict.contacts,
+            "isostatic_contacts": isostatic_contacts(backbone, report.scene.packing.dimension, strain),
+            "states_of_self_stress": answers["collective" if strain == "fixed" else "strict"].states_of_self_stress,
+        }
+    report.numbers |= {
+        "local": verdict.local,
+        "collective": verdict.collective,
+        "strict": verdict.strict,
+        "gap_tolerance": verdict.touching.tolerance,
+        "mechanically_stable": verdict.mechanically_stable,
+        "prestress_stable": verdict.prestress_stable,
+    }
     for name, answer in answers.items():
         report.numbers |= {
             f"{name}_reason": answer.reason,

@@ -45,11 +45,11 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
 def _contacts(numbers: Mapping[str, Any]) -> Row:
     d = numbers["dimension"]
     extra = 1 if numbers["strain"] == "fixed" else d * (d + 1) // 2
-    count = f"{d}N'{extra - d:+d}"
-    note = f"isostatic: {numbers['isostatic_contacts']} = {count}, strain {numbers['strain']}"
-    # over the isostatic count by k means 1 + k states of self stress, in the sense of the strain that was free
-    states = numbers.get(f"{'collective' if numbers['strain'] == 'fixed' else 'strict'}_states_of_self_stress")
-    if states is not None:
+    note = f"isostatic: {numbers['isostatic_contacts']}"
+    if numbers["isostatic_contacts"]:
+        note += f" = {d}N'{extra - d:+d}, strain {numbers['strain']}"
+    if "states_of_self_stress" in numbers:
+        states = numbers["states_of_self_stress"]
         note += f"; {states} state{'s' if states != 1 else ''} of self stress"
     return ("contacts", str(numbers["contacts"]), note)
 

@@ -293,3 +293,30 @@ def test_the_viewer_opens_a_recording_without_warnings(recorded, tmp_path):
     shot = tmp_path / "shot.png"
     assert module.picture(recorded.path, shot, step=recorded.run.steps, size=(1600, 900)) == []
     assert shot.stat().st_size > 10_000
+
+
+RECORDINGS = Path(__file__).parent.parent / "recordings"
+
+
+def test_recordings_in_the_repository_stay_light():
+    sizes = [path.stat().st_size for path in RECORDINGS.rglob("*.rrd")]
+    assert sizes
+    assert max(sizes) <= 2_000_000
+    assert sum(sizes) <= 20_000_000
+    assert (RECORDINGS / "jam.png").stat().st_size < 500_000
+
+
+def test_the_recording_in_the_repository_ends_with_the_packing_that_its_properties_tell_of():
+    back = ReadBack(RECORDINGS / "jam.rrd")
+    last = max(back.step["/state/position"])
+    position_nd = np.array(back.at_steps("/state/position", "position_nd")[last]).reshape(-1, 2)
+    lattice_dd = np.array(back.at_steps("/state/lattice", "lattice_dd")[last]).reshape(2, 2)
+    (radius_n,) = back.column["/state/radius", "radius_n"]
+    packing = pm.Packing(position_nd, np.array(radius_n), pm.Box(lattice_dd))
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
+    results = json.loads(back.property("results_json"))
+    assert back.property("packing_fraction") == pytest.approx(pm.packing_fraction(packing), rel=1e-14)
+    assert back.property("pressure") == pytest.approx(pm.pressure(scene), rel=1e-12)
+    assert back.property("rattlers") == int(pm.find_rattlers(packing).sum())
+    assert results["strict"] == "jammed"
+    assert results["contacts"] >= results["isostatic_contacts"]
