@@ -77,7 +77,7 @@ def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float,
     first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
     stress = contact_stress(contacts, first_c, packing.box.volume)
     d = packing.dimension
-    pressure = -float(np.trace(stress)) / d
+    pressure = (0.0 - float(np.trace(stress))) / d
     residual = 0.0
     if first_c.any():
         net = sum_forces(contacts, -first_c)
@@ -93,7 +93,8 @@ def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float,
         "patches": (),
         **protocol.report,
     }
-    report["states_of_self_stress"] = report["excess_contacts"] + 1 + report.get("floppy_modes", 0)
+    carried = report["contacts"] > 0
+    report["states_of_self_stress"] = report["excess_contacts"] + 1 + report.get("floppy_modes", 0) if carried else 0
     return Run(
         packing=packing,
         outcome=outcome,
