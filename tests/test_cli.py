@@ -312,15 +312,19 @@ def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
     assert "It halves." in (tmp_path / "out" / "halves.md").read_text()
 
 
-def test_interrupt_saves_the_last_finished_packing(tmp_path):
-    (tmp_path / "large.toml").write_text(SMALL.replace("particles = 24", "particles = 4000"))
-    command = [sys.executable, "-m", "packmech.cli", "jam", "large.toml", "--out", "saved.npz", "--no-record"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(4.0)
-        process.send_signal(signal.SIGINT)
-        _, words = process.communicate(timeout=60)
-    assert process.returncode == 130, words
-    assert "interrupted; the last finished packing is in saved.npz" in " ".join(words.split())
+@pytest.mark.parametrize("drive", ["jam", "quench"])
+def test_ctrl_c_saves_the_last_finished_packing(monkeypatch, tmp_path, drive):
+    from packmech import cli_run
+
+    def press_ctrl_c(self, stage, figures):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(cli_run._Snapshots, "__call__", press_ctrl_c)
+    text = SMALL if drive == "jam" else SMALL.split("[drive]")[0] + '[drive]\nkind = "quench"\n'
+    (tmp_path / "scene.toml").write_text(text)
+    done = packmech("run", "scene.toml", "--out", "saved.npz", folder=tmp_path)
+    assert done.returncode == 130
+    assert "interrupted; the last finished packing is in saved.npz" in " ".join(done.stderr.split())
     assert np.isfinite(pm.read_packing(tmp_path / "saved.npz").position_nd).all()
 
 
