@@ -35,7 +35,9 @@ class Report:
         The scene as it stands.
     numbers
         Results by name, as `packmech jam --json` writes them. Pressures and moduli are in units of
-        energy_scale / reference_diameter^d, frequencies in sqrt(energy_scale / mass) / reference_diameter.
+        energy_scale / reference_diameter^d: elastic_constants are second derivatives of the energy by symmetric
+        strains over the volume, stiffness_cauchy is the Mandel matrix of the Cauchy stress. Frequencies are in units
+        of sqrt(energy_scale / mass) / reference_diameter.
     stages
         What each part of the examination achieved and cost.
     missing
@@ -193,10 +195,20 @@ def _moduli(report: Report) -> None:
         "shear_modulus": moduli.shear_modulus / unit,
         "shear_modulus_mean": moduli.voigt.shear_modulus / unit,
         "shear_modulus_reuss": moduli.reuss.shear_modulus / unit,
+        "elastic_constants": {name: moduli.component(name, tangent="energy") / unit for name in _constants(moduli)},
+        "stiffness_cauchy": (moduli.cauchy / unit).tolist(),
+        "negative_modes": moduli.negative_modes,
         "soft_directions": len(moduli.soft_directions),
         "elastically_stable": moduli.stable,
     }
     report.stages.append(Stage("moduli", moduli.residual, seconds=moduli.seconds))
+
+
+def _constants(moduli: Moduli) -> list[str]:
+    """Name each independent component of the stiffness once: xxxx, xxyy, xxxy, ..."""
+    axes = "xyz"[: moduli.dimension]
+    pairs = [2 * axis for axis in axes] + [a + b for k, a in enumerate(axes) for b in axes[k + 1 :]]
+    return [first + second for k, first in enumerate(pairs) for second in pairs[k:]]
 
 
 def _modes(report: Report, count: int) -> None:

@@ -75,8 +75,10 @@ def _answer(numbers: Mapping[str, Any], name: str, where: str) -> Row:
 
 def _moduli(numbers: Mapping[str, Any], unit: str) -> list[Row]:
     shear = f"simple shear xy, relaxed; mean over directions {numbers['shear_modulus_mean']:.4g}, {unit}"
+    if numbers["shear_modulus"] < 0.0:
+        shear += "; NEGATIVE: this shear lowers the energy"
     if not numbers["elastically_stable"]:
-        shear += "; elastically unstable"
+        shear += "; elastically unstable: some motion of particles and box lowers the energy"
     return [
         ("bulk modulus", f"{numbers['bulk_modulus']:.6g}", f"box scaled, particles relaxed, {unit}"),
         ("shear modulus", f"{numbers['shear_modulus']:.6g}", shear),
