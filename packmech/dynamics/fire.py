@@ -49,11 +49,11 @@ class Fire(NamedTuple):
     """
 
     dt: float = 0.3
-    dt_max: float = 0.5
+    dt_max: float = 0.6
     dt_min: float = 0.02
     delay: float = 10.0
     grow: float = 1.1
-    shrink: float = 0.5
+    shrink: float = 0.8
     mixing: float = 0.15
     mixing_decay: float = 0.97
     largest_step: float = 0.1

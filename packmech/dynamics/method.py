@@ -1,4 +1,4 @@
-"""What every minimization method is, and the state that it leaves between two chunks of steps."""
+"""What every minimization method is, the state between two chunks of its steps, and what a program answers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from packmech.outcome import Outcome
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
@@ -39,3 +41,39 @@ class Minimizer(Protocol):
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps; return the status code."""
         ...
+
+
+class Evaluation(NamedTuple):
+    """Energy and forces of a scene at given positions.
+
+    energy [energy]; pressure [energy/length^d]; stress_dd, Cauchy, tension positive; contacts touching pairs;
+    max_force the largest net force on a particle and mean_force the mean contact force [force]; residual their ratio,
+    0 when nothing touches; force_nd (N, d) net forces; force_floor the net force that rounding of positions alone can
+    cause [force]; deepest_overlap the largest relative overlap [1].
+    """
+
+    energy: float
+    pressure: float
+    stress_dd: NDArray[np.float64]
+    contacts: int
+    max_force: float
+    mean_force: float
+    residual: float
+    force_nd: NDArray[np.float64]
+    force_floor: float
+    deepest_overlap: float
+
+
+class Relaxation(NamedTuple):
+    """What a minimization of arrays arrived at: the positions in the caller's order, and figures as in Evaluation."""
+
+    position_nd: NDArray[np.float64]
+    outcome: Outcome
+    residual: float
+    max_force: float
+    mean_force: float
+    energy: float
+    pressure: float
+    contacts: int
+    steps: int
+    force_evaluations: int

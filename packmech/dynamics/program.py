@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +25,7 @@ from packmech.dynamics.kernels import (
     Space,
     evaluate,
 )
-from packmech.dynamics.method import Minimizer as Minimizer
-from packmech.dynamics.method import Progress
+from packmech.dynamics.method import Evaluation, Minimizer, Progress, Relaxation
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, strain_list
 from packmech.effects import pair_energy
 from packmech.outcome import Outcome
@@ -44,42 +43,6 @@ OUTCOME_OF = {
     NOT_FINITE: Outcome.STALLED,
     STALLED: Outcome.STALLED,
 }
-
-
-class Evaluation(NamedTuple):
-    """Energy and forces of a scene at given positions.
-
-    energy [energy]; pressure [energy/length^d]; stress_dd, Cauchy, tension positive; contacts touching pairs;
-    max_force the largest net force on a particle and mean_force the mean contact force [force]; residual their ratio,
-    0 when nothing touches; force_nd (N, d) net forces; force_floor the net force that rounding of positions alone can
-    cause [force]; deepest_overlap the largest relative overlap [1].
-    """
-
-    energy: float
-    pressure: float
-    stress_dd: NDArray[np.float64]
-    contacts: int
-    max_force: float
-    mean_force: float
-    residual: float
-    force_nd: NDArray[np.float64]
-    force_floor: float
-    deepest_overlap: float
-
-
-class Relaxation(NamedTuple):
-    """What a minimization of arrays arrived at: the positions in the caller's order, and figures as in Evaluation."""
-
-    position_nd: NDArray[np.float64]
-    outcome: Outcome
-    residual: float
-    max_force: float
-    mean_force: float
-    energy: float
-    pressure: float
-    contacts: int
-    steps: int
-    force_evaluations: int
 
 
 @dataclass(eq=False)
@@ -126,6 +89,11 @@ class Program:
         """Unit of a method's largest step [length]: the largest diameter; the smallest under a law that diverges."""
         radius = self.row[:, 3]
         return 2.0 * float(radius.min() if self.diverges else radius.max())
+
+    @property
+    def chunk(self) -> int:
+        """Steps of some tens of milliseconds: compiled loops come back as often, so that an interrupt is seen."""
+        return max(1, 1_000_000 // self.velocity_nd.size)
 
     def place(self, position_nd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
         """Put the particles at the given positions, in the given box, at rest.
@@ -283,7 +251,11 @@ class Program:
         else:
             self.place(position_nd, lattice_dd)
         progress = method.start(self)
-        outcome = OUTCOME_OF[method.advance(self, goal, progress, limit)]
+        while True:
+            status = method.advance(self, goal, progress, min(self.chunk, limit - progress.steps))
+            if status != RUNNING or progress.steps >= limit:
+                break
+        outcome = OUTCOME_OF[status]
         end = self.evaluate()
         return Relaxation(
             position_nd=self.positions(),
@@ -391,3 +363,6 @@ def build_program(scene: Scene) -> Program:
     program.place(packing.position_nd)
     program.build_seconds = time.process_time() - started
     return program
+
+
+__all__ = ["OUTCOME_OF", "Evaluation", "Minimizer", "Program", "Relaxation", "build_program"]

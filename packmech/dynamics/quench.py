@@ -31,8 +31,6 @@ _KICKS, _KICK = 4, 1e-4
 # an overlap [1] at which a law that diverges at the center must not be the one to part the particles
 _DEEP = 0.2
 _IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
-# particle-steps between two looks at the clock, some tens of milliseconds
-_CHUNK = 1_000_000
 # forces within this many floors of balance may be rounding
 _FLOORS = 8.0
 
@@ -216,7 +214,6 @@ class _Descent:
         progress = method.start(program)
         goal = Goal(tolerance, 0.0)
         left = self.step_limit - self.steps
-        chunk = max(1, _CHUNK // program.velocity_nd.size)
         outcome = Outcome.STEP_LIMIT
         while True:
             due = left - progress.steps
@@ -224,7 +221,7 @@ class _Descent:
                 if (self.steps + progress.steps) % self.trace_every == 0:
                     self._trace.add(self.steps + progress.steps, program)
                 due = min(due, self.trace_every - (self.steps + progress.steps) % self.trace_every)
-            status = method.advance(program, goal, progress, min(due, chunk))
+            status = method.advance(program, goal, progress, min(due, program.chunk))
             outcome = OUTCOME_OF[status]
             if status != RUNNING or progress.steps >= left:
                 break
