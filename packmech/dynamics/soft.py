@@ -18,6 +18,7 @@ _FIRST_DEPTH = 1e-7
 _NEAR = 1e-3
 _SWITCHES = 60
 _OPEN, _FURTHEST = 1e-9, 1e6
+_ROUNDS, _TURN = 8, 1e-3
 # where rounding of positions leaves no digits of the overlaps
 _LEAST_DEPTH = 1e-11
 
@@ -50,14 +51,34 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
     gap = np.where(hard, 0.0, np.maximum(contacts.gap_c, 0.0))
     stiffness = np.ones(len(contacts))
     stiffness[hard] = secant / unit
-    network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
-    u_nd, strain_k = np.zeros_like(packing.position_nd), np.zeros(len(basis_kdd))
-    extension = np.zeros(len(contacts))
+    depth = float((vertex.force_c * scale / secant).mean())
     closed = hard
+    for _ in range(_ROUNDS):
+        network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
+        u_nd, strain_k, closed = _one_sided(network, gap, stiffness, load_k, closed)
+        packing = network.moved(packing, u_nd, strain_k)
+        # contacts turn by u / r, which changes lengths by u^2 / r: linearize again while that matters
+        if float(np.abs(u_nd).max()) ** 2 < _TURN * depth:
+            break
+        contacts = pair_contacts(packing, *pairs)
+        gap = contacts.gap_c
+    return packing
+
+
+def _one_sided(
+    network: Backbone,
+    gap: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    load_k: NDArray[np.float64],
+    closed: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the motion of one-sided springs to balance under the load, and which of them end closed."""
+    u_nd, strain_k = np.zeros(network.shape), np.zeros(len(load_k))
+    extension = np.zeros(len(gap))
     for _ in range(_SWITCHES):
-        # open contacts keep a trace of stiffness: with too few closed ones the system would be singular
         push = stiffness * np.maximum(-extension - gap, 0.0)
         try:
+            # open contacts keep a trace of stiffness: with too few closed ones the system would be singular
             network.factor(np.where(closed, stiffness, _OPEN * stiffness))
             du_nd, dstrain_k = network.solve(network.gather(push), network.stretch_ck.T @ push - load_k)
         except np.linalg.LinAlgError:
@@ -69,7 +90,7 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
         if size > 0.999 and (now == closed).all():
             break
         closed = now
-    return network.moved(packing, u_nd, strain_k)
+    return u_nd, strain_k, closed
 
 
 def _lowest(
