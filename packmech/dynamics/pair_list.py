@@ -29,7 +29,7 @@ NUMBERS = 8
 
 # an inner list that lasted fewer or more steps than these gets a wider or narrower skin
 _SHORT_LIFE, _LONG_LIFE = 16, 64
-_NARROWEST = 1.0 / 256.0  # of the outer skin
+_NARROWEST, _WIDEST = 1.0 / 256.0, 0.4  # of the outer skin
 
 # rows whose forces are completed, and then summed over, together
 BLOCK = 256
@@ -197,10 +197,14 @@ def follow(axes, row, sizes, frame, pairs):
             number[TRAVEL] = 0.0
             number[BUDGET] = 0.5 * number[SKIN_INNER] - moved
             return pairs
+        full = number[SKIN_FULL]
         if number[AGE] < _SHORT_LIFE:
-            number[SKIN_INNER] = min(1.5 * number[SKIN_INNER], 0.6 * number[SKIN_FULL])
+            number[SKIN_INNER] *= 1.5
+            if number[SKIN_INNER] > _WIDEST * full:
+                # the outer list would not outlive one or two inner ones: let both be one
+                number[SKIN_INNER] = full
         elif number[AGE] > _LONG_LIFE:
-            number[SKIN_INNER] = max(number[SKIN_INNER] / 1.5, _NARROWEST * number[SKIN_FULL])
+            number[SKIN_INNER] = min(max(number[SKIN_INNER] / 1.5, _NARROWEST * full), _WIDEST * full)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
         pairs = _search(axes, row, sizes, frame, pairs)
     _place_images(frame, pairs)

@@ -33,7 +33,7 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
-_SKIN = 0.5
+_SKIN = 0.6
 
 OUTCOME_OF = {
     RUNNING: Outcome.STEP_LIMIT,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from typing import NamedTuple
 
 import numpy as np
 from calibration import REFERENCE_NS, calibrate, cpu_seconds
@@ -19,6 +20,26 @@ from packmech.dynamics.kernels import Goal, force_pass, move_pass
 from packmech.dynamics.program import Program, build_program
 
 DT, ALPHA = 0.3, 0.15
+
+
+@pm.law
+class OwnHarmonic(NamedTuple):
+    """The harmonic law as a user would write it."""
+
+    energy_scale: float = 1.0
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Return the energy."""
+        overlap = (contact_distance - distance) / contact_distance
+        return 0.5 * self.energy_scale * overlap * overlap
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Return du/dr."""
+        return -self.energy_scale * (contact_distance - distance) / (contact_distance * contact_distance)
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Return d2u/dr2."""
+        return self.energy_scale / (contact_distance * contact_distance)
 
 
 @kernel
@@ -121,8 +142,8 @@ def bench_step(particles: int, *, dimension: int = 2) -> float:
     return float(np.median(took[1:]))
 
 
-def bench_types(particles: int) -> tuple[float, float]:
-    """Return CPU ns per particle and step of the loop with effects chosen by type, and of the one written by hand."""
+def bench_types(particles: int) -> tuple[float, float, float]:
+    """Return CPU ns per particle and step: effects chosen by type, written by hand, and by type with a user's law."""
     program = relaxed_program(particles)
     steps = max(20, 500_000 // particles)
     program.evaluate()
@@ -137,14 +158,18 @@ def bench_types(particles: int) -> tuple[float, float]:
     v, f = np.zeros_like(x), np.zeros_like(x)
     hand = (x, v, f, radius, i_p[order], j_p[order], shift[order], steps)
     typed = (program.effects, program.axes, program.row, program.force_nd, program.velocity_nd, pairs, steps)
+    own = ((pm.Repulsion(law=OwnHarmonic()),), *typed[1:])
     _hand_written(*hand)
     _typed(*typed)
-    by_type, by_hand = [], []
+    _typed(*own)
+    by_type, by_hand, by_user = [], [], []
     for _ in range(15):
-        # in turn, so that both meet the same moods of the machine
+        # in turn, so that all meet the same moods of the machine
         by_type.append(cpu_seconds(lambda: _typed(*typed), repeats=1))
         by_hand.append(cpu_seconds(lambda: _hand_written(*hand), repeats=1))
-    return tuple(float(np.median(took)) / steps / particles * 1e9 for took in (by_type, by_hand))
+        by_user.append(cpu_seconds(lambda: _typed(*own), repeats=1))
+    one, two, three = (float(np.median(took)) / steps / particles * 1e9 for took in (by_type, by_hand, by_user))
+    return one, two, three
 
 
 def bench_quench(particles: int, seeds: range) -> None:
@@ -169,8 +194,11 @@ def main() -> None:
     """Print all figures."""
     ratio = calibrate() / REFERENCE_NS
     for particles in (1000, 4096, 100_000):
-        typed, hand = bench_types(particles)
-        print(f"effects by type, N = {particles}: {typed:.1f} ns, by hand {hand:.1f} ns: {typed / hand:.2f} x")
+        typed, hand, own = bench_types(particles)
+        print(
+            f"effects by type, N = {particles}: {typed:.1f} ns, by hand {hand:.1f} ns: {typed / hand:.2f} x; "
+            f"a user's law {own / typed:.2f} x the built-in"
+        )
     figures = {}
     for particles, dimension in ((64, 2), (1000, 2), (4096, 2), (10_000, 2), (100_000, 2), (4096, 3)):
         took = bench_step(particles, dimension=dimension)
