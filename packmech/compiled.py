@@ -8,10 +8,12 @@ not, and of the files that define the record types in its signature (a user's ow
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import inspect
 import pathlib
+import types
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
@@ -95,18 +97,60 @@ def _record_classes(numba_type: Any) -> Iterator[type]:
         yield from _record_classes(part)
 
 
+def _bindings(function: Any, seen: set[int]) -> Iterator[str]:
+    """Yield what a function computes with besides its arguments: its code, and what its free names stand for."""
+    function = getattr(function, "py_func", function)
+    code = getattr(function, "__code__", None)
+    if code is None or id(code) in seen:
+        return
+    seen.add(id(code))
+    yield repr((code.co_code, code.co_consts, code.co_names, function.__defaults__, function.__kwdefaults__))
+    free = inspect.getclosurevars(function)
+    for name, value in sorted({**free.globals, **free.nonlocals}.items()):
+        if callable(getattr(value, "py_func", value)) and not isinstance(value, type):
+            yield from _bindings(value, seen)
+        elif not isinstance(value, types.ModuleType):
+            yield f"{name} = {value!r}"
+
+
 @functools.cache
 def _class_hash(cls: type) -> str:
-    try:
-        return source_hash(pathlib.Path(inspect.getsourcefile(cls) or ""))
-    except (OSError, TypeError):
-        # a law typed at the prompt has no file: its methods' bytecode and constants stand in for it
-        parts = [
-            (name, value.__code__.co_code, repr(value.__code__.co_consts), value.__code__.co_names)
-            for name, value in sorted(vars(cls).items())
-            if inspect.isfunction(value)
-        ]
-        return hashlib.sha256(repr(parts).encode()).hexdigest()
+    parts = []
+    for name, value in sorted(vars(cls).items()):
+        if inspect.isfunction(value):
+            parts += [name, *_bindings(value, set())]
+    with contextlib.suppress(OSError, TypeError):  # a class typed at the prompt has no file
+        parts.append(source_hash(pathlib.Path(inspect.getsourcefile(cls) or "")))
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+_TAKEN: dict[str, int] = {}
+
+
+def _equal(self: Any, other: object) -> bool:
+    return bool(type(self) is type(other)) and tuple.__eq__(self, other)
+
+
+def _different(self: Any, other: object) -> bool:
+    return not _equal(self, other)
+
+
+def _hash(self: Any) -> int:
+    return hash((type(self), tuple.__hash__(self)))
+
+
+def tell_apart(cls: Any) -> None:
+    """Give a record class a `__name__` of its own (`__qualname__` stays as written) and make its records no others'.
+
+    Numba looks up compiled code by the name of a record's class and by its fields' names. A law that is defined again
+    under the same name, as happens at a prompt, would silently get the code of the law before it. And named tuples of
+    two classes count as equal where their numbers are.
+    """
+    cls.__eq__, cls.__ne__, cls.__hash__ = _equal, _different, _hash
+    name = cls.__qualname__.rpartition(".")[2]
+    _TAKEN[name] = _TAKEN.get(name, 0) + 1
+    if _TAKEN[name] > 1:
+        cls.__name__ = f"{name}_{_TAKEN[name]}"
 
 
 class _SourceCache(FunctionCache):  # type: ignore[misc]

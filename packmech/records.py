@@ -24,7 +24,7 @@ def kind_of(cls: type) -> str:
     >>> kind_of(type("RepulsiveLennardJones", (), {}))
     'repulsive-lennard-jones'
     """
-    return _WORD.sub("-", cls.__name__).lower()
+    return _WORD.sub("-", cls.__qualname__.rpartition(".")[2]).lower()
 
 
 def kinds_of(classes: Iterable[type]) -> dict[str, type]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from packmech.dynamics.protocol import Protocol
 
 # dense enough that a quench ends jammed, and not much denser than the packing that is looked for
-START = {2: 0.85, 3: 0.68}
+START = {2: 0.87, 3: 0.68}
 _BARRIERS = (1e-12, 1e-13, 1e-14)
 # how often a packing found at a saddle is kicked off it
 _KICKS = 3
@@ -40,7 +40,7 @@ class HardVertex:
     Parameters
     ----------
     start_packing_fraction
-        Where the quench happens; None: .85 in two dimensions, .68 in three.
+        Where the quench happens; None: .87 in two dimensions, .68 in three.
     stop_pressure
         FIRE goes on decompressing until the pressure is at most this [energy_scale / diameter^d]; None: the quench is
         enough.

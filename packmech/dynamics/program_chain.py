@@ -37,7 +37,7 @@ class ProgramChain:
     Parameters
     ----------
     start_packing_fraction
-        Where the quench happens; None: .85 in two dimensions, .68 in three.
+        Where the quench happens; None: .87 in two dimensions, .68 in three.
     stop_pressure
         FIRE stops decompressing at this pressure [energy_scale / diameter^d].
     quench_tolerance, quench_steps

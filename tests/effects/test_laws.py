@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
+from packmech import compiled
 from packmech.effects import contact_terms, energy_scale_of
 
 GOLDEN = json.loads((pathlib.Path(__file__).parents[1] / "golden" / "potentials.json").read_text())
@@ -166,6 +167,48 @@ def test_an_effect_of_zero_strength_equals_an_absent_one():
 def test_unit_of_energy_is_the_energy_scale_or_the_stiffness_times_length_squared():
     assert energy_scale_of((pm.ContactDamping(), pm.Repulsion(law=pm.Hertz(2.5))), 3.0) == 2.5
     assert energy_scale_of((pm.Repulsion(law=pm.LinearSpring(2.0)),), 3.0) == 18.0
+
+
+def monomial(exponent):
+    """Return a law class of a name that every call uses again; its exponent is bound, not a field."""
+
+    @pm.law
+    class Monomial(NamedTuple):
+        energy_scale: float = 1.0
+
+        def energy(self, distance, contact_distance):
+            return self.energy_scale * (1.0 - distance / contact_distance) ** exponent
+
+        def first(self, distance, contact_distance):
+            overlap = 1.0 - distance / contact_distance
+            return -exponent * self.energy_scale * overlap ** (exponent - 1.0) / contact_distance
+
+        def second(self, distance, contact_distance):
+            overlap = 1.0 - distance / contact_distance
+            return exponent * (exponent - 1.0) * self.energy_scale * overlap ** (exponent - 2.0) / contact_distance**2
+
+    return Monomial
+
+
+def test_a_law_defined_again_under_its_name_is_the_new_law():
+    for exponent in (2.0, 3.0, 4.0):
+        terms = contact_terms((pm.Repulsion(law=monomial(exponent)()),), np.array([0.5]), np.array([1.0]))
+        assert terms.energy_c[0] == pytest.approx(0.5**exponent, rel=1e-14)
+        assert terms.first_c[0] == pytest.approx(-exponent * 0.5 ** (exponent - 1.0), rel=1e-14)
+
+
+def test_code_on_disk_is_told_apart_by_what_a_laws_formulas_refer_to():
+    assert compiled._class_hash(monomial(2.0)) == compiled._class_hash(monomial(2.0))
+    assert compiled._class_hash(monomial(2.0)) != compiled._class_hash(monomial(3.0))
+
+
+def test_laws_and_effects_of_two_kinds_are_never_equal():
+    assert pm.Harmonic(1.0) == pm.Harmonic(1.0) != pm.Hertz(1.0)
+    assert pm.Repulsion(law=pm.Harmonic(1.0)) != pm.Repulsion(law=pm.Hertz(1.0))
+    packing = pm.lattice_packing("square")
+    assert pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic(1.0)),)) != pm.Scene(
+        packing, (pm.Repulsion(law=pm.Hertz(1.0)),)
+    )
 
 
 def no_op(self, distance, contact_distance):

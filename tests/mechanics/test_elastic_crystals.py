@@ -1,0 +1,135 @@
+"""Closed forms of the elastic moduli of crystals."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+
+ROOT = 3**0.5
+
+
+def crystal(name, repeats, overlap=0.0, diameter=1.0, law=None):
+    packing = pm.lattice_packing(name, repeats=repeats, relative_overlap=overlap, diameter=diameter)
+    return pm.Scene(packing, (pm.Repulsion(law=law or pm.Harmonic()),))
+
+
+@pytest.mark.parametrize("overlap", [0.0, 1e-6, 0.01, 0.1, 0.24])
+@pytest.mark.parametrize("repeats", [(1, 1), (2, 3), (4, 4)])
+def test_triangular_crystal_has_its_closed_forms(overlap, repeats):
+    diameter = 1.3
+    moduli = pm.elastic_moduli(crystal("triangular", repeats, overlap, diameter))
+    unit = 1.0 / ((1.0 - overlap) * diameter**2)
+    energy = moduli.average("hill", tangent="energy")
+    found = [
+        moduli.pressure, energy.bulk_modulus, energy.shear_modulus, moduli.bulk_modulus, moduli.shear_modulus,
+        moduli.hill.bulk_modulus, moduli.hill.shear_modulus,
+    ]  # fmt: skip
+    bulk, shear = ROOT / 2 * unit, ROOT * (1 - 4 * overlap) / 4 * unit
+    expected = [
+        ROOT * overlap * unit, ROOT / 2 / diameter**2, ROOT * (1 - 2 * overlap) / 4 * unit, bulk, shear, bulk, shear,
+    ]  # fmt: skip
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+    assert abs(moduli.anisotropy) < 1e-10
+    assert moduli.stable and not len(moduli.soft_directions) and not len(moduli.stiff_directions)
+
+
+@pytest.mark.parametrize("overlap", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("repeats", [(1, 1, 1), (2, 2, 2)])
+def test_fcc_crystal_has_its_closed_forms(overlap, repeats):
+    diameter = 1.1
+    q, t, volume = 1 - overlap, -overlap * (1 - overlap), diameter**3 * (1 - overlap) ** 3 / 2**0.5
+    pressure = -2 * t / volume
+    moduli = pm.elastic_moduli(crystal("fcc", repeats, overlap, diameter))
+    assert abs(moduli.pressure - pressure) < 1e-10
+    for name, energy, cauchy in (
+        ("xxxx", (q + 2 * t) / volume, (q + 2 * t) / volume),
+        ("xxyy", q / (2 * volume), q / (2 * volume) + pressure),
+        ("yzyz", (q / 2 + t) / volume, (q / 2 + t) / volume - pressure / 2),
+        ("xyxy", (q / 2 + t) / volume, (q / 2 + t) / volume - pressure / 2),
+        ("xxyz", 0.0, 0.0),
+    ):
+        assert abs(moduli.component(name, tangent="energy") - energy) < 1e-10
+        assert abs(moduli.component(name) - cauchy) < 1e-10
+
+
+def test_stored_crystals_agree(golden):
+    for name, stored in golden("crystal_moduli.json").items():
+        if name == "source":
+            continue
+        position = stored.get("positions", [[0.0, 0.0, 0.0]])
+        packing = pm.Packing(position, [stored["radius"]] * len(position), pm.Box(stored["lattice_columns"]))
+        moduli = pm.elastic_moduli(pm.Scene(packing, (pm.Repulsion(),)))
+        assert abs(moduli.pressure - stored["pressure"]) < 1e-10
+        if "C_energy_mandel" in stored:
+            np.testing.assert_allclose(moduli.energy, stored["C_energy_mandel"], rtol=0, atol=1e-10)
+            assert abs(moduli.bulk_modulus - stored["K_cauchy"]) < 1e-10
+            assert abs(moduli.shear_modulus - stored["G_cauchy"]) < 1e-10
+        else:
+            averages = stored["averages"]
+            for letter, bound in (("V", "voigt"), ("R", "reuss"), ("H", "hill")):
+                found = moduli.average(bound, tangent="energy")
+                assert abs(found.bulk_modulus - averages[f"K_{letter}"]) < 1e-10
+                assert abs(found.shear_modulus - averages[f"G_{letter}"]) < 1e-10
+            assert abs(found.poisson_ratio - averages["nu_H"]) < 1e-10
+            assert abs(found.young_modulus - averages["E_H"]) < 1e-10
+            if stored["xi"] == 0.0:
+                assert abs(moduli.anisotropy - 0.6) < 1e-10
+
+
+def test_crystals_at_contact_have_their_exact_moduli(golden):
+    stored = golden("lattice_exact.json")["moduli"]
+    hexagonal, fcc = (pm.elastic_moduli(crystal(name, (2,) * d)) for name, d in (("triangular", 2), ("fcc", 3)))
+    assert abs(hexagonal.shear_modulus - stored["hexagonal"]["G"]) < 1e-10
+    assert abs(hexagonal.bulk_modulus - stored["hexagonal"]["B"]) < 1e-10
+    assert abs(fcc.bulk_modulus - stored["fcc"]["B"]) < 1e-10
+    for name, key in (("xxxx", "C11"), ("xxyy", "C12"), ("xyxy", "C44")):
+        assert abs(fcc.component(name) - stored["fcc"][key]) < 1e-10
+    assert pm.elastic_moduli(crystal("square", (3, 3))).shear_modulus == stored["square"]["G_simple_shear_along_axes"]
+
+
+@pytest.mark.parametrize("repeats", [(1, 1), (2, 2), (3, 4), (6, 6)])
+def test_kagome_has_finite_moduli_because_its_floppy_modes_carry_no_strain(repeats):
+    moduli = pm.elastic_moduli(crystal("kagome", repeats))
+    assert abs(moduli.bulk_modulus - ROOT / 4) < 1e-10
+    assert abs(moduli.shear_modulus - ROOT / 8) < 1e-10
+    assert abs(moduli.anisotropy) < 1e-9
+    assert not len(moduli.soft_directions) and moduli.stable
+    if repeats[0] == repeats[1]:
+        assert moduli.floppy_positions == 3 * repeats[0] - 2
+
+
+@pytest.mark.parametrize("repeats", [(1, 1), (2, 2), (5, 5)])
+def test_shear_of_the_square_crystal_is_soft_not_stiff(repeats):
+    moduli = pm.elastic_moduli(crystal("square", repeats))
+    assert abs(moduli.shear_modulus) < 1e-12 and moduli.reuss.shear_modulus == 0.0
+    np.testing.assert_allclose(np.abs(moduli.soft_directions), [[0.0, 0.0, 1.0]], atol=1e-12)
+    assert moduli.compliance[2, 2] == np.inf and np.isfinite(moduli.compliance[:2, :2]).all()
+    np.testing.assert_allclose(moduli.compliance[:2, :2], np.eye(2), atol=1e-12)
+    assert moduli.stable and moduli.negative_modes == 0
+    assert moduli.anisotropy == np.inf
+
+
+@pytest.mark.parametrize("overlap", [0.01, 0.1])
+def test_square_crystal_under_pressure_has_the_shear_modulus_minus_the_pressure_and_is_unstable(overlap):
+    for repeats in ((1, 1), (4, 4)):
+        moduli = pm.elastic_moduli(crystal("square", repeats, overlap))
+        energy = np.diag(moduli.energy)
+        np.testing.assert_allclose(
+            energy * (1 - overlap) ** 2, [(1 - overlap) ** 2] * 2 + [-overlap * (1 - overlap)], atol=1e-10
+        )
+        assert abs(moduli.shear_modulus + moduli.pressure) < 1e-10
+        assert not moduli.stable and moduli.negative_strains == 1
+        value = np.linalg.eigvalsh(pm.hessian(crystal("square", repeats, overlap), False).toarray())
+        assert moduli.negative_positions == int((value < -1e-9).sum())
+
+
+def test_triangular_crystal_shears_away_beyond_an_overlap_of_one_quarter():
+    assert pm.elastic_moduli(crystal("triangular", (1, 1), 0.24)).stable
+    beyond = pm.elastic_moduli(crystal("triangular", (1, 1), 0.26))
+    assert not beyond.stable and beyond.shear_modulus < 0
+
+
+def test_a_single_particle_touching_its_images_has_moduli():
+    moduli = pm.elastic_moduli(crystal("fcc", (1, 1, 1)))
+    assert (moduli.particles, moduli.contacts) == (1, 6)
+    assert abs(moduli.bulk_modulus - 2 * 2**0.5 / 3) < 1e-10
