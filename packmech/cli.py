@@ -8,7 +8,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 FAILED, BAD_INPUT = 1, 2
 # errors that speak for themselves; PACKMECH_TRACEBACK=1 shows where they came from
@@ -21,6 +23,7 @@ SCENE = "a scene file (.toml), or the name of one that ships (see `packmech scen
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     root = argparse.ArgumentParser(prog="packmech", description=ABOUT)
+    root.add_argument("--version", action=_Version)
     commands = root.add_subparsers(dest="command", metavar="command", required=True)
 
     jam = _command(commands, "jam", "jam a scene, say what the packing is, and leave a recording of it")
@@ -50,6 +53,19 @@ def parser() -> argparse.ArgumentParser:
     cases = _command(commands, "hard-cases", "measure every hard case against its bound; exit code 1 if one is outside")
     cases.add_argument("name", nargs="?", help="only cases whose name contains this")
     return root
+
+
+class _Version(argparse.Action):
+    """Print the version; the metadata are read only when asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="print the version and end")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print("packmech", version("packmech"))
+        parser.exit()
 
 
 def _command(

@@ -48,9 +48,7 @@ def jam_scene(name: str, outputs: Outputs, *, seed: int | None, pressure: float 
     outputs.check()
     scene = read_scene(name, seed=seed)
     drive = scene.drive if isinstance(scene.drive, JamDrive) else JamDrive()
-    drive = JamDrive(
-        pressure=drive.pressure if pressure is None else pressure, strain=drive.strain if strain is None else strain
-    )
+    drive = replace(drive, pressure=drive.pressure if pressure is None else pressure, strain=strain or drive.strain)
     return _run_and_report(name, scene.replace(drive=drive), outputs, {"scene": name, "seed": seed})
 
 
@@ -131,6 +129,7 @@ def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
         return quench(
             scene,
             force_tolerance=drive.force_tolerance,
+            method=drive.method,
             trace_every=every,
             trace_positions=keep,
             progress=watch,
@@ -139,7 +138,7 @@ def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
     from packmech.dynamics.jam import jam
 
     assert isinstance(drive, JamDrive)
-    run = jam(scene, pressure=drive.pressure, strain=drive.strain, progress=watch, check=False)
+    run = jam(scene, pressure=drive.pressure, strain=drive.strain, method=drive.method, progress=watch, check=False)
     return replace(run, trace=trace_of(scene, watch.step_t, watch.packing_t)) if keep else run
 
 
@@ -195,7 +194,9 @@ def _finish(
     else:
         numbers["seconds"] = sum(stage.seconds for stage in stages)
     rows = result_rows(numbers, report.missing)
-    title = f"{name}: {scene.packing.particles} {'discs' if scene.packing.dimension == 2 else 'spheres'}"
+    count = scene.packing.particles
+    kind = "disc" if scene.packing.dimension == 2 else "sphere"
+    title = f"{name}: {count} {kind}{'' if count == 1 else 's'}"
     print_results(title, rows, stages)
     out = console()
     if outputs.out is not None:

@@ -98,7 +98,9 @@ def fill(cls: type, table: Mapping[str, Any], where: str, nested: Mapping[str, K
     for name, value in table.items():
         path = f"{where}.{name}"
         if name not in names:
-            raise ValueError(f"{path} must be one of the fields {', '.join(names)} of {kind_of(cls)}, got another name")
+            raise ValueError(
+                f"{path} must be a field of {kind_of(cls).lstrip('_')} ({', '.join(names)}), got an unknown one"
+            )
         if nested and name in nested:
             values[name] = from_table(value, path, nested[name], nested)
         else:

@@ -10,34 +10,49 @@ from typing import Any
 from packmech.check import instance, one_of, positive
 from packmech.effects import energy_scale_of, is_effect, is_law
 from packmech.packing import Packing
+from packmech.records import is_record
 
 
 @dataclass(frozen=True)
 class QuenchDrive:
-    """Minimize the energy in the box as it is, to `force_tolerance` times the mean contact force."""
+    """Minimize the energy in the box as it is, to `force_tolerance` times the mean contact force.
+
+    `method` is what pm.quench takes, such as pm.ConjugateGradient(); None leaves the choice to it.
+    """
 
     force_tolerance: float = 1e-12
+    method: Any = None
 
     def __post_init__(self) -> None:
         positive("drive.force_tolerance", self.force_tolerance)
+        _record_or_none("drive.method", self.method)
 
 
 @dataclass(frozen=True)
 class JamDrive:
     """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d].
 
-    `strain` says whether the box keeps its shape ("fixed") or every strain is free.
+    `strain` says whether the box keeps its shape ("fixed") or every strain is free. `pressure` and `method` are what
+    pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
     """
 
-    pressure: float = 1e-8
+    pressure: float | None = None
     strain: str = "free"
+    method: Any = None
 
     def __post_init__(self) -> None:
-        positive("drive.pressure", self.pressure)
+        if self.pressure is not None:
+            positive("drive.pressure", self.pressure)
         one_of("drive.strain", self.strain, ("fixed", "free"))
+        _record_or_none("drive.method", self.method)
 
 
 Drive = QuenchDrive | JamDrive
+
+
+def _record_or_none(name: str, value: Any) -> None:
+    if value is not None and not is_record(value):
+        raise TypeError(f"{name} must be a record of settings or None, got {value!r}")
 
 
 def _check_numbers(where: str, record: Any) -> None:

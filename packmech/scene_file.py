@@ -20,6 +20,7 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     kind = "jam"
     pressure = 1e-8
     strain = "free"
+    method = { kind = "step-halving", increment = 1e-3 }          # optional, without a pressure here: as in pm.jam
 
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`; `file` takes a `path`, relative to the scene
 file; `inline` takes `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line.
@@ -227,10 +228,24 @@ def _reseed(tables: dict[str, Any], seed: int) -> None:
 _NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
 
 
+def _methods(drive: Any) -> dict[str, dict[str, type]]:
+    """Return the records that may stand in the fields of a drive, by name, where it has any."""
+    if not isinstance(drive, dict) or "method" not in drive:
+        return {}
+    from packmech.dynamics.jam_methods import JamMethod
+    from packmech.dynamics.minimizers import MinimizeMethod
+
+    minimize = kinds_of(typing.get_args(MinimizeMethod))
+    return {
+        "method": minimize if drive.get("kind") == "quench" else kinds_of(typing.get_args(JamMethod)),
+        "minimizer": minimize,
+    }
+
+
 def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     for name in tables:
         if name not in _TOP:
-            raise ValueError(f"{name} must be one of the fields {', '.join(_TOP)} of a scene, got another name")
+            raise ValueError(f"{name} must be a field of a scene ({', '.join(_TOP)}), got an unknown one")
     if not isinstance(tables.get("description", ""), str):
         raise TypeError(f"description must be a string, got {tables['description']!r}")
     if "packing" not in tables:
@@ -240,7 +255,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}")
     laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects())
     effects = tuple(from_table(table, f"effects[{k}]", acting, {"law": laws}) for k, table in enumerate(entries))
-    drive = from_table(tables["drive"], "drive", _DRIVES) if "drive" in tables else None
+    drive = from_table(tables["drive"], "drive", _DRIVES, _methods(tables["drive"])) if "drive" in tables else None
     recipe = from_table(tables["packing"], "packing", _PACKINGS, {"sizes": _SIZES})
     try:
         packing = recipe.packing(folder)

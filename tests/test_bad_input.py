@@ -115,6 +115,8 @@ BAD = {
     "energy_tolerance": POSITIVE,
     "jam.strain": CHOICE,
     "JamDrive.strain": CHOICE,
+    "JamDrive.method": ["fast", 3, pm.HardVertex],
+    "QuenchDrive.method": ["fire", 3, pm.Fire],
     "compress.strain": CHOICE,
     "distances": [[], [0.0], [-1.0], [1e-3, NAN], 3, None, "1"],
     "jam.method": ["fast", 3, pm.HardVertex],

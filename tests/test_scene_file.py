@@ -193,6 +193,25 @@ def test_a_registered_law_of_ones_own_is_written_and_read_by_its_name(tmp_path):
     assert pm.read_scene(tmp_path / "a.toml") == scene
 
 
+@pytest.mark.parametrize(
+    "drive",
+    [
+        pm.JamDrive(strain="fixed", method=pm.StepHalving(increment=1e-3, minimizer=pm.DampedDynamics(damping=0.5))),
+        pm.JamDrive(pressure=1e-6, method=pm.Decompression(factor=0.3)),
+        pm.JamDrive(method=pm.ProgramChain(solver="highs")),
+        pm.JamDrive(pressure=1e-7, method=pm.HardVertex(start_packing_fraction=0.9)),
+        pm.QuenchDrive(force_tolerance=1e-6, method=pm.ConjugateGradient()),
+        pm.QuenchDrive(method=pm.Newton(largest_step=0.05)),
+    ],
+)
+def test_a_drive_names_its_method_and_its_parameters(tmp_path, drive):
+    scene = random_scene().replace(drive=drive)
+    pm.write_scene(scene, tmp_path / "a.toml")
+    read = pm.read_scene(tmp_path / "a.toml").drive
+    assert read == drive
+    assert type(read.method) is type(drive.method)
+
+
 # -- refusals, each naming the field -----------------------------------------------------------------------------------
 
 RANDOM = '[packing]\nkind = "random"\nparticles = 8\npacking_fraction = 0.8\nseed = 1\n'
@@ -232,13 +251,13 @@ REFUSED = {
     "no packing": (EFFECTS, "packing must be given, got nothing"),
     "no effects": (SQUARE, r"effects must be a list of tables \(\[\[effects\]\]\), got nothing"),
     "one effect, no list": (SQUARE + '[effects]\nkind = "repulsion"\n', "effects must be a list of tables"),
-    "unknown top field": ("units = 1\n" + SQUARE + EFFECTS, "units must be one of the fields description, packing"),
+    "unknown top field": ("units = 1\n" + SQUARE + EFFECTS, "units must be a field of a scene .description, packing"),
     "description": ("description = 3\n" + SQUARE + EFFECTS, "description must be a string, got 3"),
     "packing without kind": ("[packing]\nparticles = 3\n" + EFFECTS, "packing.kind must be one of .*, got nothing"),
     "packing of unknown kind": ('packing = "heap"\n' + EFFECTS, "packing.kind must be one of 'file', .* got 'heap'"),
     "packing no table": ("packing = 3\n" + EFFECTS, "packing must be a table with a kind, got 3"),
     "missing field": ('packing = "random"\n' + EFFECTS, "packing.particles must be given, got nothing"),
-    "unknown packing field": (random("density = 1"), "packing.density must be one of the fields particles"),
+    "unknown packing field": (random("density = 1"), "packing.density must be a field of random .particles"),
     "wrong type": (random("", particles='"8"'), "packing.particles must be an integer, got '8'"),
     "boolean for number": (random("", packing_fraction="true"), "packing.packing_fraction must be a number, got True"),
     "fraction for count": (random("", particles="8.0"), "packing.particles must be an integer, got 8.0"),
@@ -249,7 +268,7 @@ REFUSED = {
     "sizes kind": (random('sizes = "two"'), "packing.sizes.kind must be one of 'bidisperse', .* 'two'"),
     "sizes field": (
         random('sizes = { kind = "uniform", width = 1 }'),
-        "packing.sizes.width must be one of the fields ratio of uniform",
+        "packing.sizes.width must be a field of uniform .ratio",
     ),
     "sizes value": (
         random('sizes = { kind = "bidisperse", ratio = 0.5 }'),
@@ -303,7 +322,7 @@ REFUSED = {
     "law without kind": (law("energy_scale = 1"), r"effects\[0\].law.kind must be one of .* got nothing"),
     "law field": (
         law('kind = "harmonic", stiffness = 1'),
-        r"effects\[0\].law.stiffness must be one of the fields energy_scale of harmonic",
+        r"effects\[0\].law.stiffness must be a field of harmonic .energy_scale",
     ),
     "law value": (
         law('kind = "harmonic", energy_scale = -1'),
@@ -318,7 +337,23 @@ REFUSED = {
         r"effects\[0\].law.energy_scale must be a number, got '1'",
     ),
     "drive kind": (drive('kind = "push"'), "drive.kind must be one of 'jam', 'quench', got 'push'"),
-    "drive field": (drive('kind = "jam"\ntolerance = 1'), "drive.tolerance must be one of the fields"),
+    "drive field": (drive('kind = "jam"\ntolerance = 1'), "drive.tolerance must be a field of jam-drive"),
+    "drive method": (
+        drive('kind = "jam"\nmethod = "fire"'),
+        "drive.method.kind must be one of 'decompression', .*'fire'",
+    ),
+    "drive method of another drive": (
+        drive('kind = "quench"\nmethod = "hard-vertex"'),
+        "drive.method.kind must be one",
+    ),
+    "drive method field": (
+        drive('kind = "jam"\nmethod = { kind = "step-halving", step = 1 }'),
+        "drive.method.step must be a field of step-halving .start_packing_fraction, increment",
+    ),
+    "drive method value": (
+        drive('kind = "jam"\nmethod = { kind = "step-halving", increment = -1 }'),
+        "drive.method.increment must be a finite number above 0",
+    ),
     "drive value": (drive('kind = "jam"\npressure = -1'), "drive.pressure must be a finite number above 0"),
     "drive choice": (
         drive('kind = "jam"\nstrain = "loose"'),

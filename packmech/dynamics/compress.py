@@ -19,6 +19,7 @@ from packmech.dynamics.settings import check_manner
 from packmech.dynamics.soft import soften
 from packmech.dynamics.soft_newton import SoftState, isochoric_part, judge, newton
 from packmech.dynamics.strain_fire import relax_strained
+from packmech.interrupts import safe_interrupts
 from packmech.outcome import NotConverged, Outcome, Run
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -94,7 +95,7 @@ def compress(
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     check_manner(progress, check)
-    with single_thread():
+    with safe_interrupts(), single_thread():
         return tuple(_Ascent(scene, strain, tolerance, progress).climb(goals, limit, check))
 
 

@@ -13,6 +13,7 @@ from packmech.dynamics.jam_methods import Decompression, HardVertex, JamMethod, 
 from packmech.dynamics.jam_report import finish
 from packmech.dynamics.protocol import Progress, Protocol
 from packmech.dynamics.settings import check_manner
+from packmech.interrupts import safe_interrupts
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
 from packmech.scene import Scene
@@ -38,7 +39,7 @@ def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
 def jam(
     scene: Scene,
     *,
-    pressure: float = 1e-8,
+    pressure: float | None = None,
     strain: str = "free",
     method: JamMethod | None = None,
     energy_tolerance: float | None = None,
@@ -56,7 +57,8 @@ def jam(
     scene
         The scene; its law decides about the soft packing only, not about the hard one it comes from.
     pressure
-        Pressure at the end [energy_scale / diameter^d].
+        Pressure at the end [energy_scale / diameter^d]; None: 1e-8. To be left out for StepHalving, which ends at an
+        energy.
     strain
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "fixed": the box keeps its shape.
     method
@@ -75,10 +77,10 @@ def jam(
     -------
     Run
         `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
-        (of the hard packing), pressure, pressure_asked [energy_scale / diameter^d], particles, rattlers, contacts,
-        isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles held redundantly),
-        stress_anisotropy, method, strain, and, where a hard packing was found, hard_packing, hard_contacts,
-        hard_excess_contacts, gap_error, force_imbalance, smallest_force.
+        (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
+        rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
+        held redundantly), stress_anisotropy, method, strain, and, where a hard packing was found, hard_packing,
+        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def jam(
 
     """
     instance("scene", scene, Scene)
-    asked = positive("pressure", pressure)
+    asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("fixed", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
     check_manner(progress, check)
@@ -110,15 +112,18 @@ def jam(
     method = HardVertex() if method is None else method
     if not isinstance(method, HardVertex | ProgramChain | StepHalving | Decompression):
         raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving or Decompression, got {method!r}")
+    if isinstance(method, StepHalving) and pressure is not None:
+        raise ValueError(f"pressure must be left out for StepHalving, which ends at an energy, got {pressure!r}")
     began = time.process_time()
-    with single_thread():
+    aim = None if isinstance(method, StepHalving) else asked
+    with safe_interrupts(), single_thread():
         protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, progress)
         try:
             packing, outcome = method.follow(protocol, asked)
         except KeyboardInterrupt as stop:
-            stop.run = finish(protocol, protocol.last, Outcome.INTERRUPTED, asked, type(method).__name__, began)  # type: ignore[attr-defined]
+            stop.run = finish(protocol, protocol.last, Outcome.INTERRUPTED, aim, type(method).__name__, began)  # type: ignore[attr-defined]
             raise
-        run = finish(protocol, packing, outcome, asked, type(method).__name__, began)
+        run = finish(protocol, packing, outcome, aim, type(method).__name__, began)
     if check and not run.ok:
         raise NotConverged(run)
     return run

@@ -55,7 +55,9 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     }
 
 
-def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float, method: str, began: float) -> Run:
+def finish(
+    protocol: Protocol, packing: Packing, outcome: Outcome, asked: float | None, method: str, began: float
+) -> Run:
     """Return the run of a protocol that ended with the packing.
 
     Parameters
@@ -65,7 +67,7 @@ def finish(protocol: Protocol, packing: Packing, outcome: Outcome, asked: float,
     packing, outcome
         The packing it ended with, and how.
     asked
-        The pressure asked for [energy_scale / diameter^d].
+        The pressure asked for [energy_scale / diameter^d]; None where none was.
     method
         Its name.
     began

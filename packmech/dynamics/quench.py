@@ -18,6 +18,7 @@ from packmech.dynamics.method import Minimizer
 from packmech.dynamics.program import OUTCOME_OF, Evaluation, Program, build_program
 from packmech.dynamics.settings import check_manner, check_minimizer
 from packmech.effects import Harmonic, Repulsion
+from packmech.interrupts import safe_interrupts
 from packmech.outcome import NotConverged, Outcome, Run, Stage, Trace
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -119,14 +120,15 @@ def quench(
     minimizer = hasattr(method, "advance") and not isinstance(method, type)
     newton = None if method is None or minimizer else _newton(method)
     try:
-        outcome = descent.soften()
-        if outcome is None:
-            if method is None:
-                outcome = _default_route(descent, tolerance)
-            elif newton is not None:
-                outcome = descent.polish(tolerance, newton)
-            else:
-                outcome = descent.follow(type(method).__name__, method, tolerance)
+        with safe_interrupts():
+            outcome = descent.soften()
+            if outcome is None:
+                if method is None:
+                    outcome = _default_route(descent, tolerance)
+                elif newton is not None:
+                    outcome = descent.polish(tolerance, newton)
+                else:
+                    outcome = descent.follow(type(method).__name__, method, tolerance)
     except KeyboardInterrupt as stop:
         stop.run = descent.finish(Outcome.INTERRUPTED, tolerance)  # type: ignore[attr-defined]
         raise

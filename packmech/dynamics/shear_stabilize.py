@@ -11,6 +11,7 @@ from packmech.dynamics.protocol import Progress, Protocol
 from packmech.dynamics.settings import check_manner
 from packmech.dynamics.soft_newton import SoftState, judge, newton
 from packmech.dynamics.strain_fire import relax_strained
+from packmech.interrupts import safe_interrupts
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
 from packmech.packing import Packing
@@ -76,16 +77,16 @@ def shear_stabilize(
     limit = integer("step_limit", step_limit, at_least=0)
     check_manner(progress, check)
     began = time.process_time()
-    with single_thread():
+    with safe_interrupts(), single_thread():
         protocol = Protocol(scene, mandel_basis(scene.packing.dimension).copy(), "free", tolerance, progress)
         try:
             packing, outcome = _stabilized(protocol, asked, limit)
         except KeyboardInterrupt as stop:
             stop.run = finish(  # type: ignore[attr-defined]
-                protocol, protocol.last, Outcome.INTERRUPTED, asked or 0.0, "shear_stabilize", began
+                protocol, protocol.last, Outcome.INTERRUPTED, asked, "shear_stabilize", began
             )
             raise
-        run = finish(protocol, packing, outcome, asked or 0.0, "shear_stabilize", began)
+        run = finish(protocol, packing, outcome, asked, "shear_stabilize", began)
     if check and not run.ok:
         raise NotConverged(run)
     return run

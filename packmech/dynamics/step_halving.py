@@ -29,8 +29,7 @@ class StepHalving:
     With every strain free, the exact hard packing near the result is found with the box among the unknowns, and
     pressed to the pressure that was reached.
 
-    Ends when the energy per particle lies between `energy_tolerance` and twice that. The pressure follows from the
-    energy; the one asked of `jam` is not used.
+    Ends when the energy per particle lies between `energy_tolerance` and twice that; the pressure follows from it.
 
     Parameters
     ----------

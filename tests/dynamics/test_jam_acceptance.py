@@ -13,7 +13,9 @@ import packmech as pm
 pytestmark = pytest.mark.slow
 
 HARMONIC = (pm.Repulsion(law=pm.Harmonic(energy_scale=1.0)),)
-# (particles, dimension, scatter of radii, seeds): the largest number of seeds whose count may be redundant
+# seeds that no setting of the protocol was chosen by
+FIRST = 5001
+# (particles, dimension, scatter of radii, seeds)
 CASES = {
     "2D N = 64": (64, 2, 0.0, 20),
     "2D N = 256": (256, 2, 0.0, 20),
@@ -37,7 +39,7 @@ def start(particles, dimension, scatter, seed):
 
 def jammed(name, strain):
     particles, dimension, scatter, seeds = CASES[name]
-    runs = [pm.jam(start(particles, dimension, scatter, seed), strain=strain) for seed in range(1, seeds + 1)]
+    runs = [pm.jam(start(particles, dimension, scatter, seed), strain=strain) for seed in range(FIRST, FIRST + seeds)]
     report = [run.report for run in runs]
     print(
         f"\n{name}, strain {strain}: residual at most {max(run.residual for run in runs):.1e},"
@@ -79,8 +81,11 @@ def test_at_least_17_of_20_packings_of_256_discs_have_exactly_one_state_of_self_
 @pytest.mark.parametrize("strain", ["fixed", "free"])
 def test_packings_of_256_discs_become_generic_when_radii_scatter_by_3_percent(strain):
     redundant = [
-        seed for seed in range(1, 21) if pm.jam(start(256, 2, 0.0, seed), strain=strain).report["hard_excess_contacts"]
+        seed
+        for seed in range(FIRST, FIRST + 60)
+        if pm.jam(start(256, 2, 0.0, seed), strain=strain).report["hard_excess_contacts"]
     ]
+    assert redundant
     for seed in redundant:
         assert pm.jam(start(256, 2, 0.03, seed), strain=strain).report["hard_excess_contacts"] == 0
 

@@ -119,3 +119,10 @@ def test_shear_stabilization_reaches_a_pressure():
 def test_shear_stabilization_of_a_dilute_packing_says_that_nothing_touches():
     run = pm.shear_stabilize(scene(16, packing_fraction=0.2))
     assert run.outcome is pm.Outcome.UNJAMMED
+
+
+def test_step_halving_ends_at_an_energy_and_takes_no_pressure():
+    with pytest.raises(
+        ValueError, match="pressure must be left out for StepHalving, which ends at an energy, got 1e-06"
+    ):
+        pm.jam(scene(16, seed=3), method=pm.StepHalving(), pressure=1e-6)
