@@ -198,6 +198,16 @@ def compiled_form(target: Callable[..., Any]) -> Callable[[F], F]:
     return register
 
 
+@contextlib.contextmanager
+def compile_clock() -> Iterator[Callable[[], float]]:
+    """Give a function that tells how many seconds of the time since were spent compiling [s]; 0 with a warm cache."""
+    from numba.core import event
+
+    clock = event.TimingListener()
+    with event.install_listener("numba:compile", clock):
+        yield lambda: float(clock.duration) if clock.done else 0.0
+
+
 def single_thread() -> AbstractContextManager[Any]:
     """Return a context in which BLAS uses one thread, so that sums have the same bits on every machine.
 

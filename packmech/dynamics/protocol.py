@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.compiled import compile_clock
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
 from packmech.dynamics.program import OUTCOME_OF, Minimizer, Program, Relaxation, build_program
@@ -95,14 +96,20 @@ class Protocol:
         figures = Figures()
         began = time.process_time()
         self.tell(name)
+        compiling = 0.0
         try:
-            yield figures
+            with compile_clock() as clock:
+                yield figures
+                compiling = clock()
         except KeyboardInterrupt:
             figures.note = figures.note or "interrupted"
             raise
         finally:
             seconds = time.process_time() - began
-            done = Stage(name, figures.residual, figures.steps, figures.force_evaluations, seconds, figures.note)
+            note = figures.note
+            if compiling > 0.1 * seconds:
+                note += f"; {compiling:.1f} s of it compiling, once for all runs"
+            done = Stage(name, figures.residual, figures.steps, figures.force_evaluations, seconds, note)
             self.stages.append(done)
             self.tell(
                 name, packing=self.last, residual=done.residual, steps=done.steps, seconds=seconds, note=done.note
