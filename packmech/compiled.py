@@ -13,6 +13,7 @@ import functools
 import hashlib
 import inspect
 import pathlib
+import re
 import types
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -29,6 +30,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 
 _PACKAGE = pathlib.Path(__file__).parent
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 
 @functools.cache
@@ -97,6 +99,11 @@ def _record_classes(numba_type: Any) -> Iterator[type]:
         yield from _record_classes(part)
 
 
+def _instructions(code: types.CodeType) -> str:
+    consts = [_instructions(one) if isinstance(one, types.CodeType) else repr(one) for one in code.co_consts]
+    return repr((code.co_code, consts, code.co_names))
+
+
 def _bindings(function: Any, seen: set[int]) -> Iterator[str]:
     """Yield what a function computes with besides its arguments: its code, and what its free names stand for."""
     function = getattr(function, "py_func", function)
@@ -104,7 +111,7 @@ def _bindings(function: Any, seen: set[int]) -> Iterator[str]:
     if code is None or id(code) in seen:
         return
     seen.add(id(code))
-    yield repr((code.co_code, code.co_consts, code.co_names, function.__defaults__, function.__kwdefaults__))
+    yield _instructions(code) + repr((function.__defaults__, function.__kwdefaults__))
     free = inspect.getclosurevars(function)
     for name, value in sorted({**free.globals, **free.nonlocals}.items()):
         if callable(getattr(value, "py_func", value)) and not isinstance(value, type):
@@ -115,13 +122,16 @@ def _bindings(function: Any, seen: set[int]) -> Iterator[str]:
 
 @functools.cache
 def _class_hash(cls: type) -> str:
-    parts = []
-    for name, value in sorted(vars(cls).items()):
-        if inspect.isfunction(value):
-            parts += [name, *_bindings(value, set())]
+    path = None
     with contextlib.suppress(OSError, TypeError):  # a class typed at the prompt has no file
-        parts.append(source_hash(pathlib.Path(inspect.getsourcefile(cls) or "")))
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        path = pathlib.Path(inspect.getsourcefile(cls) or "")
+    parts = [] if path is None else [source_hash(path)]
+    if path is None or _PACKAGE not in path.parents:
+        for name, value in sorted(vars(cls).items()):
+            if inspect.isfunction(value):
+                parts += [name, *_bindings(value, set())]
+    # where something lies in memory is no part of what it is
+    return hashlib.sha256(_ADDRESS.sub("", "\n".join(parts)).encode()).hexdigest()
 
 
 _TAKEN: dict[str, int] = {}

@@ -185,7 +185,9 @@ def _line(table: WorkPrecision, method: str) -> str:
     for quantity in (ONSET, SHEAR):
         try:
             fit = table.fit(method, quantity=quantity)
-            cells += [f"{fit.order:.2f}", f"{fit.floor:.0e}" if fit.floor else "not reached"]
+            exact = table.of(method)[-1].errors[quantity] == 0.0 and method == REFERENCE
+            floor = "it is the reference" if exact else f"{fit.floor:.0e}" if fit.floor else "not reached"
+            cells += [f"{fit.order:.2f}", floor]
         except ValueError:
             cells += ["-", "-"]
     for tolerance in (1e-3, 1e-9):
