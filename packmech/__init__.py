@@ -28,6 +28,7 @@ _PUBLIC = {
     "write_packing": "packmech.files",
     # scenes and effects
     "JamDrive": "packmech.scene",
+    "Links": "packmech.links",
     "QuenchDrive": "packmech.scene",
     "Scene": "packmech.scene",
     "list_scenes": "packmech.scene_file",

@@ -156,6 +156,8 @@ def tell_apart(cls: Any) -> None:
     under the same name, as happens at a prompt, would silently get the code of the law before it. And named tuples of
     two classes count as equal where their numbers are.
     """
+    if vars(cls).get("__eq__") is _equal:
+        return
     cls.__eq__, cls.__ne__, cls.__hash__ = _equal, _different, _hash
     name = cls.__qualname__.rpartition(".")[2]
     _TAKEN[name] = _TAKEN.get(name, 0) + 1

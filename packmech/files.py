@@ -35,7 +35,7 @@ from packmech.box import Box
 from packmech.check import instance
 from packmech.effects.laws import is_law, registered_laws
 from packmech.gsd_file import read_gsd, write_gsd
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 from packmech.records import from_table, kinds_of, to_table
 
 PathLike = str | os.PathLike[str]
@@ -104,6 +104,7 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
 
     """
     instance("packing", packing, Packing)
+    without_links("packing", packing)
     target = target_file(path)
     ending = _ending(target)
     if law is not None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, positive_array
+from packmech.links import Links
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
 DISCRETE_SIZES = 10
@@ -29,6 +30,8 @@ class Packing:
         (N,) radii [length].
     box
         The periodic box.
+    links
+        Rigid links between particles, if there are any.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class Packing:
     position_nd: NDArray[np.float64]
     radius_n: NDArray[np.float64]
     box: Box
+    links: Links | None = None
 
     def __post_init__(self) -> None:
         instance("box", self.box, Box)
@@ -56,16 +60,30 @@ class Packing:
         for name, array in (("position_nd", position), ("radius_n", radius)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if self.links is not None:
+            self._check_links(self.links)
+
+    def _check_links(self, links: Any) -> None:
+        instance("links", links, Links)
+        if not len(links):
+            object.__setattr__(self, "links", None)
+            return
+        if links.dimension != self.dimension:
+            raise ValueError(f"links must have images of {self.dimension} components, got {links.dimension}")
+        last = int(max(links.i_l.max(), links.j_l.max()))
+        if last >= self.particles:
+            raise ValueError(f"links must name particles below {self.particles}, got {last}")
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Packing) and (
             self.box == other.box
             and np.array_equal(self.position_nd, other.position_nd)
             and np.array_equal(self.radius_n, other.radius_n)
+            and self.links == other.links
         )
 
     def __hash__(self) -> int:
-        return hash((self.position_nd.tobytes(), self.radius_n.tobytes(), self.box))
+        return hash((self.position_nd.tobytes(), self.radius_n.tobytes(), self.box, self.links))
 
     @property
     def particles(self) -> int:
@@ -95,4 +113,28 @@ class Packing:
 
     def wrapped(self) -> Packing:
         """Return the same packing with every center inside the cell."""
-        return self.replace(position_nd=self.box.wrap(self.position_nd)[0])
+        position, image = self.box.wrap(self.position_nd)
+        links = None if self.links is None else self.links.moved(image)
+        return self.replace(position_nd=position, links=links)
+
+    @property
+    def link_error(self) -> float:
+        """Largest error of a link's length, over the larger of that and the mean diameter [1]; 0 without links."""
+        if self.links is None:
+            return 0.0
+        vector = self.links.vectors(self.position_nd, self.box.lattice_dd)
+        error = np.abs(np.sqrt((vector**2).sum(axis=1)) - self.links.length_l)
+        return float((error / np.maximum(self.links.length_l, self.diameter_n.mean())).max())
+
+
+def without_links(name: str, packing: Packing) -> None:
+    """Check that a packing has no rigid links, for calls that would ignore them.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and how many links came.
+
+    """
+    if packing.links is not None:
+        raise ValueError(f"{name} must have no links for this call, got {len(packing.links)}")

@@ -88,6 +88,12 @@ BAD = {
     "spread": [NAN, INF, 0.0, -1.0, "0", None],
     "ratios": [(), (1.0, -1.0), (1.0, NAN), "12", 3, None],
     "fractions": [(), (1.0,), (1.0, -1.0), (1.0, NAN), "12", 3, None],
+    "links": [3, "links", [[0, 1]]],
+    "i_l": [NAN, [NAN], [0.5], [-1], "i", None, [0, 1]],
+    "j_l": [NAN, [NAN], [0.5], [-1], "j", None, [0, 1]],
+    "image_ld": [NAN, [[NAN, 0.0]], [[0.5, 0.0]], [[0, 0, 0, 0]], "z", None],
+    "length_l": [NAN, [NAN], [0.0], [-1.0], "l", None, [1.0, 1.0]],
+    "shape_l": [[0], [True, True], "no"],
     # files
     "path": FILE,
     "description": [3, None],
@@ -195,6 +201,7 @@ def good(name, folder):
     ones = {
         "Box": {"lattice_dd": np.eye(2)},
         "Packing": {"position_nd": [[0.0, 0.0]], "radius_n": [0.5], "box": pm.Box.cubic(2.0, 2)},
+        "Links": {"i_l": [0], "j_l": [1], "image_ld": [[0, 0]], "length_l": [1.0]},
         "Mixture": {"ratios": (1.0, 2.0), "fractions": (1.0, 1.0)},
         "random_packing": {"particles": 4, "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "lattice_packing": {"name": "square"},

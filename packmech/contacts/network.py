@@ -124,6 +124,8 @@ def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension:
 def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
     """Return all touching pairs: gap <= gap_tolerance * (radius_i + radius_j), over every periodic image.
 
+    Linked pairs at the link's image, and pairs within a rigid cluster, are no contacts.
+
     Parameters
     ----------
     packing
@@ -150,4 +152,8 @@ def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
+    if packing.links is not None:
+        from packmech.contacts.excluded import Excluded
+
+        touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
     return contacts.select(touching)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.compiled import device, kernel
 from packmech.contacts.network import Contacts, find_contacts
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 
 # Two contacts opposite to within this angle [rad] count as exactly opposite, as in crystals: a third contact between
 # them could only be balanced by forces a hundred million times larger than itself.
@@ -163,6 +163,7 @@ def find_rattlers(
 
     """
     instance("packing", packing, Packing)
+    without_links("packing", packing)
     if contacts is None:
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     check_contacts(packing, contacts)

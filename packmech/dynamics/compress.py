@@ -21,7 +21,7 @@ from packmech.dynamics.soft_newton import SoftState, isochoric_part, judge, newt
 from packmech.dynamics.strain_fire import relax_strained
 from packmech.interrupts import safe_interrupts
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 from packmech.scene import Scene
 
 # first distance above the onset, and the largest ratio of successive ones
@@ -88,6 +88,7 @@ def compress(
 
     """
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     if isinstance(distances, str) or not isinstance(distances, Iterable):
         raise TypeError(f"distances must be a sequence of positive numbers, got {distances!r}")
     goals = np.sort(positive_array("distances", list(distances), shape=(None,), what="distance"))

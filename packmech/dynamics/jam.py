@@ -16,6 +16,7 @@ from packmech.dynamics.settings import check_manner
 from packmech.interrupts import safe_interrupts
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
+from packmech.packing import without_links
 from packmech.scene import Scene
 
 
@@ -101,6 +102,7 @@ def jam(
 
     """
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("fixed", "free"))
     tolerance = positive("force_tolerance", force_tolerance)

@@ -26,7 +26,7 @@ from packmech.measure import sum_forces
 from packmech.mechanics.bonds import bond_sums
 from packmech.mechanics.factor import Factorization, NotDefinite, factorize
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 from packmech.scene import Scene
 
 # Gauss-Legendre on [0, 1], exact for u' up to the fifth power of the distance
@@ -234,6 +234,7 @@ def polish(
 
     """
     instance("packing", packing, Packing)
+    without_links("packing", packing)
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("step_limit", step_limit, at_least=0)
     method = Newton() if method is None else method

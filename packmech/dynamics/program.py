@@ -29,7 +29,7 @@ from packmech.dynamics.method import Evaluation, Minimizer, Progress, Relaxation
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, strain_list
 from packmech.effects import pair_energy
 from packmech.outcome import Outcome
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 from packmech.scene import Scene
 
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
@@ -330,6 +330,7 @@ def build_program(scene: Scene) -> Program:
     """
     started = time.process_time()
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     packing = scene.packing
     effects = tuple(one for one in scene.effects if hasattr(type(one), "pair_energy"))
     if not effects:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms
+from packmech.packing import without_links
 from packmech.scene import Scene
 
 
@@ -99,6 +100,7 @@ def stress_tensor(scene: Scene) -> NDArray[np.float64]:
 
     """
     contacts, _, first = _terms(scene)
+    without_links("scene.packing", scene.packing)
     return contact_stress(contacts, first, scene.packing.box.volume)
 
 

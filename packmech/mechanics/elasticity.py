@@ -18,6 +18,7 @@ from packmech.mechanics.hessian import KINDS, bordered, closed_terms, scene_sums
 from packmech.mechanics.moduli import Moduli, cauchy_tangent, firm_inverse, with_infinities
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
+from packmech.packing import without_links
 from packmech.scene import Scene
 
 # eigenvalues below this fraction of their scale are zero: pinned Hessians of jammed packings stay above 1e-7
@@ -136,6 +137,7 @@ def elastic_moduli(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     one_of("kind", kind, KINDS)
     backbone = held_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     contacts = backbone.contacts

@@ -13,6 +13,7 @@ from packmech.measure import contact_stress
 from packmech.mechanics.bonds import BondSums, bond_sums
 from packmech.mechanics.rigidity import TOUCHING
 from packmech.mechanics.strain import isochoric_basis, mandel_vector, strain_components, trace_vector
+from packmech.packing import without_links
 from packmech.scene import Scene
 
 KINDS = ("exact", "paper", "unstressed")
@@ -95,6 +96,7 @@ def hessian(
 
     """
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     instance("strain", strain, bool)
     check_choices(kind, volume, volume_curvature)
     contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
@@ -162,6 +164,7 @@ def dynamical_matrix(
 
     """
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     instance("strain", strain, bool)
     check_choices(kind, volume, volume_curvature)
     mass = checked_masses(mass_n, scene.packing.particles)
@@ -231,6 +234,7 @@ def perturbation_energy(
 
     """
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     packing = scene.packing
     displacement = finite_array("displacement_nd", displacement_nd, shape=(packing.particles, packing.dimension))
     motion = displacement.ravel()

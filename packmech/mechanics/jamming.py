@@ -21,7 +21,7 @@ from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_stable
 from packmech.mechanics.touching import LEAST_GAP, Touching, backbone_contacts, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 from packmech.scene import Scene
 
 METHODS = ("certificate", "loads")
@@ -101,6 +101,7 @@ def classify_jamming(
     if isinstance(packing, Scene):
         packing = packing.packing
     instance("packing", packing, Packing)
+    without_links("packing", packing)
     one_of("method", method, METHODS)
     one_of("solver", solver, SOLVERS)
     one_of("volume", volume, VOLUMES)

@@ -26,6 +26,7 @@ from packmech.mechanics.hessian import (
 )
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
+from packmech.packing import without_links
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
@@ -161,6 +162,7 @@ def normal_modes(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
+    without_links("scene.packing", scene.packing)
     instance("strain", strain, bool)
     check_choices(kind, volume, volume_curvature)
     one_of("method", method, METHODS)

@@ -10,7 +10,7 @@ from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import check_contacts
 from packmech.mechanics.strain import normal_strains
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
 TOUCHING = 1e-9
@@ -19,6 +19,7 @@ TOUCHING = 1e-9
 def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float) -> Contacts:
     """Return the given contacts after checking that they fit the packing, or else those within the gap tolerance."""
     instance("packing", packing, Packing)
+    without_links("packing", packing)
     if contacts is None:
         return find_contacts(packing, gap_tolerance=gap_tolerance)
     check_contacts(packing, contacts)

@@ -1,0 +1,191 @@
+"""Rigid links: distances between particles that never change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.csgraph import connected_components
+
+from packmech.check import finite_array, positive_array
+
+
+def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
+    array = finite_array(name, value, shape=shape, what="link")
+    whole = np.rint(array).astype(np.int64)
+    wrong = np.argwhere(whole != array)
+    if len(wrong):
+        first = tuple(int(k) for k in wrong[0])
+        raise ValueError(f"{name} must hold whole numbers, got {array[first]} for link {first[0]}")
+    return whole
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Links of a packing: |x_j - x_i + lattice @ image| = length. Each once, sorted by (i, j, image).
+
+    A link's image vector is a part of its state, never found anew: a link may be longer than half the box, and a chain
+    may wind around it.
+
+    Parameters
+    ----------
+    i_l, j_l
+        (L,) particles. Links are stored with i < j, or i == j and the image's first nonzero component positive.
+    image_ld
+        (L, d) integer vectors, for the positions as they stand in the packing.
+    length_l
+        (L,) lengths [length].
+    shape_l
+        (L,) which links hold an angle or a shape and are no bond of the molecule: they may be crossed by others, and
+        are drawn apart. None: none does.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument and the link: not whole numbers, a length that is not positive, a particle linked to
+        itself without an image, two links of one pair.
+
+    Examples
+    --------
+    >>> links = Links([1, 1], [0, 2], [[0, 0], [0, 1]], [1.0, 1.4])
+    >>> links.i_l.tolist(), links.j_l.tolist(), links.image_ld.tolist()
+    ([0, 1], [1, 2], [[0, 0], [0, 1]])
+
+    """
+
+    i_l: NDArray[np.int64]
+    j_l: NDArray[np.int64]
+    image_ld: NDArray[np.int64]
+    length_l: NDArray[np.float64]
+    shape_l: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        i, j = (_whole_numbers(name, getattr(self, name), (None,)) for name in ("i_l", "j_l"))
+        if len(j) != len(i):
+            raise ValueError(f"i_l and j_l must have one entry per link, got {len(i)} and {len(j)}")
+        image = _whole_numbers("image_ld", self.image_ld, (len(i), None))
+        length = positive_array("length_l", self.length_l, shape=(None,), what="link")
+        given = np.zeros(len(i), dtype=bool) if self.shape_l is None else np.array(self.shape_l)
+        if given.dtype != bool or given.ndim != 1:
+            raise TypeError(f"shape_l must hold truth values, got {self.shape_l!r}")
+        for name, array in (("length_l", length), ("shape_l", given)):
+            if len(array) != len(i):
+                raise ValueError(f"{name} must have one entry per link ({len(i)}), got {len(array)}")
+        if image.shape[1] not in (2, 3):
+            raise ValueError(f"image_ld must have two or three components, got {image.shape[1]}")
+        for name, array in (("i_l", i), ("j_l", j)):
+            if len(i) and array.min() < 0:
+                raise ValueError(f"{name} must not be negative, got {array.min()} for link {array.argmin()}")
+        lead = image[np.arange(len(i)), (image != 0).argmax(axis=1)]
+        if ((i == j) & (lead == 0)).any():
+            k = int(np.flatnonzero((i == j) & (lead == 0))[0])
+            raise ValueError(f"image_ld must not be zero for a link of a particle with itself, got link {k}")
+        flip = (i > j) | ((i == j) & (lead < 0))
+        i, j = np.where(flip, j, i), np.where(flip, i, j)
+        image = np.where(flip[:, None], -image, image)
+        order = np.lexsort((*image.T[::-1], j, i))
+        parts = (i[order], j[order], image[order], length[order], given[order])
+        key = np.column_stack(parts[:3])
+        twice = np.flatnonzero((key[1:] == key[:-1]).all(axis=1))
+        if len(twice):
+            k = int(twice[0])
+            pair = f"{parts[0][k]}-{parts[1][k]} at image {parts[2][k].tolist()}"
+            raise ValueError(f"links must name each pair once, got {pair} twice")
+        for name, array in zip(("i_l", "j_l", "image_ld", "length_l", "shape_l"), parts, strict=True):
+            array = np.ascontiguousarray(array)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.i_l)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Links) and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("i_l", "j_l", "image_ld", "length_l", "shape_l")
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.i_l.tobytes(), self.j_l.tobytes(), self.image_ld.tobytes(), self.length_l.tobytes()))
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes, 2 or 3."""
+        return int(self.image_ld.shape[1])
+
+    def select(self, keep_l: ArrayLike) -> Links:
+        """Return the links that a boolean mask or an index array names."""
+        keep = np.asarray(keep_l)
+        assert self.shape_l is not None
+        return Links(self.i_l[keep], self.j_l[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
+
+    def scaled(self, factor: float) -> Links:
+        """Return the links with every length multiplied by the factor."""
+        return Links(self.i_l, self.j_l, self.image_ld, factor * self.length_l, self.shape_l)
+
+    def moved(self, image_nd: NDArray[np.int64]) -> Links:
+        """Return the same links after the particles were moved: x = new x + lattice @ image."""
+        image = self.image_ld + image_nd[self.j_l] - image_nd[self.i_l]
+        return Links(self.i_l, self.j_l, image, self.length_l, self.shape_l)
+
+    def numbered(self, number_n: NDArray[np.int64]) -> Links:
+        """Return the links with particles renumbered; links of a particle with a negative number are left out."""
+        i, j = number_n[self.i_l], number_n[self.j_l]
+        keep = (i >= 0) & (j >= 0)
+        assert self.shape_l is not None
+        return Links(i[keep], j[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
+
+    def vectors(self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (L, d) vectors from i to j [length]."""
+        vector: NDArray[np.float64] = position_nd[self.j_l] - position_nd[self.i_l] + self.image_ld @ lattice_dd.T
+        return vector
+
+    def clusters(self, particles: int) -> NDArray[np.int64]:
+        """Return the (N,) number of the cluster of each particle; clusters count up by their smallest particle."""
+        ones = np.ones(len(self.i_l))
+        _, label = connected_components(
+            sp.coo_array((ones, (self.i_l, self.j_l)), shape=(particles, particles)), directed=False
+        )
+        return number_by_first(label)
+
+
+def number_by_first(label_n: NDArray[Any]) -> NDArray[np.int64]:
+    """Return labels 0, 1, .. in the order in which they first occur."""
+    _, first, inverse = np.unique(label_n, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[inverse.reshape(-1)]
+
+
+def image_offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return (N, d) integer vectors that unwrap every cluster, and (N,) whether its cluster winds around the box.
+
+    x + lattice @ offset has each cluster in one piece along a spanning tree of its links. A cluster winds where the
+    links' images do not close around some ring.
+    """
+    offset = np.zeros((particles, links.dimension), dtype=np.int64)
+    graph: list[list[tuple[int, int, int]]] = [[] for _ in range(particles)]
+    for k, (i, j) in enumerate(zip(links.i_l.tolist(), links.j_l.tolist(), strict=True)):
+        graph[i].append((j, k, 1))
+        graph[j].append((i, k, -1))
+    seen = np.zeros(particles, dtype=bool)
+    for start in range(particles):
+        if seen[start] or not graph[start]:
+            continue
+        seen[start] = True
+        stack = [start]
+        while stack:
+            here = stack.pop()
+            for there, k, sign in graph[here]:
+                if not seen[there]:
+                    seen[there] = True
+                    offset[there] = offset[here] + sign * links.image_ld[k]
+                    stack.append(there)
+    ring = (links.image_ld + offset[links.i_l] - offset[links.j_l]).any(axis=1)
+    cluster = links.clusters(particles)
+    winding = np.zeros(particles, dtype=bool)
+    winding[:] = np.isin(cluster, cluster[links.i_l[ring]])
+    return offset, winding
