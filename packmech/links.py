@@ -65,7 +65,7 @@ class Links:
     def __post_init__(self) -> None:
         i, j = (_whole_numbers(name, getattr(self, name), (None,)) for name in ("i_l", "j_l"))
         if len(j) != len(i):
-            raise ValueError(f"i_l and j_l must have one entry per link, got {len(i)} and {len(j)}")
+            raise ValueError(f"j_l must have as many entries as i_l ({len(i)}), got {len(j)}")
         image = _whole_numbers("image_ld", self.image_ld, (len(i), None))
         length = positive_array("length_l", self.length_l, shape=(None,), what="link")
         given = np.zeros(len(i), dtype=bool) if self.shape_l is None else np.array(self.shape_l)
