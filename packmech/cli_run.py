@@ -48,7 +48,11 @@ def jam_scene(name: str, outputs: Outputs, *, seed: int | None, pressure: float 
     outputs.check()
     scene = read_scene(name, seed=seed)
     drive = scene.drive if isinstance(scene.drive, JamDrive) else JamDrive()
-    drive = replace(drive, pressure=drive.pressure if pressure is None else pressure, strain=strain or drive.strain)
+    drive = replace(
+        drive,
+        pressure=drive.pressure if pressure is None else pressure,
+        strain=drive.strain if strain is None else strain,
+    )
     return _run_and_report(name, scene.replace(drive=drive), outputs, {"scene": name, "seed": seed})
 
 

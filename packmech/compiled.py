@@ -12,10 +12,9 @@ import contextlib
 import functools
 import hashlib
 import inspect
+import itertools
 import pathlib
-import re
-import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
@@ -24,13 +23,14 @@ from numba.core.caching import FunctionCache
 from numba.core.typing import signature
 from numba.extending import overload, register_jitable
 
+from packmech.meaning import meaning, written_name
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 # contraction to fused multiply-add and no signed zeros; everything else stays IEEE, so infinities and NaN are seen
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 
 _PACKAGE = pathlib.Path(__file__).parent
-_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 
 @functools.cache
@@ -99,42 +99,15 @@ def _record_classes(numba_type: Any) -> Iterator[type]:
         yield from _record_classes(part)
 
 
-def _instructions(code: types.CodeType) -> str:
-    consts = [_instructions(one) if isinstance(one, types.CodeType) else repr(one) for one in code.co_consts]
-    return repr((code.co_code, consts, code.co_names))
-
-
-def _bindings(function: Any, seen: set[int]) -> Iterator[str]:
-    """Yield what a function computes with besides its arguments: its code, and what its free names stand for."""
-    function = getattr(function, "py_func", function)
-    code = getattr(function, "__code__", None)
-    if code is None or id(code) in seen:
-        return
-    seen.add(id(code))
-    yield _instructions(code) + repr((function.__defaults__, function.__kwdefaults__))
-    free = inspect.getclosurevars(function)
-    for name, value in sorted({**free.globals, **free.nonlocals}.items()):
-        if callable(getattr(value, "py_func", value)) and not isinstance(value, type):
-            yield from _bindings(value, seen)
-        elif not isinstance(value, types.ModuleType):
-            yield f"{name} = {value!r}"
-
-
 @functools.cache
-def _class_hash(cls: type) -> str:
+def _class_hash(cls: type) -> str | None:
     path = None
     with contextlib.suppress(OSError, TypeError):  # a class typed at the prompt has no file
         path = pathlib.Path(inspect.getsourcefile(cls) or "")
-    parts = [] if path is None else [source_hash(path)]
-    if path is None or _PACKAGE not in path.parents:
-        for name, value in sorted(vars(cls).items()):
-            if inspect.isfunction(value):
-                parts += [name, *_bindings(value, set())]
-    # where something lies in memory is no part of what it is
-    return hashlib.sha256(_ADDRESS.sub("", "\n".join(parts)).encode()).hexdigest()
-
-
-_TAKEN: dict[str, int] = {}
+    if path is not None and _PACKAGE in path.parents:
+        return source_hash(path)
+    told = meaning(cls)
+    return None if told is None else hashlib.sha256(told.encode()).hexdigest()
 
 
 def _equal(self: Any, other: object) -> bool:
@@ -149,6 +122,14 @@ def _hash(self: Any) -> int:
     return hash((type(self), tuple.__hash__(self)))
 
 
+def _repr(self: Any) -> str:
+    fields = ", ".join(f"{name}={value!r}" for name, value in zip(self._fields, self, strict=True))
+    return f"{written_name(type(self))}({fields})"
+
+
+_TAKEN: set[str] = set()
+
+
 def tell_apart(cls: Any) -> None:
     """Give a record class a `__name__` of its own (`__qualname__` stays as written) and make its records no others'.
 
@@ -158,23 +139,39 @@ def tell_apart(cls: Any) -> None:
     """
     if vars(cls).get("__eq__") is _equal:
         return
-    cls.__eq__, cls.__ne__, cls.__hash__ = _equal, _different, _hash
-    name = cls.__qualname__.rpartition(".")[2]
-    _TAKEN[name] = _TAKEN.get(name, 0) + 1
-    if _TAKEN[name] > 1:
-        cls.__name__ = f"{name}_{_TAKEN[name]}"
+    cls.__eq__, cls.__ne__, cls.__hash__, cls.__repr__ = _equal, _different, _hash, _repr
+    names = itertools.chain([written_name(cls)], (f"{written_name(cls)}_{n}" for n in itertools.count(2)))
+    cls.__name__ = next(name for name in names if name not in _TAKEN)
+    _TAKEN.add(cls.__name__)
+
+
+def own_name(what: str, cls: type, known: Iterable[type]) -> None:
+    """Refuse a user's class under the name of one that ships: files name laws and effects by their class names."""
+    shipped = {written_name(one) for one in known if one.__module__.startswith("packmech.") and one is not cls}
+    if written_name(cls) in shipped and not cls.__module__.startswith("packmech."):
+        raise ValueError(f"{what} must have a name that none of packmech's has, got {written_name(cls)}")
 
 
 class _SourceCache(FunctionCache):  # type: ignore[misc]
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         path = pathlib.Path(inspect.getsourcefile(self._py_func) or "")
         classes = {cls for part in sig for cls in _record_classes(part)}
-        named = sorted((cls.__module__, cls.__qualname__, _class_hash(cls)) for cls in classes)
+        named = sorted((cls.__module__, cls.__qualname__, _class_hash(cls) or "") for cls in classes)
         # The signature as text: numba unpickles the whole index to find one entry, and a type that holds a user's law
         # would do so by importing the user's file, in processes that know nothing of it and may not find it.
         return (str(sig), *super()._index_key(sig, codegen)[1:], source_hash(path), *named)
 
+    def _kept(self, sig: Any) -> bool:
+        """Whether the code may be on disk: not where it is unknown what a user's law computes with."""
+        return all(_class_hash(cls) is not None for part in sig for cls in _record_classes(part))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if self._kept(sig):
+            super().save_overload(sig, data)
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        if not self._kept(sig):
+            return None
         found = super().load_overload(sig, target_context)
         if found is None or tuple(found.signature.args) == tuple(sig):
             return found

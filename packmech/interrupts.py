@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,18 +21,29 @@ def safe_interrupts() -> Iterator[None]:
     What follows an exception inside numba are senseless errors in calls that were right, and now and then the end of
     the process without a word. Outside the main thread nothing is changed.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+    # who ignores Ctrl-C, or handles it beyond Python, goes on doing so
+    if not callable(before):
+        yield
+        return
+    waiting = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal waiting
         if not _delicate(frame):
-            raise KeyboardInterrupt
+            before(number, frame)
+            return
+        if not waiting:
+            waiting = True
+            print("packmech: stopping when this piece of machine code is compiled", file=sys.stderr, flush=True)
         later = threading.Timer(_AGAIN_SECONDS, signal.raise_signal, (number,))
         later.daemon = True
         later.start()
 
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGINT, interrupt)
     try:
         yield
     finally:

@@ -13,6 +13,8 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from packmech.meaning import written_name
+
 Kinds = Mapping[str, type]
 
 _WORD = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -24,7 +26,7 @@ def kind_of(cls: type) -> str:
     >>> kind_of(type("RepulsiveLennardJones", (), {}))
     'repulsive-lennard-jones'
     """
-    return _WORD.sub("-", cls.__qualname__.rpartition(".")[2]).lower()
+    return _WORD.sub("-", written_name(cls)).lower()
 
 
 def kinds_of(classes: Iterable[type]) -> dict[str, type]:

@@ -26,13 +26,16 @@ class QuenchDrive:
     def __post_init__(self) -> None:
         positive("drive.force_tolerance", self.force_tolerance)
         _record_or_none("drive.method", self.method)
+        if hasattr(self.method, "follow"):
+            raise TypeError(f"drive.method must be a minimizer such as Fire() or None, got {self.method!r}")
 
 
 @dataclass(frozen=True)
 class JamDrive:
     """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d].
 
-    `strain` says whether the box keeps its shape ("fixed") or every strain is free. `pressure` and `method` are what
+    `packmech run` and `packmech jam` do so; pm.jam is told the same by its arguments, and reads no drive. `strain` says
+    whether the box keeps its shape ("fixed") or every strain is free. `pressure` and `method` are what
     pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
     """
 
@@ -45,6 +48,12 @@ class JamDrive:
             positive("drive.pressure", self.pressure)
         one_of("drive.strain", self.strain, ("fixed", "free"))
         _record_or_none("drive.method", self.method)
+        if self.method is not None and not hasattr(self.method, "follow"):
+            raise TypeError(f"drive.method must be a protocol such as HardVertex() or None, got {self.method!r}")
+        if self.pressure is not None and hasattr(self.method, "energy_tolerance"):
+            raise ValueError(
+                f"drive.pressure must be left out for a method that ends at an energy, got {self.pressure!r}"
+            )
 
 
 Drive = QuenchDrive | JamDrive

@@ -20,8 +20,9 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     kind = "jam"
     pressure = 1e-8
     strain = "free"
-    method = { kind = "step-halving", increment = 1e-3 }          # optional, without a pressure here: as in pm.jam
+    method = { kind = "decompression", factor = 0.3 }             # optional: what pm.jam takes as its method
 
+The other drive is `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient".
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`; `file` takes a `path`, relative to the scene
 file; `inline` takes `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line.
 """

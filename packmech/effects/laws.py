@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from packmech.compiled import compiled_form, device, tell_apart
+from packmech.compiled import compiled_form, device, own_name, tell_apart
 
 
 class Law(Protocol):
@@ -89,6 +89,7 @@ def law(cls: L) -> L:
             raise TypeError(f"law {cls.__name__}.{name} must take (self, distance, contact_distance)")
     if not {"energy_scale", "stiffness"} & set(cls._fields):
         raise TypeError(f"law {cls.__name__} must have a field energy_scale or stiffness, got {cls._fields}")
+    own_name("law", cls, _COMPILED)
     tell_apart(cls)
     _COMPILED[cls] = {name: device(vars(cls)[name]) for name in _METHODS}
     return cls

@@ -22,7 +22,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.compiled import compiled_form, device, kernel, tell_apart
+from packmech.compiled import compiled_form, device, kernel, own_name, tell_apart
 
 E = TypeVar("E", bound=type)
 
@@ -63,6 +63,7 @@ def effect(cls: E) -> E:
     for name, function in hooks.items():
         if len(inspect.signature(function).parameters) != _HOOKS[name]:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
+    own_name("effect", cls, _COMPILED)
     tell_apart(cls)
     _COMPILED[cls] = {name: device(function) for name, function in hooks.items()}
     return cls

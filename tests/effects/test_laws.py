@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech import compiled
 from packmech.effects import contact_terms, energy_scale_of
+from packmech.meaning import meaning
 
 GOLDEN = json.loads((pathlib.Path(__file__).parents[1] / "golden" / "potentials.json").read_text())
 GOLDEN_LAWS = {"spring2": pm.Harmonic(), "hertz2.5": pm.Hertz(), "rlj": pm.RepulsiveLennardJones()}
@@ -197,9 +197,51 @@ def test_a_law_defined_again_under_its_name_is_the_new_law():
         assert terms.first_c[0] == pytest.approx(-exponent * 0.5 ** (exponent - 1.0), rel=1e-14)
 
 
-def test_code_on_disk_is_told_apart_by_what_a_laws_formulas_refer_to():
-    assert compiled._class_hash(monomial(2.0)) == compiled._class_hash(monomial(2.0))
-    assert compiled._class_hash(monomial(2.0)) != compiled._class_hash(monomial(3.0))
+def scaled_by(make):
+    """Return a class with a method that computes with whatever `make` returns."""
+    value = make()
+
+    class Scaled:
+        def energy(self, distance):
+            return (lambda: value(distance) if callable(value) else value * distance)()
+
+    return Scaled
+
+
+def factor(size):
+    return lambda distance: size * distance
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (lambda: 1.0, lambda: 1.0 + 1e-15),
+        (lambda: (1.0, 2.0), lambda: (1.0, 3.0)),
+        (lambda: np.array([1.0]), lambda: np.array([1.0 + 1e-9])),
+        (lambda: np.zeros(2000), lambda: np.eye(1, 2000, 900)[0]),
+        (lambda: factor(1.0), lambda: factor(2.0)),
+        (lambda: np.sin, lambda: np.cos),
+    ],
+    ids=["number", "tuple", "array", "long array", "function of a factory", "ufunc"],
+)
+def test_code_on_disk_is_told_apart_by_what_a_laws_formulas_refer_to(one, other):
+    assert meaning(scaled_by(one)) == meaning(scaled_by(one)) is not None
+    assert meaning(scaled_by(one)) != meaning(scaled_by(other))
+
+
+@pytest.mark.parametrize("value", [json, object(), {}, [1.0]], ids=["module", "object", "dict", "list"])
+def test_code_that_refers_to_what_may_change_is_not_kept_on_disk(value):
+    assert meaning(scaled_by(lambda: value)) is None
+
+
+def test_a_law_cannot_take_the_name_of_one_that_ships():
+    # files name laws by their classes
+    with pytest.raises(ValueError, match="law must have a name that none of packmech's has, got Harmonic"):
+        pm.law(named_tuple("Harmonic", energy=no_op, first=no_op, second=no_op))
+
+
+def test_a_law_defined_again_shows_the_name_it_was_given():
+    assert repr(monomial(2.0)(3.0)) == repr(monomial(2.0)(3.0)) == "Monomial(energy_scale=3.0)"
 
 
 def test_laws_and_effects_of_two_kinds_are_never_equal():
