@@ -45,6 +45,8 @@ _PUBLIC = {
     "law": "packmech.effects",
     # contacts
     "Contacts": "packmech.contacts",
+    "Crossings": "packmech.contacts",
+    "crossing_links": "packmech.contacts",
     "find_contacts": "packmech.contacts",
     "find_rattlers": "packmech.contacts",
     "remove_rattlers": "packmech.contacts",
