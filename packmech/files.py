@@ -205,9 +205,9 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
+    if not zipfile.is_zipfile(path):  # numpy would take it for pickled objects
+        raise ValueError(f"{path.name} is not a .npz file")
     with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise ValueError("it is one array, not an archive of named arrays")
         arrays = {name: archive[name] for name in archive.files}
     version = arrays.get("format_version", np.array(_FORMAT_VERSION))
     if version.shape != () or version > _FORMAT_VERSION:

@@ -220,7 +220,10 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("jam", "--out", "packing.docx"), "packmech: path must end in one of"),
         (("jam", "--json", "no/such/folder.json"), "packmech: path must lie in an existing folder"),
         (("analyze", "missing.npz"), "packmech: path must name an existing file, got 'missing.npz'"),
-        (("analyze", "text.npz"), "packmech: path must name a readable packing, got 'text.npz'"),
+        (
+            ("analyze", "text.npz"),
+            "packmech: path must name a readable packing, got 'text.npz': text.npz is not a .npz file",
+        ),
         (("analyze", "nan.txt"), "position_nd must be finite"),
         (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
         (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
