@@ -38,6 +38,8 @@ class Outputs:
         for path in (self.record, self.out, self.json):
             if path is not None:
                 target_file(path, packing=path is self.out)
+        if self.record is not None and self.record.suffix != ".rrd":  # the viewer goes by the ending
+            raise ValueError(f"record must be a file name ending in .rrd, got {str(self.record)!r}")
         integer("modes", self.modes, at_least=0)
 
 

@@ -219,6 +219,7 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("jam", "--strain", "loose"), "packmech: drive.strain must be one of 'fixed', 'free', got 'loose'"),
         (("jam", "--out", "packing.docx"), "packmech: path must end in one of"),
         (("jam", "--json", "no/such/folder.json"), "packmech: path must lie in an existing folder"),
+        (("jam", "--record", "x.png"), "packmech: record must be a file name ending in .rrd, got 'x.png'"),
         (("analyze", "missing.npz"), "packmech: path must name an existing file, got 'missing.npz'"),
         (
             ("analyze", "text.npz"),
