@@ -1,0 +1,388 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Links in compiled loops: their Jacobian, its factored normal matrix, projections and Newton's way back to lengths.
+
+Omega has one column per link, the gradient n (delta_jk - delta_ik) of its length (equation 4 of the polymer source,
+n = v / |v|). Projections need A = Omega^T W Omega with the inverse masses W. Clusters share no particle, so A is block
+diagonal, and within a cluster two links couple only at a common particle. Links are put in an order that follows the
+cluster (reverse Cuthill and McKee), in which the factor of A stays inside the envelope of A: two numbers a link for
+a chain or a ring. That structure is found once for a set of links; every configuration refills numbers only.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from packmech.compiled import device, kernel
+from packmech.links import Links
+
+# a link whose gradient lies, to this square of the sine, in the span of the links before it, takes no part in solves
+DEPENDENT = 1e-12
+# rates of links below this many units of rounding of the largest force are zero
+_AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
+_MOST_PASSES = 4
+
+
+class LinkSystem(NamedTuple):
+    """Links compiled for projections: arrays only, so that kernels take it as one argument.
+
+    Index r counts links in the order of elimination; `order_r` is the place of each among the packing's links. The
+    arrays of the last group are working space that `refill` and the others overwrite.
+
+    Attributes
+    ----------
+    axes
+        A tuple as long as the dimension.
+    order_r, i_r, j_r, image_rd, length_r, scale_r
+        Links in the order of elimination; scale is the larger of the length and the mean diameter [length].
+    inverse_mass_n
+        (N,) inverse masses.
+    row_e, column_e, particle_e
+        Pairs of links row > column that share a particle.
+    slot_e, sign_e
+        Where the pair stands in the envelope, and +1 or -1 as both links point alike at the particle.
+    first_r, start_r
+        First column of each row of the envelope, and its place in `factor`.
+    normal_rd, distance_r, error_r
+        Unit vectors, distances and distances less lengths at the last refill.
+    factor, inverse_pivot_r
+        The Cholesky factor of A by rows (its diagonal inverted apart; 0 for a dependent link).
+    multiplier_r
+        Working space of the solves.
+
+    """
+
+    axes: tuple[int, ...]
+    order_r: NDArray[np.int64]
+    i_r: NDArray[np.int64]
+    j_r: NDArray[np.int64]
+    image_rd: NDArray[np.float64]
+    length_r: NDArray[np.float64]
+    scale_r: NDArray[np.float64]
+    inverse_mass_n: NDArray[np.float64]
+    row_e: NDArray[np.int64]
+    column_e: NDArray[np.int64]
+    particle_e: NDArray[np.int64]
+    slot_e: NDArray[np.int64]
+    sign_e: NDArray[np.float64]
+    first_r: NDArray[np.int64]
+    start_r: NDArray[np.int64]
+    normal_rd: NDArray[np.float64]
+    distance_r: NDArray[np.float64]
+    error_r: NDArray[np.float64]
+    factor: NDArray[np.float64]
+    inverse_pivot_r: NDArray[np.float64]
+    multiplier_r: NDArray[np.float64]
+
+
+def elimination_order(links: Links, particles: int) -> NDArray[np.int64]:
+    """Return an order of the links that goes through one cluster after another, along each.
+
+    Examples
+    --------
+    >>> chain = Links([0, 0, 1], [2, 3, 3], [[0, 0]] * 3, [1.0] * 3)
+    >>> [(int(chain.i_l[k]), int(chain.j_l[k])) for k in elimination_order(chain, 4)]
+    [(0, 2), (0, 3), (1, 3)]
+
+    """
+    ones = np.ones(2 * len(links))
+    ends = np.concatenate([links.i_l, links.j_l]), np.concatenate([links.j_l, links.i_l])
+    graph = sp.csr_array((ones, ends), shape=(particles, particles))
+    rank = np.empty(particles, dtype=np.int64)
+    rank[reverse_cuthill_mckee(sp.csr_matrix(graph), symmetric_mode=True)] = np.arange(particles)
+    low = np.minimum(rank[links.i_l], rank[links.j_l])
+    high = np.maximum(rank[links.i_l], rank[links.j_l])
+    order: NDArray[np.int64] = np.lexsort((low, high, links.clusters(particles)[links.i_l]))
+    return order
+
+
+def make_link_system(
+    links: Links,
+    particles: int,
+    dimension: int,
+    *,
+    mean_diameter: float = 0.0,
+    mass_n: NDArray[np.float64] | None = None,
+) -> LinkSystem:
+    """Return the links compiled for projections: the structure only, `refill` puts the numbers in.
+
+    Parameters
+    ----------
+    links
+        The links, for the rows of the positions that the other functions will get.
+    particles, dimension
+        Number of particles and of Cartesian axes.
+    mean_diameter
+        Errors of a link are relative to the larger of its length and this [length].
+    mass_n
+        (N,) masses; equal when left out.
+
+    Examples
+    --------
+    >>> chain = Links([0, 1], [1, 2], [[0, 0]] * 2, [1.0, 1.0])
+    >>> system = make_link_system(chain, 3, 2)
+    >>> position = np.array([[0.0, 0.0], [1.1, 0.0], [1.1, 1.0]])
+    >>> iterations, error, _ = reaffix_links(system, position, 9.0 * np.eye(2), 1e-14, 9)
+    >>> bool(error < 1e-14), bool(np.allclose(np.linalg.norm(np.diff(position, axis=0), axis=1), 1.0))
+    (True, True)
+
+    """
+    order = elimination_order(links, particles)
+    count = len(order)
+    i, j = links.i_l[order], links.j_l[order]
+    # a link of a particle with its own image does not change when the particle moves: it couples to no other link
+    apart = np.flatnonzero(i != j)
+    place = np.concatenate([i[apart], j[apart]])
+    link = np.concatenate([apart, apart])
+    sign = np.concatenate([-np.ones(len(apart)), np.ones(len(apart))])
+    by_place = np.lexsort((link, place))
+    place, link, sign = place[by_place], link[by_place], sign[by_place]
+    pairs: list[tuple[NDArray[np.int64], ...]] = []
+    products: list[NDArray[np.float64]] = []
+    offset = 1
+    while True:
+        same = np.flatnonzero(place[offset:] == place[: len(place) - offset])
+        if not len(same):
+            break
+        pairs.append((link[same + offset], link[same], place[same]))
+        products.append(sign[same + offset] * sign[same])
+        offset += 1
+    none = (np.empty(0, dtype=np.int64),) * 3
+    row, column, shared = (np.concatenate(part) for part in zip(none, *pairs, strict=True))
+    first = np.arange(count)
+    np.minimum.at(first, row, column)
+    start = np.concatenate([[0], np.cumsum(np.arange(count) - first)])
+    d = dimension
+    scale = np.maximum(links.length_l[order], mean_diameter)
+    inverse = np.ones(particles) if mass_n is None else 1.0 / mass_n
+    return LinkSystem(
+        axes=(0,) * d, order_r=order, i_r=i, j_r=j, image_rd=links.image_ld[order].astype(np.float64),
+        length_r=links.length_l[order], scale_r=scale, inverse_mass_n=inverse,
+        row_e=row, column_e=column, particle_e=shared, slot_e=start[row] + column - first[row],
+        sign_e=np.concatenate([np.empty(0), *products]), first_r=first, start_r=start,
+        normal_rd=np.zeros((count, d)), distance_r=np.zeros(count), error_r=np.zeros(count),
+        factor=np.zeros(int(start[-1])), inverse_pivot_r=np.zeros(count), multiplier_r=np.zeros(count),
+    )  # fmt: skip
+
+
+@device
+def measure(system, position, lattice):
+    """Set unit vectors, distances and errors of the links; return the largest error over the link's scale."""
+    axes, image, normal = system.axes, system.image_rd, system.normal_rd
+    d = len(axes)
+    worst = 0.0
+    for r in range(system.i_r.shape[0]):
+        i, j = system.i_r[r], system.j_r[r]
+        square = 0.0
+        for a in range(d):
+            part = position[j, a] - position[i, a]
+            for b in range(d):
+                part += lattice[a, b] * image[r, b]
+            normal[r, a] = part
+            square += part * part
+        distance = math.sqrt(square)
+        for a in range(d):
+            normal[r, a] /= distance
+        system.distance_r[r] = distance
+        error = distance - system.length_r[r]
+        system.error_r[r] = error
+        relative = abs(error) / system.scale_r[r]
+        if not relative <= worst:
+            worst = relative
+    return worst
+
+
+@device
+def factorize_links(system):
+    """Factor A at the last measured configuration; return the smallest relative pivot and the number of links left out.
+
+    The relative pivot of a link is the squared sine of the angle between its gradient and those of the links before
+    it. Links below DEPENDENT are left out: they get no multiplier, so that projections hold for redundant links too.
+    """
+    axes, normal, factor, weight = system.axes, system.normal_rd, system.factor, system.inverse_mass_n
+    first_r, start_r, inverse_r = system.first_r, system.start_r, system.inverse_pivot_r
+    d = len(axes)
+    for k in range(factor.shape[0]):
+        factor[k] = 0.0
+    for e in range(system.row_e.shape[0]):
+        r, c = system.row_e[e], system.column_e[e]
+        product = 0.0
+        for a in range(d):
+            product += normal[r, a] * normal[c, a]
+        factor[system.slot_e[e]] += system.sign_e[e] * weight[system.particle_e[e]] * product
+    smallest, dependent = 1.0, 0
+    for r in range(system.i_r.shape[0]):
+        first, own = first_r[r], start_r[r] - first_r[r]
+        whole = 0.0
+        if system.i_r[r] != system.j_r[r]:
+            whole = weight[system.i_r[r]] + weight[system.j_r[r]]
+        rest = whole
+        for c in range(first, r):
+            other = start_r[c] - first_r[c]
+            value = factor[own + c]
+            for k in range(max(first, first_r[c]), c):
+                value -= factor[own + k] * factor[other + k]
+            value *= inverse_r[c]
+            factor[own + c] = value
+            rest -= value * value
+        # written so that a pivot that is not a number counts as none
+        if rest > DEPENDENT * whole:
+            inverse_r[r] = 1.0 / math.sqrt(rest)
+            smallest = min(smallest, rest / whole)
+        else:
+            inverse_r[r] = 0.0
+            smallest = 0.0
+            dependent += 1
+    return smallest, dependent
+
+
+@device
+def solve_links(system, value_r):
+    """Set value = A^-1 value, in the order of elimination."""
+    factor, first_r, start_r, inverse_r = system.factor, system.first_r, system.start_r, system.inverse_pivot_r
+    count = value_r.shape[0]
+    for r in range(count):
+        own = start_r[r] - first_r[r]
+        rest = value_r[r]
+        for c in range(first_r[r], r):
+            rest -= factor[own + c] * value_r[c]
+        value_r[r] = rest * inverse_r[r]
+    for r in range(count - 1, -1, -1):
+        own = start_r[r] - first_r[r]
+        value = value_r[r] * inverse_r[r]
+        value_r[r] = value
+        for c in range(first_r[r], r):
+            value_r[c] -= factor[own + c] * value
+
+
+@device
+def refill(system, position, lattice):
+    """Set the Jacobian and the factor at a configuration.
+
+    position is (N, >= d): its first d columns are the positions. Returns the smallest relative pivot and the number of
+    links left out as dependent (see `factorize_links`); the largest error is that of `measure`.
+    """
+    measure(system, position, lattice)
+    return factorize_links(system)
+
+
+@device
+def _rates(system, vector_nd, of_force):
+    """Set multiplier = Omega^T v, or Omega^T W F of a force; return the largest."""
+    axes, normal, weight = system.axes, system.normal_rd, system.inverse_mass_n
+    d = len(axes)
+    largest = 0.0
+    for r in range(system.i_r.shape[0]):
+        i, j = system.i_r[r], system.j_r[r]
+        wi = weight[i] if of_force else 1.0
+        wj = weight[j] if of_force else 1.0
+        rate = 0.0
+        for a in range(d):
+            rate += normal[r, a] * (wj * vector_nd[j, a] - wi * vector_nd[i, a])
+        system.multiplier_r[r] = rate
+        if system.inverse_pivot_r[r] > 0.0:
+            largest = max(largest, abs(rate))
+    return largest
+
+
+@device
+def _push(system, value_r, vector_nd, of_force):
+    """Take Omega value from a force, or W Omega value from a velocity or from positions."""
+    axes, normal, weight = system.axes, system.normal_rd, system.inverse_mass_n
+    d = len(axes)
+    for r in range(system.i_r.shape[0]):
+        i, j = system.i_r[r], system.j_r[r]
+        wi = value_r[r] if of_force else value_r[r] * weight[i]
+        wj = value_r[r] if of_force else value_r[r] * weight[j]
+        for a in range(d):
+            vector_nd[j, a] -= wj * normal[r, a]
+            vector_nd[i, a] += wi * normal[r, a]
+
+
+@device
+def _project(system, vector_nd, out_nd, multiplier_l, of_force):
+    d = len(system.axes)
+    largest = 0.0
+    for i in range(vector_nd.shape[0]):
+        for a in range(d):
+            out_nd[i, a] = vector_nd[i, a]
+            part = abs(vector_nd[i, a])
+            if of_force:
+                part *= system.inverse_mass_n[i]
+            largest = max(largest, part)
+    order = system.order_r
+    for r in range(order.shape[0]):
+        multiplier_l[order[r]] = 0.0
+    rate = _rates(system, out_nd, of_force)
+    # each further pass takes the rounding of the one before out; where A is well conditioned one is enough
+    for _ in range(_MOST_PASSES):
+        if not rate > _AT_ROUNDING * largest:
+            break
+        solve_links(system, system.multiplier_r)
+        for r in range(order.shape[0]):
+            multiplier_l[order[r]] += system.multiplier_r[r]
+        _push(system, system.multiplier_r, out_nd, of_force)
+        rate = _rates(system, out_nd, of_force)
+    return rate
+
+
+@device
+def project_force(system, force_nd, out_nd, multiplier_l):
+    """Set out = F - Omega lambda, the force that accelerates no link; return its largest rate of a link.
+
+    lambda are the links' multipliers, in the packing's order of links: each link adds the force -lambda n on j and
+    lambda n on i, so that lambda > 0 is tension. Needs `refill` at this configuration; out may be the force itself. No
+    link should depend on others: what is left of the largest rate tells when rounding won.
+    """
+    return _project(system, force_nd, out_nd, multiplier_l, True)
+
+
+@device
+def project_velocity(system, velocity_nd, out_nd, multiplier_l):
+    """Set out = v - W Omega lambda, which changes no link's length; return its largest rate of a link."""
+    return _project(system, velocity_nd, out_nd, multiplier_l, False)
+
+
+@device
+def reaffix(system, position, lattice, tolerance, most_iterations):
+    """Move the positions back to the links' lengths by minimum-norm Newton steps x - W Omega A^-1 c (equation 7).
+
+    Returns iterations, the largest error over the link's scale, and the smallest relative pivot met (1 when nothing
+    had to be done). The factor is left at the last configuration that was not yet good, a refill away from the new one.
+    """
+    smallest = 1.0
+    worst = measure(system, position, lattice)
+    iterations = 0
+    while not worst <= tolerance and iterations < most_iterations:
+        pivot, _ = factorize_links(system)
+        smallest = min(smallest, pivot)
+        for r in range(system.error_r.shape[0]):
+            system.multiplier_r[r] = system.error_r[r]
+        solve_links(system, system.multiplier_r)
+        _push(system, system.multiplier_r, position, False)
+        worst = measure(system, position, lattice)
+        iterations += 1
+    return iterations, worst, smallest
+
+
+@kernel
+def refill_links(system, position, lattice):
+    """Call `refill` from Python."""
+    return refill(system, position, lattice)
+
+
+@kernel
+def project_links(system, vector_nd, out_nd, multiplier_l, of_force):
+    """Call `project_force` (or `project_velocity`) from Python."""
+    return _project(system, vector_nd, out_nd, multiplier_l, of_force)
+
+
+@kernel
+def reaffix_links(system, position, lattice, tolerance, most_iterations):
+    """Call `reaffix` from Python."""
+    return reaffix(system, position, lattice, tolerance, most_iterations)
