@@ -8,6 +8,7 @@ energy are still judged rightly.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -207,6 +208,7 @@ def polish(
     force_tolerance: float,
     step_limit: int = 60,
     method: Newton | None = None,
+    deadline: float = math.inf,
 ) -> Polished:
     """Return the packing after Newton steps in its box; a failure to converge is told by `outcome` only.
 
@@ -222,6 +224,8 @@ def polish(
         Largest number of steps.
     method
         Newton() unless given.
+    deadline
+        Stop, with Outcome.INTERRUPTED, when `time.process_time()` has passed this [s].
 
     Examples
     --------
@@ -258,6 +262,9 @@ def polish(
                 break
             if steps == limit:
                 outcome = Outcome.STEP_LIMIT
+                break
+            if time.process_time() > deadline:
+                outcome = Outcome.INTERRUPTED
                 break
             curvature = _curvature(state, tie)
             step = curvature.step(state.net_nd)

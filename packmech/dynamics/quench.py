@@ -67,7 +67,7 @@ def quench(
         FIRE (L-BFGS for size ratios above 20), and below a tolerance of 1e-6 Newton's method for the last digits,
         which also tells a saddle from a minimum.
     step_limit
-        Largest number of steps (Newton's not counted).
+        Largest number of steps; on the default route those of Newton's method, at most 60 a time, are not counted.
     trace_every
         Keep energy, pressure, contacts and largest force every so many steps, in `Run.trace`.
     trace_positions
@@ -126,7 +126,7 @@ def quench(
                 if method is None:
                     outcome = _default_route(descent, tolerance)
                 elif newton is not None:
-                    outcome = descent.polish(tolerance, newton)
+                    outcome = descent.polish(tolerance, newton, descent.step_limit - descent.steps)
                 else:
                     outcome = descent.follow(type(method).__name__, method, tolerance)
     except KeyboardInterrupt as stop:
@@ -156,7 +156,7 @@ def _default_route(descent: _Descent, tolerance: float) -> Outcome:
         return outcome
     for _ in range(_KICKS):
         before = descent.program.positions()
-        polished = descent.polish(tolerance, None)
+        polished = descent.polish(tolerance)
         if polished.ok or outcome is Outcome.STEP_LIMIT:
             return polished if polished.ok else outcome
         if polished is not Outcome.UNSTABLE:
@@ -237,12 +237,19 @@ class _Descent:
         self._keep(name, program.evaluate(), progress.steps, progress.force_evaluations, began)
         return outcome
 
-    def polish(self, tolerance: float, method: Any) -> Outcome:
+    def polish(self, tolerance: float, method: Any = None, step_limit: int = 60) -> Outcome:
         """Take Newton steps; return how they ended."""
         from packmech.dynamics.polish import polish
 
         began = time.process_time()
-        done = polish(self.packing(), self.program.effects, force_tolerance=tolerance, method=method)
+        done = polish(
+            self.packing(),
+            self.program.effects,
+            force_tolerance=tolerance,
+            step_limit=max(step_limit, 0),
+            method=method,
+            deadline=self.deadline,
+        )
         self.program.place(done.packing.position_nd)
         self.steps += done.steps
         self.evaluations += done.force_evaluations

@@ -254,6 +254,27 @@ def test_too_few_steps_are_told_when_not_to_be_raised(method):
     assert not run.ok
 
 
+@pytest.mark.parametrize("steps", [0, 5, 62])
+def test_newtons_method_takes_as_many_steps_as_it_may(steps):
+    run = pm.quench(random_scene(), force_tolerance=1e-10, method=pm.Newton(), step_limit=steps, check=False)
+    assert run.outcome is pm.Outcome.STEP_LIMIT
+    assert run.steps == steps
+
+
+def test_newtons_method_succeeds_with_a_higher_limit_as_its_failure_advises():
+    with pytest.raises(pm.NotConverged, match="raise step_limit"):
+        pm.quench(random_scene(), force_tolerance=1e-10, method=pm.Newton(), step_limit=20)
+    run = pm.quench(random_scene(), force_tolerance=1e-10, method=pm.Newton())
+    assert run.outcome is pm.Outcome.CONVERGED
+
+
+def test_a_time_limit_interrupts_newtons_method_too():
+    scene = random_scene(512)
+    run = pm.quench(scene, force_tolerance=1e-10, method=pm.Newton(), time_limit=1e-3, check=False)
+    assert run.outcome is pm.Outcome.INTERRUPTED
+    assert run.steps < 20
+
+
 def test_a_time_limit_interrupts():
     run = pm.quench(
         random_scene(2048), force_tolerance=1e-14, method=pm.GradientDescent(), time_limit=1e-3, check=False
