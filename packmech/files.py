@@ -5,11 +5,15 @@ Three formats, chosen by the ending of the name:
 ``.npz`` (numpy)
     Everything, exactly: ``position_nd`` (N, d), ``radius_n`` (N,), ``lattice_dd`` (d, d) with the lattice vectors as
     columns, ``format_version`` and, when it is known, ``law`` (a JSON table such as
-    ``{"kind": "harmonic", "energy_scale": 1.0}``). A file with the first three arrays alone is read too.
+    ``{"kind": "harmonic", "energy_scale": 1.0}``). A file with the first three arrays alone is read too. A packing with
+    links has them as ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, as
+    ``pm.Links`` describes them; such a file is of format version 2, so that a reader without links refuses it.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     See ``packmech.gsd_file``. Visible to those programs in single precision and in their orientation of the box; the
-    exact packing lies beside it in log chunks, so that what packmech wrote it reads back to the last bit.
+    exact packing lies beside it in log chunks, so that what packmech wrote it reads back to the last bit. Links are
+    shown as bonds and constraints.
 ``.txt``, ``.dat``, ``.csv`` (plain table)
+    Positions and radii only; a packing with links is refused.
     A line ``lattice x y [z]`` for each lattice vector, then a line ``x y [z] radius`` for each particle. Blanks or
     commas separate numbers, ``#`` starts a comment. Numbers get as many digits as they need to be read back exactly::
 
@@ -35,13 +39,16 @@ from packmech.box import Box
 from packmech.check import instance
 from packmech.effects.laws import is_law, registered_laws
 from packmech.gsd_file import read_gsd, write_gsd
-from packmech.packing import Packing, without_links
+from packmech.links import Links
+from packmech.packing import Packing
 from packmech.records import from_table, kinds_of, to_table
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
-_FORMAT_VERSION = 1
+# a file without links is of version 1
+_FORMAT_VERSION = 2
+_LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 _TEXT = (".txt", ".dat", ".csv")
 _ENDINGS = (".npz", ".gsd", *_TEXT)
 
@@ -91,8 +98,8 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     Raises
     ------
     TypeError, ValueError
-        Naming the argument: not a packing, an ending without a format, a folder that does not exist, a law in a format
-        that has no place for it.
+        Naming the argument: not a packing, an ending without a format, a folder that does not exist, a law or links in
+        a format that has no place for them.
 
     Examples
     --------
@@ -104,9 +111,12 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     target = target_file(path)
     ending = _ending(target)
+    if packing.links is not None and ending in _TEXT:
+        raise ValueError(
+            f"packing must have no links for {ending} files (only .npz and .gsd keep them), got {len(packing.links)}"
+        )
     if law is not None:
         if not is_law(law):
             raise TypeError(f"law must be a law such as Harmonic(...) or None, got {law!r}")
@@ -220,16 +230,28 @@ def _read_npz(path: Path) -> Packing:
     missing = [name for name in ("position_nd", "radius_n", "lattice_dd") if name not in arrays]
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
-    return Packing(arrays["position_nd"], arrays["radius_n"], Box(arrays["lattice_dd"]))
+    return Packing(arrays["position_nd"], arrays["radius_n"], Box(arrays["lattice_dd"]), _links(arrays))
+
+
+def _links(arrays: dict[str, Any]) -> Links | None:
+    given = [name for name in _LINK_ARRAYS if f"link_{name}" in arrays]
+    if not given:
+        return None
+    missing = [f"link_{name}" for name in _LINK_ARRAYS if name not in given]
+    if missing:
+        raise ValueError(f"it must hold all arrays of its links, got none named {', '.join(missing)}")
+    return Links(*[arrays[f"link_{name}"] for name in _LINK_ARRAYS])
 
 
 def _write_npz(packing: Packing, path: Path, law: Any) -> None:
     arrays: dict[str, Any] = {
-        "format_version": np.array(_FORMAT_VERSION),
+        "format_version": np.array(1 if packing.links is None else _FORMAT_VERSION),
         "position_nd": packing.position_nd,
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
     }
+    if packing.links is not None:
+        arrays |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
     with open(path, "wb") as file:

@@ -6,8 +6,12 @@ positive diagonal, and particles inside it. A packing is therefore written twice
 visible to every reader
     ``configuration/box`` (2D: ``dimensions`` 2, unit height), ``particles/position`` wrapped into that box and rotated
     with it, ``particles/image`` as taken away, ``particles/diameter``, one particle type for each of up to ten sizes.
+    Links are ``constraints`` (pair and length) and ``bonds`` of the types "bond" and "shape", for what draws or holds
+    them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
+    image is left out.
 exact, for packmech
-    the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were.
+    the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
+    links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``.
 """
 
 from __future__ import annotations
@@ -20,9 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
 
 _LOG = "packmech/"
+_LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
+_BOND_TYPES = ["bond", "shape"]
 _SINGLE = 4 * float(np.finfo(np.float32).eps)
 
 
@@ -82,8 +89,48 @@ def write_gsd(packing: Packing, path: Path) -> None:
         _LOG + "radius_n": packing.radius_n,
         _LOG + "lattice_dd": packing.box.lattice_dd,
     }
+    if packing.links is not None:
+        _add_links(frame, packing.links)
     with gsd.hoomd.open(str(path), "w") as file:
         file.append(frame)
+
+
+def _shown(links: Links) -> NDArray[np.bool_]:
+    """Return which links the schema can show: it has no place for a particle's link with its own image."""
+    shown: NDArray[np.bool_] = links.i_l != links.j_l
+    return shown
+
+
+def _add_links(frame: Any, links: Links) -> None:
+    shape = links.shape_l
+    assert shape is not None
+    shown = _shown(links)
+    group = np.column_stack([links.i_l, links.j_l])[shown]
+    frame.constraints.N = len(group)
+    frame.constraints.group = group.astype(np.uint32)
+    frame.constraints.value = links.length_l[shown].astype(np.float32)
+    frame.bonds.N = len(group)
+    frame.bonds.group = group.astype(np.uint32)
+    frame.bonds.types = _BOND_TYPES
+    frame.bonds.typeid = shape[shown].astype(np.uint32)
+    for name in _LINK_ARRAYS:
+        array = getattr(links, name)
+        frame.log[f"{_LOG}link_{name}"] = array.astype(np.uint8) if name == "shape_l" else array
+
+
+def _seen_links(frame: Any, position_nd: NDArray[np.float64], box: Box) -> Links | None:
+    """Return the frame's constraints as links to the nearest image; those that are bonds of type "shape" as such."""
+    if not frame.constraints.N:
+        return None
+    i, j = np.asarray(frame.constraints.group, dtype=np.int64).reshape(-1, 2).T
+    image = -np.rint((position_nd[j] - position_nd[i]) @ box.inverse_dd.T).astype(np.int64)
+    bonds = frame.bonds
+    shapes: set[tuple[int, int]] = set()
+    if bonds.N and "shape" in bonds.types:
+        marked = np.asarray(bonds.group)[np.asarray(bonds.typeid) == bonds.types.index("shape")]
+        shapes = {(min(a, b), max(a, b)) for a, b in marked.tolist()}
+    shape = [(min(a, b), max(a, b)) in shapes for a, b in zip(i.tolist(), j.tolist(), strict=True)]
+    return Links(i, j, image, np.asarray(frame.constraints.value, dtype=np.float64), np.array(shape))
 
 
 def _three_axes(array_nd: NDArray[Any]) -> NDArray[Any]:
@@ -111,14 +158,29 @@ def read_gsd(path: Path) -> Packing:
     dimension = int(frame.configuration.dimensions)
     lattice = _lattice(frame.configuration.box, dimension)
     position = np.asarray(frame.particles.position, dtype=np.float64)[:, :dimension]
-    seen = Packing(position, 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64), Box(lattice))
+    box = Box(lattice)
+    seen = Packing(position, 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64), box)
     chunks = [frame.log.get(_LOG + name) for name in ("position_nd", "radius_n", "lattice_dd")]
     if any(chunk is None for chunk in chunks):
-        return seen
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]))
-    if not _agree(exact, seen):
+        return seen.replace(links=_seen_links(frame, seen.position_nd, box))
+    parts = [frame.log.get(f"{_LOG}link_{name}") for name in _LINK_ARRAYS]
+    links = None if any(part is None for part in parts) else Links(*parts[:-1], shape_l=parts[-1].astype(bool))
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links)
+    if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact
+
+
+def _same_links(links: Links | None, constraints: Any) -> bool:
+    """Return whether the visible constraints are the links rounded to single precision."""
+    if links is None:
+        return not constraints.N
+    shown = links.select(_shown(links))
+    group = np.asarray(constraints.group, dtype=np.int64).reshape(-1, 2) if constraints.N else np.zeros((0, 2))
+    return bool(
+        np.array_equal(group, np.column_stack([shown.i_l, shown.j_l]))
+        and np.array_equal(np.asarray(constraints.value, dtype=np.float32), shown.length_l.astype(np.float32))
+    )
 
 
 def _agree(exact: Packing, seen: Packing) -> bool:
