@@ -164,7 +164,10 @@ def read_gsd(path: Path) -> Packing:
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
     parts = [frame.log.get(f"{_LOG}link_{name}") for name in _LINK_ARRAYS]
-    links = None if any(part is None for part in parts) else Links(*parts[:-1], shape_l=parts[-1].astype(bool))
+    links = None
+    if all(part is not None for part in parts):
+        i_l, j_l, image_ld, length_l, shape_l = parts
+        links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
     exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links)
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
