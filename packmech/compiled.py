@@ -18,8 +18,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
-from numba import njit
+from numba import njit, typeof, types
 from numba.core.caching import FunctionCache
+from numba.core.errors import NumbaError
 from numba.core.typing import signature
 from numba.extending import overload, register_jitable
 
@@ -91,12 +92,17 @@ def source_hash(path: pathlib.Path) -> str:
     return hashlib.sha256(joined.encode()).hexdigest()
 
 
-def _record_classes(numba_type: Any) -> Iterator[type]:
+def _record_types(numba_type: Any) -> Iterator[tuple[type, Any]]:
+    """Find the record classes in a type, those inside others first."""
+    for part in getattr(numba_type, "types", None) or ():
+        yield from _record_types(part)
     cls = getattr(numba_type, "instance_class", None)
     if cls is not None:
-        yield cls
-    for part in getattr(numba_type, "types", None) or ():
-        yield from _record_classes(part)
+        yield cls, numba_type
+
+
+def _record_classes(numba_type: Any) -> Iterator[type]:
+    return (cls for cls, _ in _record_types(numba_type))
 
 
 @functools.cache
@@ -145,6 +151,15 @@ def tell_apart(cls: Any) -> None:
     _TAKEN.add(cls.__name__)
 
 
+_METHODS: dict[type, tuple[str, dict[str, Callable[..., Any]]]] = {}
+
+
+def compiled_methods(what: str, cls: type, methods: dict[str, Callable[..., Any]]) -> dict[str, Callable[..., Any]]:
+    """Return the methods of a record class for compiled code to call; one that does not compile will be named."""
+    _METHODS[cls] = what, methods
+    return {name: device(method) for name, method in methods.items()}
+
+
 def own_name(what: str, cls: type, known: Iterable[type]) -> None:
     """Refuse a user's class under the name of one that ships: files name laws and effects by their class names."""
     shipped = {written_name(one) for one in known if one.__module__.startswith("packmech.") and one is not cls}
@@ -181,6 +196,50 @@ class _SourceCache(FunctionCache):  # type: ignore[misc]
         return found._replace(signature=signature(found.signature.return_type, *sig))
 
 
+def _reason(error: NumbaError) -> str:
+    """Return the first line of numba's message that says more than that it failed."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    lines = [line for line in lines if line and not line.startswith("Failed in")]
+    return " ".join(lines[:2] if lines and lines[0].endswith(":") else lines[:1]) or type(error).__name__
+
+
+def _refusal(classes: dict[type, Any]) -> TypeError | None:
+    """Return the error that names the first method of these record classes that compiled code cannot use."""
+    for cls, numba_type in classes.items():
+        what, methods = _METHODS.get(cls, ("", {}))
+        for name, method in methods.items():
+            told = f"{what} {written_name(cls)}.{name} must"
+            dispatcher = njit(**OPTIONS)(method)
+            numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
+            try:
+                dispatcher.compile((numba_type, *numbers))
+            except NumbaError as error:
+                refusal = TypeError(f"{told} compile: {_reason(error)}")
+                refusal.__cause__ = error
+                return refusal
+            given = dispatcher.nopython_signatures[0].return_type
+            if not isinstance(given, types.Integer | types.Float | types.Boolean):
+                return TypeError(f"{told} return a number, got {given} when compiled")
+    return None
+
+
+def _naming_refusals(compile_for: Callable[..., Any]) -> Callable[..., Any]:
+    """Return numba's entry to compilation, but a user's method that does not compile is named in one line."""
+
+    def compile_or_name(*arguments: Any, **named: Any) -> Any:
+        try:
+            return compile_for(*arguments, **named)
+        except NumbaError as error:
+            original = error
+        found = [typeof(part) for part in arguments]
+        refusal = _refusal({cls: part for whole in found for cls, part in _record_types(whole)})
+        if refusal is None:
+            raise original
+        raise refusal from refusal.__cause__ or original
+
+    return compile_or_name
+
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Return the function compiled by numba on first use, its machine code cached on disk.
 
@@ -189,6 +248,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     """
     dispatcher = njit(**OPTIONS)(function)
     dispatcher._cache = _SourceCache(function)
+    dispatcher._compile_for_args = _naming_refusals(dispatcher._compile_for_args)
     return dispatcher
 
 

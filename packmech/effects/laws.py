@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from packmech.compiled import compiled_form, device, own_name, tell_apart
+from packmech.compiled import compiled_form, compiled_methods, own_name, tell_apart
 
 
 class Law(Protocol):
@@ -91,7 +91,7 @@ def law(cls: L) -> L:
         raise TypeError(f"law {cls.__name__} must have a field energy_scale or stiffness, got {cls._fields}")
     own_name("law", cls, _COMPILED)
     tell_apart(cls)
-    _COMPILED[cls] = {name: device(vars(cls)[name]) for name in _METHODS}
+    _COMPILED[cls] = compiled_methods("law", cls, {name: vars(cls)[name] for name in _METHODS})
     return cls
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.compiled import compiled_form, device, kernel, own_name, tell_apart
+from packmech.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 
 E = TypeVar("E", bound=type)
 
@@ -65,7 +65,7 @@ def effect(cls: E) -> E:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
     own_name("effect", cls, _COMPILED)
     tell_apart(cls)
-    _COMPILED[cls] = {name: device(function) for name, function in hooks.items()}
+    _COMPILED[cls] = compiled_methods("effect", cls, hooks)
     return cls
 
 

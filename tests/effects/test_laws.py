@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba.core.errors import NumbaError
 
 import packmech as pm
+from packmech.dynamics.program import build_program
 from packmech.effects import contact_terms, energy_scale_of
 from packmech.meaning import meaning
 
@@ -283,3 +285,42 @@ def named_tuple(name, field="energy_scale", **methods):
 def test_a_class_that_is_no_law_is_refused_saying_what_is_missing(cls, message):
     with pytest.raises(TypeError, match=message):
         pm.law(cls)
+
+
+TABLE = {"stiff": 1.0}
+
+
+def looks_up_in_a_dictionary(self, distance, contact_distance):
+    return TABLE["stiff"] * distance
+
+
+def makes_a_pair(self, distance, contact_distance):
+    return distance, contact_distance
+
+
+def joins_words(self, distance, contact_distance):
+    return distance + "word"
+
+
+@pytest.mark.parametrize(
+    ("method", "formula", "message"),
+    [
+        ("energy", looks_up_in_a_dictionary, r"law Weird\.energy must compile: .*TABLE"),
+        ("second", joins_words, r"law Weird\.second must compile: No implementation .*add.* >>> add\(float64, "),
+        ("first", makes_a_pair, r"law Weird\.first must return a number, got .*float64 x 2.* when compiled"),
+    ],
+)
+@pytest.mark.parametrize("use", [pm.energy, lambda scene: build_program(scene).evaluate()], ids=["terms", "program"])
+def test_a_law_that_does_not_compile_is_told_in_one_line_naming_law_and_method(method, formula, message, use):
+    law = pm.law(named_tuple("Weird", **{"energy": no_op, "first": no_op, "second": no_op, method: formula}))
+    packing = pm.Packing([[0.0, 0.0], [0.5, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    with pytest.raises(TypeError, match=f"^{message}") as caught:
+        use(pm.Scene(packing, (pm.Repulsion(law=law(1.0)),)))
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value.__cause__, NumbaError)
+
+
+def test_an_effect_that_does_not_compile_is_told_in_one_line():
+    cls = pm.effect(named_tuple("Odd", pair_energy=looks_up_in_a_dictionary))
+    with pytest.raises(TypeError, match=r"^effect Odd\.pair_energy must compile: "):
+        contact_terms((cls(1.0),), np.array([0.5]), np.array([1.0]))
