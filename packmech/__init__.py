@@ -71,6 +71,7 @@ _PUBLIC = {
     "Moduli": "packmech.mechanics.moduli",
     "SelfStress": "packmech.mechanics.counting",
     "StateDensity": "packmech.mechanics.spectrum",
+    "constraint_jacobian": "packmech.mechanics.constraints",
     "density_of_states": "packmech.mechanics.spectrum",
     "dynamical_matrix": "packmech.mechanics.hessian",
     "elastic_moduli": "packmech.mechanics.elasticity",

@@ -165,6 +165,8 @@ BAD = {
     "bound": CHOICE,
     "volume": CHOICE,
     "kind": CHOICE,
+    "constraint_jacobian.volume": SWITCH,
+    "form": CHOICE,
     "volume_curvature": CHOICE,
     "strain": SWITCH,
     "floppy_modes.strain": CHOICE,

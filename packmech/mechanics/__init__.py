@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from packmech.mechanics.constraints import constraint_jacobian
     from packmech.mechanics.counting import FloppyModes, SelfStress, floppy_modes, states_of_self_stress
     from packmech.mechanics.elasticity import elastic_moduli
     from packmech.mechanics.factor import Factorization, Inertia, NotDefinite, eigenvalues_below, factorize
@@ -32,6 +33,7 @@ _MODULE = {
     "StateDensity": "spectrum",
     "Verdict": "verdict",
     "classify_jamming": "jamming",
+    "constraint_jacobian": "constraints",
     "density_of_states": "spectrum",
     "dynamical_matrix": "hessian",
     "eigenvalues_below": "factor",
@@ -57,6 +59,7 @@ __all__ = [
     "StateDensity",
     "Verdict",
     "classify_jamming",
+    "constraint_jacobian",
     "density_of_states",
     "dynamical_matrix",
     "eigenvalues_below",
