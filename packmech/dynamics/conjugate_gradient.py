@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from packmech.check import positive, real
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey, travel
+from packmech.dynamics.joints import affix, along_links
+from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, settle, survey, travel
 from packmech.dynamics.line_search import line_search
 from packmech.dynamics.vectors import copy_to, dot, longest, read_places
 
@@ -62,9 +63,10 @@ def conjugate_gradient_steps(
     direction_f = velocity_nd.reshape(force_nd.size)
     start_f = vector_kf[0]
     before_f = vector_kf[1]
-    pairs = travel(axes, row, space, pairs, 0.0)
+    pairs = travel(axes, row, space, pairs, affix(space.joints, axes, row, space))
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:
@@ -82,6 +84,7 @@ def conjugate_gradient_steps(
             if turn > 0.0:
                 for k in range(direction_f.shape[0]):
                     direction_f[k] = force_f[k] + turn * direction_f[k]
+                along_links(space.joints, velocity_nd)
                 slope = dot(force_f, direction_f)
                 steepest = slope <= 1e-4 * math.sqrt(square * dot(direction_f, direction_f))
         first = number[_LENGTH] * number[_SLOPE] / slope

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from packmech.check import positive
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import CONVERGED, FLOOR, RUNNING, clear, force_pass, judge, move_pass, survey, travel
+from packmech.dynamics.joints import affix, speeds
+from packmech.dynamics.kernels import (
+    CONVERGED,
+    FLOOR,
+    RUNNING,
+    clear,
+    force_pass,
+    judge,
+    move_pass,
+    settle,
+    survey,
+    travel,
+)
 from packmech.effects import ContactDamping
 
 if TYPE_CHECKING:
@@ -73,11 +85,12 @@ def damped_steps(
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
     both = (*effects, settings.dashpot)
-    pairs = travel(axes, row, space, pairs, 0.0)
+    pairs = travel(axes, row, space, pairs, affix(space.joints, axes, row, space))
     clear(force_nd)
     step = 0
     while True:
         sums = force_pass(both, axes, row, force_nd, velocity_nd, pairs)
+        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness
@@ -85,13 +98,14 @@ def damped_steps(
         if status == CONVERGED or status == FLOOR:
             # balance counts without the dashpots
             clear(force_nd)
-            status = judge(
-                force_pass(effects, axes, row, force_nd, velocity_nd, pairs), number[_STIFFNESS], space, goal
-            )
+            quiet = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+            quiet = settle(space.joints, axes, force_nd, velocity_nd, quiet)
+            status = judge(quiet, number[_STIFFNESS], space, goal)
             number[_EVALUATIONS] += 1.0
             if status == RUNNING and step < steps:
                 clear(force_nd)
                 sums = force_pass(both, axes, row, force_nd, velocity_nd, pairs)
+                sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
                 number[_EVALUATIONS] += 1.0
         if status != RUNNING or step == steps:
             break
@@ -103,9 +117,11 @@ def damped_steps(
         if reach > largest_step:
             keep = largest_step / reach
             push *= keep
-        _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
+        speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
+        moved = dt * math.sqrt(fastest2) + affix(space.joints, axes, row, space)
+        _, fastest2 = speeds(space.joints, axes, velocity_nd, speed2, fastest2)
         number[_FASTEST] = math.sqrt(fastest2)
-        pairs = travel(axes, row, space, pairs, dt * number[_FASTEST])
+        pairs = travel(axes, row, space, pairs, moved)
         number[_STEP] += 1.0
         step += 1
     return status, pairs

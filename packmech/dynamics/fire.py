@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from packmech.check import positive, real
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
+from packmech.dynamics.joints import affix, speeds
+from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, settle, survey, travel
 from packmech.dynamics.pair_list import TRAVEL
 
 if TYPE_CHECKING:
@@ -135,10 +136,11 @@ def fire_steps(
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
-    pairs = travel(axes, row, space, pairs, 0.0)
+    pairs = travel(axes, row, space, pairs, affix(space.joints, axes, row, space))
     clear(force_nd)
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
         now = int(number[_STEP]) + step
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
@@ -180,7 +182,9 @@ def fire_steps(
             keep *= largest_step / reach
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
-        pairs = travel(axes, row, space, pairs, dt * math.sqrt(fastest2))
+        moved = dt * math.sqrt(fastest2) + affix(space.joints, axes, row, space)
+        speed2, fastest2 = speeds(space.joints, axes, velocity_nd, speed2, fastest2)
+        pairs = travel(axes, row, space, pairs, moved)
     number[_DT] = dt
     number[_ALPHA] = alpha
     number[_DOWNHILL] = downhill

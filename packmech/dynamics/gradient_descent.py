@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from packmech.check import positive, real
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, survey, travel
+from packmech.dynamics.joints import affix
+from packmech.dynamics.kernels import RUNNING, clear, force_pass, judge, move_pass, settle, survey, travel
 
 if TYPE_CHECKING:
     from packmech.dynamics.kernels import Goal
@@ -51,12 +52,13 @@ def gradient_descent_steps(
     effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
-    pairs = travel(axes, row, space, pairs, 0.0)
+    pairs = travel(axes, row, space, pairs, affix(space.joints, axes, row, space))
     clear(force_nd)
     clear(velocity_nd)
     step = 0
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness
@@ -66,7 +68,7 @@ def gradient_descent_steps(
         push = settings.step / number[_STIFFNESS]
         push = min(push, largest_step / math.sqrt(sums.most))
         _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
-        pairs = travel(axes, row, space, pairs, math.sqrt(fastest2))
+        pairs = travel(axes, row, space, pairs, math.sqrt(fastest2) + affix(space.joints, axes, row, space))
         number[_STEP] += 1.0
         step += 1
     return status, pairs

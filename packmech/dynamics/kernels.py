@@ -9,14 +9,15 @@ and a tuple `axes` as long as the dimension, so that a plane does not pay for th
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.compiled import device, kernel
+from packmech.compiled import compiled_form, device, kernel
 from packmech.contacts.cells import Frame, Sizes
+from packmech.dynamics.joints import Joints, has_links, projected, refresh
 from packmech.dynamics.pair_list import AGE, BLOCK, BUDGET, TRAVEL, follow
 from packmech.effects import pair_energy, pair_first, pair_second
 
@@ -25,11 +26,12 @@ RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
 
 
 class Space(NamedTuple):
-    """What stays fixed while particles move: sizes, box, resolution of positions (rounding unit times extent)."""
+    """What stays fixed while particles move: sizes, box, resolution of positions (rounding times extent), links."""
 
     sizes: Sizes
     frame: Frame
     resolution: float
+    joints: Joints | None = None
 
 
 class Goal(NamedTuple):
@@ -148,6 +150,24 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     return Sums(total, touching, power, whole, most)
 
 
+@device
+def _settle(joints, axes, force_nd, velocity_nd, sums):
+    power, square, most = projected(joints, axes, force_nd, velocity_nd)
+    return Sums(sums.total, sums.touching, power, square, most)
+
+
+def settle(joints: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Sums) -> Sums:
+    """Project the forces of a pass onto the motions that the links admit; return the sums over what is left."""
+    return sums if joints is None else _settle(joints, axes, force_nd, velocity_nd, sums)
+
+
+@compiled_form(settle)
+def _choose_settle(joints: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Any) -> Any:
+    if has_links(joints):
+        return lambda joints, axes, force_nd, velocity_nd, sums: _settle(joints, axes, force_nd, velocity_nd, sums)
+    return lambda joints, axes, force_nd, velocity_nd, sums: sums
+
+
 @kernel
 def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
     """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
@@ -188,7 +208,7 @@ def travel(axes, row, space, pairs, distance):
     pairs.number[TRAVEL] += distance
     pairs.number[AGE] += 1.0
     if pairs.number[TRAVEL] > pairs.number[BUDGET]:
-        return follow(axes, row, space.sizes, space.frame, pairs)
+        return follow(axes, row, space.sizes, space.frame, space.joints, pairs)
     return pairs
 
 
@@ -262,6 +282,8 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     pairs = travel(axes, row, space, pairs, np.inf)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    refresh(space.joints, row, space)
+    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
     return sums, survey(effects, row, pairs), pairs
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from packmech.check import integer, positive, real
 from packmech.compiled import device, kernel
-from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, survey, travel
+from packmech.dynamics.joints import affix, along_links
+from packmech.dynamics.kernels import FLOOR, RUNNING, STALLED, clear, force_pass, judge, settle, survey, travel
 from packmech.dynamics.line_search import line_search
 from packmech.dynamics.vectors import add_to, copy_to, dot, longest, read_places
 
@@ -91,9 +92,10 @@ def lbfgs_steps(
     before_f = vector_kf[1]
     step_kf = vector_kf[2 : 2 + memory]
     change_kf = vector_kf[2 + memory :]
-    pairs = travel(axes, row, space, pairs, 0.0)
+    pairs = travel(axes, row, space, pairs, affix(space.joints, axes, row, space))
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:
@@ -108,6 +110,7 @@ def lbfgs_steps(
         first = 1.0
         if not steepest:
             _quasi_newton(force_f, direction_f, step_kf, change_kf, number)
+            along_links(space.joints, velocity_nd)
             slope = dot(force_f, direction_f)
             steepest = not slope > 1e-6 * math.sqrt(square * dot(direction_f, direction_f))
         if steepest:

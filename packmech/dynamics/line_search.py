@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.compiled import kernel
-from packmech.dynamics.kernels import Sums, clear, force_pass, travel
+from packmech.dynamics.joints import affix
+from packmech.dynamics.kernels import Sums, clear, force_pass, settle, travel
 from packmech.dynamics.pair_list import PairList
 
 _TRIALS = 40
@@ -44,6 +45,7 @@ def line_search(
     high_slope = 0.0
     length = min(first, longest)
     last = 0.0
+    fixed = 0.0
     side = 0
     good = False
     evaluations = 0
@@ -52,9 +54,12 @@ def line_search(
         for i in range(row.shape[0]):
             for a in range(d):
                 row[i, a] = start_f[i * d + a] + length * direction_nd[i, a]
-        pairs = travel(axes, row, space, pairs, abs(length - last) * fastest)
+        back = fixed
+        fixed = affix(space.joints, axes, row, space)
+        pairs = travel(axes, row, space, pairs, abs(length - last) * fastest + back + fixed)
         clear(force_nd)
         sums = force_pass(effects, axes, row, force_nd, direction_nd, pairs)
+        sums = settle(space.joints, axes, force_nd, direction_nd, sums)
         evaluations += 1
         last = length
         here = sums.power

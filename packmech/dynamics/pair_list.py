@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.compiled import device, kernel
 from packmech.contacts.cells import find_pairs
+from packmech.dynamics.joints import without_joined
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -155,9 +156,9 @@ def _pick(axes, row, pairs, skin):
 
 
 @device
-def _search(axes, row, sizes, frame, pairs):
+def _search(axes, row, sizes, frame, joints, pairs):
     """Return a list with new outer pairs, and room for as many inner ones."""
-    found = find_pairs(axes, row, sizes, frame, 1.0, pairs.number[SKIN_FULL])
+    found = without_joined(joints, find_pairs(axes, row, sizes, frame, 1.0, pairs.number[SKIN_FULL]))
     room = found.i_p.shape[0] + 1
     none = np.uint32(found.image_kd.shape[0] // 2)
     mask = np.uint32((1 << found.bits) - 1)
@@ -187,7 +188,7 @@ def _search(axes, row, sizes, frame, pairs):
 
 
 @kernel
-def follow(axes, row, sizes, frame, pairs):
+def follow(axes, row, sizes, frame, joints, pairs):
     """Return a pair list that is valid at the positions in row, remade only as far as it must be."""
     number = pairs.number
     if number[TRAVEL] < np.inf:
@@ -206,7 +207,7 @@ def follow(axes, row, sizes, frame, pairs):
         elif number[AGE] > _LONG_LIFE:
             number[SKIN_INNER] = min(max(number[SKIN_INNER] / 1.5, _NARROWEST * full), _WIDEST * full)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
-        pairs = _search(axes, row, sizes, frame, pairs)
+        pairs = _search(axes, row, sizes, frame, joints, pairs)
     _place_images(frame, pairs)
     _pick(axes, row, pairs, number[SKIN_INNER])
     _anchor(row, pairs.anchor_nd)

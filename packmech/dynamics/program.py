@@ -14,6 +14,7 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.dynamics.fire import Fire
+from packmech.dynamics.joints import make_joints
 from packmech.dynamics.kernels import (
     CONVERGED,
     FLOOR,
@@ -28,8 +29,9 @@ from packmech.dynamics.kernels import (
 from packmech.dynamics.method import Evaluation, Minimizer, Progress, Relaxation
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, strain_list
 from packmech.effects import pair_energy
+from packmech.links import Links
 from packmech.outcome import Outcome
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
@@ -63,6 +65,8 @@ class Program:
         (N,) particle of each row.
     diverges
         Whether the energy of two particles grows beyond measure as their centers meet.
+    links
+        The links between rows, if there are any.
     build_seconds
         CPU seconds spent on building.
 
@@ -82,6 +86,7 @@ class Program:
     space: Space
     pairs: PairList
     diverges: bool
+    links: Links | None = None
     build_seconds: float = 0.0
 
     @property
@@ -130,7 +135,24 @@ class Program:
             # the box was strained so far that other vectors are short now: start the lists afresh
             lattice, self.change_dd = box.reduced()
             self.pairs = empty_list(len(self.order_n), float(self.pairs.number[SKIN_FULL]))
+            self.join()
         self.space = self.space._replace(frame=frame_of(lattice))
+
+    def join(self) -> None:
+        """Make the links anew, for the lattice vectors that the loops use."""
+        packing = self.scene.packing
+        if packing.links is not None:
+            self.links, joints = make_joints(packing, self.order_n, self.home_nd, self.change_dd)
+            self.space = self.space._replace(joints=joints)
+
+    def _link_virial(self) -> NDArray[np.float64]:
+        """Return the links' part of V times the stress, at the last evaluation."""
+        joints, d = self.space.joints, len(self.axes)
+        if joints is None or self.links is None:
+            return np.zeros((d, d))
+        vector = self.links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
+        distance = np.sqrt((vector**2).sum(axis=1))
+        return np.asarray(np.einsum("l,la,lb->ab", joints.multiplier_l / distance, vector, vector))
 
     def positions(self) -> NDArray[np.float64]:
         """Return the (N, d) positions in the order of the scene's packing [length]."""
@@ -157,6 +179,8 @@ class Program:
         force = np.empty((len(self.order_n), d))
         force[self.order_n] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
+        if self.links is not None:
+            stress += self._link_virial() / self.box.volume
         mean = sums.total / sums.touching if sums.touching else 0.0
         largest = math.sqrt(sums.most)
         return Evaluation(
@@ -330,7 +354,6 @@ def build_program(scene: Scene) -> Program:
     """
     started = time.process_time()
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     packing = scene.packing
     effects = tuple(one for one in scene.effects if hasattr(type(one), "pair_energy"))
     if not effects:
@@ -361,6 +384,7 @@ def build_program(scene: Scene) -> Program:
         pairs=empty_list(packing.particles, skin),
         diverges=_diverges(scene),
     )
+    program.join()
     program.place(packing.position_nd)
     program.build_seconds = time.process_time() - started
     return program
