@@ -277,6 +277,20 @@ def compile_clock() -> Iterator[Callable[[], float]]:
         yield lambda: float(clock.duration) if clock.done else 0.0
 
 
+def compiling_noted(note: str, compiling: float, seconds: float) -> str:
+    """Return a stage's note, and how much of its time was compiling where that was a good part of it.
+
+    Examples
+    --------
+    >>> compiling_noted("", 1.2, 1.3), compiling_noted("found", 1.2, 1.3), compiling_noted("found", 0.1, 1.3)
+    ('1.2 s of it compiling, once for all runs', 'found; 1.2 s of it compiling, once for all runs', 'found')
+
+    """
+    if compiling <= 0.1 * seconds:
+        return note
+    return "; ".join(filter(None, [note, f"{compiling:.1f} s of it compiling, once for all runs"]))
+
+
 def single_thread() -> AbstractContextManager[Any]:
     """Return a context in which BLAS uses one thread, so that sums have the same bits on every machine.
 

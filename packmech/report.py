@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from packmech.check import instance, integer, one_of
+from packmech.compiled import compile_clock, compiling_noted
 from packmech.contacts import find_contacts
 from packmech.contacts.rattlers import find_rattlers
 from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
@@ -119,7 +120,10 @@ def isostatic_contacts(particles: int, dimension: int, strain: str) -> int:
 def _part(report: Report, name: str, told: Callable[[str], None]) -> Iterator[None]:
     told(name)
     try:
-        yield
+        with compile_clock() as clock:
+            yield
+        done = report.stages[-1]
+        report.stages[-1] = replace(done, note=compiling_noted(done.note, clock(), done.seconds))
     except REFUSALS as refusal:
         report.missing[name] = str(refusal).partition("\n")[0]
 

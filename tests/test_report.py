@@ -1,10 +1,14 @@
 """Facts about reports: counts by hand, units, and what is said when something is missing or unstable."""
 
+import time
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.report import examine, isostatic_contacts
+from packmech.outcome import Stage
+from packmech.report import Report, _part, examine, isostatic_contacts
 from packmech.report_table import result_rows, summary_markdown
 
 HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
@@ -59,6 +63,22 @@ def test_every_part_says_what_it_achieved_and_cost():
     stages = {stage.name: stage for stage in examine(crystal()).stages}
     assert set(stages) == {"verdict", "moduli", "modes"}
     assert all(stage.residual < 1e-10 and stage.seconds >= 0.0 for stage in stages.values())
+
+
+def test_a_part_that_compiles_says_so_the_first_time_only():
+    class Unmet(NamedTuple):
+        energy_scale: float = 1.0
+
+    for name in ("energy", "first", "second"):
+        setattr(Unmet, name, vars(pm.Harmonic)[name])
+    scene = crystal().replace(effects=(pm.Repulsion(law=pm.law(Unmet)()),))
+    report = Report(scene, {})
+    for notes in ("compiling, once for all runs", ""):
+        with _part(report, "verdict", lambda part: None):
+            began = time.process_time()
+            pm.energy(scene)
+            report.stages.append(Stage("verdict", 0.0, seconds=time.process_time() - began))
+        assert report.stages[-1].note.endswith(notes) and bool(report.stages[-1].note) == bool(notes)
 
 
 def test_a_part_that_cannot_be_had_is_named_and_the_others_count(monkeypatch):

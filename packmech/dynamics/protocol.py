@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.compiled import compile_clock
+from packmech.compiled import compile_clock, compiling_noted
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
 from packmech.dynamics.program import OUTCOME_OF, Minimizer, Program, Relaxation, build_program
@@ -106,9 +106,7 @@ class Protocol:
             raise
         finally:
             seconds = time.process_time() - began
-            note = figures.note
-            if compiling > 0.1 * seconds:
-                note += f"; {compiling:.1f} s of it compiling, once for all runs"
+            note = compiling_noted(figures.note, compiling, seconds)
             done = Stage(name, figures.residual, figures.steps, figures.force_evaluations, seconds, note)
             self.stages.append(done)
             self.tell(

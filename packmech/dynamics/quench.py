@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, positive
+from packmech.compiled import compile_clock, compiling_noted
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
 from packmech.dynamics.lbfgs import LBFGS
@@ -120,7 +121,7 @@ def quench(
     minimizer = hasattr(method, "advance") and not isinstance(method, type)
     newton = None if method is None or minimizer else _newton(method)
     try:
-        with safe_interrupts():
+        with safe_interrupts(), compile_clock() as descent.compiling:
             outcome = descent.soften()
             if outcome is None:
                 if method is None:
@@ -193,6 +194,7 @@ class _Descent:
         self.stages: list[Stage] = []
         self.steps = 0
         self.evaluations = 0
+        self.compiling: Callable[[], float] = lambda: 0.0
         self._trace = None if trace_every is None else _TraceBuilder(trace_positions)
 
     def soften(self) -> Outcome | None:
@@ -210,7 +212,7 @@ class _Descent:
 
     def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:
         """Advance by one method until it ends or a limit is met; return how it ended."""
-        began = time.process_time()
+        began = self._now()
         program = self.program
         program.velocity_nd[:] = 0.0
         progress = method.start(program)
@@ -241,7 +243,7 @@ class _Descent:
         """Take Newton steps; return how they ended."""
         from packmech.dynamics.polish import polish
 
-        began = time.process_time()
+        began = self._now()
         done = polish(
             self.packing(),
             self.program.effects,
@@ -267,9 +269,17 @@ class _Descent:
         """Return the packing as it is now."""
         return self.scene.packing.replace(position_nd=self.program.positions())
 
-    def _keep(self, name: str, now: Evaluation, steps: int, evaluations: int, began: float, note: str = "") -> None:
+    def _now(self) -> tuple[float, float]:
+        """Return the CPU time, and how much time went into compiling so far [s]."""
+        return time.process_time(), self.compiling()
+
+    def _keep(
+        self, name: str, now: Evaluation, steps: int, evaluations: int, began: tuple[float, float], note: str = ""
+    ) -> None:
         self.evaluations += 1
-        self.stages.append(Stage(name, now.residual, steps, evaluations, time.process_time() - began, note))
+        seconds, compiling = (end - start for start, end in zip(began, self._now(), strict=True))
+        note = compiling_noted(note, compiling, seconds)
+        self.stages.append(Stage(name, now.residual, steps, evaluations, seconds, note))
         if self.progress is not None:
             self.progress(name, {"steps": self.steps, "residual": now.residual})
 

@@ -1,6 +1,7 @@
 """Facts about the minimizers: what they reach, what they conserve, how they end, and what they survive."""
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -326,6 +327,19 @@ def test_a_users_law_ends_where_the_same_power_law_ends():
     )
     assert np.abs(own.packing.position_nd - built_in.packing.position_nd).max() < 1e-6
     assert own.residual <= 1e-12
+
+
+def test_stages_say_how_much_of_their_time_was_compiling_and_once_only():
+    class Fresh(NamedTuple):
+        energy_scale: float = 1.0
+
+    for name in ("energy", "first", "second"):
+        setattr(Fresh, name, vars(pm.Harmonic)[name])
+    scene = random_scene(effects=(pm.Repulsion(law=pm.law(Fresh)()),))
+    first, second = (pm.quench(scene, force_tolerance=1e-10) for _ in range(2))
+    (words,) = re.findall(r"^([0-9.]+) s of it compiling, once for all runs$", first.stages[0].note)
+    assert 0.5 * first.stages[0].seconds < float(words)
+    assert not any("compiling" in stage.note for stage in second.stages)
 
 
 def test_stages_account_for_all_steps_and_evaluations():
