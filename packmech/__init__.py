@@ -54,6 +54,7 @@ _PUBLIC = {
     "coordination_number": "packmech.measure",
     "energy": "packmech.measure",
     "forces": "packmech.measure",
+    "link_tension": "packmech.measure",
     "packing_fraction": "packmech.measure",
     "pressure": "packmech.measure",
     "stress_tensor": "packmech.measure",

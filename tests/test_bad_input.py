@@ -114,6 +114,7 @@ BAD = {
     # contacts and measures
     "gap_tolerance": [NAN, INF, -2.0, "0", None, [0.0]],
     "contacts": [3, "contacts", contacts_of_another()],
+    "parts": CHOICE,
     "rattlers": CHOICE,
     # jamming
     "pressure": POSITIVE,

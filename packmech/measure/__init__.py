@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from packmech.measure.counting import coordination_number, packing_fraction
+from packmech.measure.link_tension import link_tension
 from packmech.measure.stress import (
     contact_stress,
     energy,
@@ -19,6 +20,7 @@ __all__ = [
     "energy",
     "force_balance",
     "forces",
+    "link_tension",
     "packing_fraction",
     "pressure",
     "stress_tensor",

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance
+from packmech.check import instance, one_of
+from packmech.compiled import single_thread
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms
-from packmech.packing import without_links
+from packmech.measure.link_tension import link_gradients, tension_of
 from packmech.scene import Scene
+
+PARTS = ("total", "contacts", "links")
 
 
 def _terms(scene: Scene) -> tuple[Contacts, NDArray[np.float64], NDArray[np.float64]]:
@@ -61,7 +64,9 @@ def energy(scene: Scene) -> float:
 
 
 def forces(scene: Scene) -> NDArray[np.float64]:
-    """Return the (N, d) net forces on the particles [force]; equation 21 of the polymer source.
+    """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
+
+    What rigid links add to them is not counted (`link_tension` gives it).
 
     Parameters
     ----------
@@ -80,15 +85,24 @@ def forces(scene: Scene) -> NDArray[np.float64]:
     return sum_forces(contacts, -first)
 
 
-def stress_tensor(scene: Scene) -> NDArray[np.float64]:
+def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
-    sigma_ab = (1/V) sum over contacts of u' r n_a n_b: the strain derivative of the energy over the volume.
+    sigma_ab = (1/V) (sum over contacts of u' r n_a n_b + sum over links of t r n_a n_b) with the link tensions t: the
+    strain derivative of the relaxed energy over the volume (section 8 of the corrected specification).
 
     Parameters
     ----------
     scene
-        The scene.
+        The scene; with rigid links it should be at rest (see `link_tension`).
+    parts
+        "total"; "contacts" alone, which is how the polymer source prints it and not what a wall would feel where there
+        are links; or "links" alone.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no scene or the name is unknown.
 
     Examples
     --------
@@ -99,9 +113,21 @@ def stress_tensor(scene: Scene) -> NDArray[np.float64]:
     True
 
     """
+    one_of("parts", parts, PARTS)
     contacts, _, first = _terms(scene)
-    without_links("scene.packing", scene.packing)
-    return contact_stress(contacts, first, scene.packing.box.volume)
+    packing = scene.packing
+    if packing.links is None:
+        none = np.zeros((packing.dimension, packing.dimension))
+        return none if parts == "links" else contact_stress(contacts, first, packing.box.volume)
+    stress = np.zeros((packing.dimension, packing.dimension))
+    if parts != "links":
+        stress += contact_stress(contacts, first, packing.box.volume)
+    if parts != "contacts":
+        with single_thread():
+            gradients = link_gradients(packing)
+            tension = tension_of(gradients, contacts, first)
+        stress += contact_stress(gradients.pairs, tension, packing.box.volume)
+    return stress
 
 
 def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
@@ -122,13 +148,18 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-def pressure(scene: Scene) -> float:
+def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 
     Parameters
     ----------
-    scene
-        The scene.
+    scene, parts
+        As in `stress_tensor`: with links, their tension counts unless "contacts" is asked for.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `stress_tensor`.
 
     Examples
     --------
@@ -139,16 +170,20 @@ def pressure(scene: Scene) -> float:
 
     """
     # 0 - trace, so that a scene without contacts has pressure 0 and not -0
-    return (0.0 - float(np.trace(stress_tensor(scene)))) / scene.packing.dimension
+    return (0.0 - float(np.trace(stress_tensor(scene, parts=parts)))) / scene.packing.dimension
 
 
 def force_balance(scene: Scene) -> tuple[float, float]:
     """Return the largest net force and the mean contact force [force]; both 0 when nothing touches.
 
-    Their ratio is the residual of a run.
+    Their ratio is the residual of a run. Rigid links bear what they can of the net forces.
     """
     contacts, _, first = _terms(scene)
     if not len(contacts):
         return 0.0, 0.0
     net = sum_forces(contacts, -first)
+    if scene.packing.links is not None:
+        with single_thread():
+            gradients = link_gradients(scene.packing)
+            net += sum_forces(gradients.pairs, -tension_of(gradients, contacts, first))
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(np.abs(first).mean())

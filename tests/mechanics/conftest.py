@@ -55,6 +55,20 @@ def golden():
 
 
 @pytest.fixture(scope="session")
+def linked():
+    """Return a function: the stored packing with links of that name as a scene, and all that is stored about it."""
+
+    def read(name):
+        data = json.loads((GOLDEN / f"{name}.json").read_text())
+        one = data["links"]
+        links = pm.Links(*([link[key] for link in one] for key in ("i", "j", "z", "length"))) if one else None
+        packing = pm.Packing(data["positions"], data["radii"], pm.Box(data["lattice_columns"]), links)
+        return pm.Scene(packing, (pm.Repulsion(law=pm.PowerLaw(1.0, data["w"])),)), data
+
+    return read
+
+
+@pytest.fixture(scope="session")
 def random_scene():
     """Return a function: a random packing in a skewed box, no pair nearer to touching than 2e-3."""
 

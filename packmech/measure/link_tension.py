@@ -1,0 +1,175 @@
+"""Forces that rigid links carry: the multipliers that leave as little force on the particles as links can."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.compiled import single_thread
+from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.network import pair_contacts
+from packmech.effects import contact_terms
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+# a link whose gradient lies, to this sine, in the span of others of its cluster depends on them
+DEPENDENT = 1e-8
+# pivots (squares of that sine) below this are looked at again without squaring
+_SMALL_PIVOT = 1e-9
+_NUDGE = 1e-14
+_REFINEMENTS = 3
+
+
+def distance_gradients(pairs: Contacts) -> sp.csr_array:
+    """Return the (C, N d) derivatives of the pairs' distances with respect to the positions, -n at i and +n at j."""
+    count, dimension = len(pairs), pairs.dimension
+    axis = np.arange(dimension)
+    column = np.concatenate([pairs.i_c[:, None] * dimension + axis, pairs.j_c[:, None] * dimension + axis], axis=1)
+    value = np.concatenate([-pairs.normal_cd, pairs.normal_cd], axis=1)
+    # a particle keeps its distance to its own image when it moves
+    value[pairs.i_c == pairs.j_c] = 0.0
+    start = np.arange(count + 1) * 2 * dimension
+    matrix = sp.csr_array((value.ravel(), column.ravel(), start), shape=(count, pairs.particles * dimension))
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def link_pairs(packing: Packing) -> Contacts:
+    """Return the geometry of a packing's links, in their order; none for a packing without links."""
+    links = packing.links
+    if links is None:
+        none = np.zeros(0, dtype=np.int64)
+        return pair_contacts(packing, none, none, np.zeros((0, packing.dimension), dtype=np.int64))
+    return pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGradients:
+    """The links of a packing and how their lengths change with the positions.
+
+    Attributes
+    ----------
+    pairs
+        Normals and distances of the links.
+    cluster_l
+        (L,) cluster of each link.
+    gradient_lx
+        (L, N d) derivatives of the lengths.
+    dependent_l
+        (L,) which links say nothing that others do not: the gradient lies in the span of others.
+    """
+
+    pairs: Contacts
+    cluster_l: NDArray[np.int64]
+    gradient_lx: sp.csr_array
+    dependent_l: NDArray[np.bool_]
+    _solve: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    _doubtful: tuple[NDArray[np.int64], ...]
+
+    def multipliers(self, push_x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (L,) multipliers m that make |push + gradient^T m| least, of smallest size where links depend."""
+        found: NDArray[np.float64] = np.zeros(self.gradient_lx.shape[0])
+        rest = push_x
+        for _ in range(_REFINEMENTS):
+            found = found - self._solve(self.gradient_lx @ rest)
+            rest = push_x + self.gradient_lx.T @ found
+        for own in self._doubtful:
+            block, column = cluster_block(self.gradient_lx, own)
+            found[own] = np.linalg.lstsq(block.T, -push_x[column], rcond=DEPENDENT)[0]
+        return found
+
+
+def cluster_block(gradient_lx: sp.csr_array, own: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the dense rows of a cluster's links on the coordinates that they touch, and these coordinates."""
+    part = gradient_lx[own]
+    column = np.unique(part.indices)
+    return part[:, column].toarray(), column.astype(np.int64)
+
+
+def _dependent(block: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows to leave out so that the others are independent and span the same."""
+    import scipy.linalg
+
+    out = np.ones(len(block), dtype=bool)
+    if block.size:
+        _, right, order = scipy.linalg.qr(block.T, mode="economic", pivoting=True)
+        size = np.abs(np.diag(right))
+        out[order[: int(np.count_nonzero(size > DEPENDENT * np.sqrt(2.0)))]] = False
+    return out
+
+
+def link_gradients(packing: Packing) -> LinkGradients:
+    """Return the gradients of a packing's links, factored cluster by cluster."""
+    import scipy.sparse.linalg as spla
+
+    pairs = link_pairs(packing)
+    links = packing.links
+    gradient = distance_gradients(pairs)
+    count = len(pairs)
+    dependent = np.zeros(count, dtype=bool)
+    if links is None:
+        return LinkGradients(pairs, np.zeros(0, np.int64), gradient, dependent, lambda right: right, ())
+    cluster = links.clusters(packing.particles)[links.i_l]
+    # links share a particle or nothing: their products are sparse, and block diagonal by cluster
+    product = sp.csc_matrix(gradient @ gradient.T + _NUDGE * sp.eye_array(count))
+    factor = spla.splu(
+        product, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}
+    )
+    small = np.abs(factor.U.diagonal())[factor.perm_c] < _SMALL_PIVOT
+    doubtful = []
+    for c in np.unique(cluster[small]):
+        own = np.flatnonzero(cluster == c)
+        dependent[own] = _dependent(cluster_block(gradient, own)[0])
+        doubtful.append(own)
+    return LinkGradients(pairs, cluster, gradient, dependent, factor.solve, tuple(doubtful))
+
+
+def link_tension(scene: Scene) -> NDArray[np.float64]:
+    """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
+
+    They are the multipliers t that make |grad U + sum of t grad(length)| least over the positions; for a packing at
+    rest the sum vanishes and they are exact. Where links depend on each other (more links than a shape needs) the
+    smallest such set is given.
+
+    Parameters
+    ----------
+    scene
+        The scene; without links the answer is empty.
+
+    Raises
+    ------
+    TypeError
+        If it is no scene.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> links = pm.Links([0, 1], [1, 2], [[0, 0], [1, 0]], [1.0, 1.0])
+    >>> chain = pm.Packing([[0.0, 0.0], [1.0, 0.0], [-0.9, 0.0]], [0.5] * 3, pm.Box.cubic(2.9, 2), links)
+    >>> pm.link_tension(pm.Scene(chain, (pm.Repulsion(),))).round(12).tolist()
+    [-0.1, -0.1]
+
+    """
+    instance("scene", scene, Scene)
+    if scene.packing.links is None:
+        return np.zeros(0)
+    contacts = find_contacts(scene.packing)
+    first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    with single_thread():
+        return tension_of(link_gradients(scene.packing), contacts, first)
+
+
+def tension_of(gradients: LinkGradients, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (L,) forces in the links that balance contacts with radial derivatives first_c."""
+    pull = contacts.normal_cd * first_c[:, None]
+    slope = np.empty((contacts.particles, contacts.dimension))
+    for k in range(contacts.dimension):
+        slope[:, k] = np.bincount(contacts.j_c, pull[:, k], contacts.particles)
+        slope[:, k] -= np.bincount(contacts.i_c, pull[:, k], contacts.particles)
+    return gradients.multipliers(slope.ravel())
