@@ -18,7 +18,7 @@ NAN, INF = float("nan"), float("inf")
 
 # made by packmech for users to read, not by users
 RESULTS = {
-    "Answer", "Average", "Contacts", "Crossings", "FloppyModes", "Modes", "Moduli", "NotConverged", "Outcome", "Run",
+    "Answer", "Average", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes", "Modes", "Moduli", "NotConverged", "Outcome", "Run",
     "SelfStress", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
 }  # fmt: skip
 
@@ -94,6 +94,20 @@ BAD = {
     "image_ld": [NAN, [[NAN, 0.0]], [[0.5, 0.0]], [[0, 0, 0, 0]], "z", None],
     "length_l": [NAN, [NAN], [0.0], [-1.0], "l", None, [1.0, 1.0]],
     "shape_l": [[0], [True, True], "no"],
+    # clusters
+    "position_bd": [[[0.0, NAN], [1.0, 0.0]], [[0.0, 0.0]], [[0.0, 0.0]] * 2, [0.0], [], np.zeros((2, 4)), "x", None],
+    "radius_b": [[NAN, 0.5], [0.0, 0.5], [0.5], 0.5, "r", None],
+    "Cluster.links": [3, "links", [[0, 2]], [[0, 0]], [[0, 1], [1, 0]], [[0, 0.5]], [[-1, 0]], [[NAN, 1]], []],
+    "length": POSITIVE,
+    "radii": [NAN, 0.0, -1.0, "r", None, (0.5,) * 20, (0.5, NAN), [[0.5]]],
+    "angle": [NAN, 0.0, np.pi, 4.0, -1.0, "1", None],
+    "beads": [*COUNT, None],
+    "arms": [*COUNT, None],
+    "arm_beads": [*COUNT, None],
+    "rigid": SWITCH,
+    "shape": ["dimer", 3, None, pm.Dimer],
+    "crossing": CHOICE,
+    "tries": [*COUNT, None],
     # files
     "path": FILE,
     "description": [3, None],
@@ -167,6 +181,7 @@ BAD = {
     "volume": CHOICE,
     "kind": CHOICE,
     "constraint_jacobian.volume": SWITCH,
+    "constraint_basis.volume": SWITCH,
     "form": CHOICE,
     "volume_curvature": CHOICE,
     "strain": SWITCH,
@@ -208,6 +223,11 @@ def good(name, folder):
         "Mixture": {"ratios": (1.0, 2.0), "fractions": (1.0, 1.0)},
         "random_packing": {"particles": 4, "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "lattice_packing": {"name": "square"},
+        "Cluster": {"position_bd": [[0.0, 0.0], [1.0, 0.0]], "radius_b": [0.5, 0.5]},
+        "RingCluster": {"beads": 3},
+        "StarCluster": {"arms": 3},
+        "LinearCluster": {"beads": 2},
+        "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "read_packing": {"path": folder / "a.npz"},
         "read_law": {"path": folder / "a.npz"},
         "read_scene": {"path": "default"},

@@ -1,18 +1,29 @@
-"""Starting packings: sizes, random positions, lattices."""
+"""Starting packings: sizes, random positions, lattices, clusters."""
 
+from packmech.generate.cluster import Cluster, Shape
+from packmech.generate.clusters import cluster_packing
 from packmech.generate.lattices import LATTICE_NAMES, lattice_packing
 from packmech.generate.random import random_packing
+from packmech.generate.shapes import Dimer, LinearCluster, RingCluster, StarCluster, Trimer
 from packmech.generate.sizes import Bidisperse, LogNormal, Mixture, Monodisperse, Normal, Sizes, Uniform
 
 __all__ = [
     "LATTICE_NAMES",
     "Bidisperse",
+    "Cluster",
+    "Dimer",
+    "LinearCluster",
     "LogNormal",
     "Mixture",
     "Monodisperse",
     "Normal",
+    "RingCluster",
+    "Shape",
     "Sizes",
+    "StarCluster",
+    "Trimer",
     "Uniform",
+    "cluster_packing",
     "lattice_packing",
     "random_packing",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, integer, positive
@@ -64,20 +64,27 @@ def random_packing(
     sizes = Bidisperse() if sizes is None else sizes
     if not isinstance(sizes, Sizes) or isinstance(sizes, type):
         raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
-    rng = _generator(seed, rng)
-    shape_dd = np.eye(dimension) if box is None else _shape(box, dimension)
+    rng = generator_of(seed, rng)
+    shape_dd = shape_of(box, dimension)
 
     radius_n = sizes.radii(particles, rng)
-    ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
-    volume = ball * math.fsum(radius_n**dimension) / packing_fraction
-    shape = Box(shape_dd)
-    scaled = shape.scaled((volume / shape.volume) ** (1.0 / dimension))
+    scaled = box_for(radius_n, packing_fraction, shape_dd)
     # einsum, not BLAS: the same bits for any number of threads
     position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
     return Packing(position_nd, radius_n, box=scaled)
 
 
-def _generator(seed: int | None, rng: np.random.Generator | None) -> np.random.Generator:
+def box_for(radius_n: NDArray[np.float64], packing_fraction: float, shape_dd: NDArray[np.float64]) -> Box:
+    """Return the box of that shape in which the particles' volumes add up to the packing fraction."""
+    dimension = len(shape_dd)
+    ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
+    volume = ball * math.fsum(radius_n**dimension) / packing_fraction
+    shape = Box(shape_dd)
+    return shape.scaled((volume / shape.volume) ** (1.0 / dimension))
+
+
+def generator_of(seed: int | None, rng: np.random.Generator | None) -> np.random.Generator:
+    """Return the generator that a seed or a generator names: exactly one of them."""
     if rng is None:
         if seed is None:
             raise ValueError("seed must be an integer (or give rng, a numpy Generator), got None")
@@ -89,7 +96,10 @@ def _generator(seed: int | None, rng: np.random.Generator | None) -> np.random.G
     return rng
 
 
-def _shape(box: Box | ArrayLike, dimension: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def shape_of(box: Box | ArrayLike | None, dimension: int) -> NDArray[np.float64]:
+    """Return the (d, d) lattice vectors that give a box its shape; those of a square or a cube for None."""
+    if box is None:
+        return np.eye(dimension)
     lattice_dd = box.lattice_dd if isinstance(box, Box) else box
     checked = finite_array("box", lattice_dd, shape=(dimension, dimension), what="row")
     length_d = np.linalg.norm(checked, axis=0)

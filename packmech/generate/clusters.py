@@ -1,0 +1,161 @@
+"""Random starting packings of clusters: one shape at independent places and orientations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.box import Box
+from packmech.check import integer, one_of, positive
+from packmech.generate.cluster import Cluster, Shape
+from packmech.generate.random import box_for, generator_of, shape_of
+from packmech.generate.segments import Bonds
+from packmech.generate.sizes import Sizes
+from packmech.links import Links
+from packmech.packing import Packing
+
+CROSSING = ("avoided", "allowed")
+
+
+def cluster_packing(
+    count: int,
+    shape: Shape,
+    *,
+    dimension: int,
+    packing_fraction: float,
+    sizes: Sizes | None = None,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+    box: Box | ArrayLike | None = None,
+    crossing: str = "avoided",
+    tries: int = 1000,
+) -> Packing:
+    """Return clusters of one shape at independent uniform places and orientations, at the packing fraction asked for.
+
+    Clusters overlap at random, some of them deeply, as particles do in ``random_packing``. In two dimensions their
+    bonds do not cross: a cluster whose bonds would cross earlier ones is placed anew. The particles of a cluster follow
+    each other, in the order of the shape's beads.
+
+    Parameters
+    ----------
+    count
+        Number of clusters.
+    shape
+        ``Dimer``, ``Trimer``, ``RingCluster``, ``StarCluster``, ``LinearCluster``, or a ``Cluster`` of beads given by
+        hand.
+    dimension
+        2 (discs) or 3 (spheres).
+    packing_fraction
+        Sum of the areas or volumes of all beads over that of the box [1]; what beads of one cluster share, where they
+        are closer than the sum of their radii, counts twice.
+    sizes
+        Distribution of the sizes of whole clusters: each is the shape times a diameter drawn from it. All equal to the
+        shape when nothing is said.
+    seed, rng
+        Exactly one of them: a seed for ``numpy.random.default_rng``, or a generator. The same seed gives the same bits.
+    box
+        Shape of the box, a ``Box`` or (d, d) lattice vectors as columns; its size is set by the packing fraction.
+        Square or cubic when nothing is said.
+    crossing
+        ``"avoided"`` or ``"allowed"``: whether bonds may cross in two dimensions.
+    tries
+        Number of places tried for a cluster before giving up.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what it must be and what came; also where bonds find no room in ``tries`` tries.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.cluster_packing(50, pm.Trimer(), dimension=2, packing_fraction=0.9, seed=1)
+    >>> packing.particles, len(packing.links), len(pm.crossing_links(packing))
+    (150, 150, 0)
+
+    """
+    count = integer("count", count, at_least=1)
+    if not isinstance(shape, Shape) or isinstance(shape, type):
+        raise TypeError(f"shape must be a shape such as Dimer(...) or Cluster(...), got {shape!r}")
+    dimension = integer("dimension", dimension, at_least=2, at_most=3)
+    packing_fraction = positive("packing_fraction", packing_fraction)
+    if sizes is not None and (not isinstance(sizes, Sizes) or isinstance(sizes, type)):
+        raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
+    rng = generator_of(seed, rng)
+    shape_dd = shape_of(box, dimension)
+    one_of("crossing", crossing, CROSSING)
+    tries = integer("tries", tries, at_least=1)
+    cluster = shape.cluster(dimension)
+    avoid = dimension == 2 and crossing == "avoided"
+    own = cluster.crossing() if avoid else None
+    if own is not None:
+        raise ValueError(f"shape must have no bonds that cross unless crossing is 'allowed', got {own[0]} and {own[1]}")
+
+    factor_k = np.ones(count) if sizes is None else 2.0 * sizes.radii(count, rng)
+    radius_n = np.outer(factor_k, cluster.radius_b).ravel()
+    scaled = box_for(radius_n, packing_fraction, shape_dd)
+    bonds = _Bonds(cluster, factor_k, scaled) if avoid else None
+    centered_bd = cluster.position_bd - cluster.position_bd.mean(axis=0)
+    position = np.empty((count, *centered_bd.shape))
+    for k in range(count):
+        for _ in range(tries if avoid else 1):
+            center = np.einsum("de,e->d", scaled.lattice_dd, rng.random(dimension))
+            turned = np.einsum("de,be->bd", _rotation(dimension, rng), factor_k[k] * centered_bd)
+            position[k] = center + turned
+            if bonds is None or bonds.place(k, position[k]):
+                break
+        else:
+            raise ValueError(
+                f"crossing must be 'allowed' where bonds find no room (or take a lower packing fraction, shorter links "
+                f"or more tries), got no place for cluster {k} in {tries} tries"
+            )
+    packing = Packing(position.reshape(-1, dimension), radius_n, scaled, _links(cluster, factor_k))
+    return packing.wrapped()
+
+
+class _Bonds:
+    """The bonds of the clusters placed so far."""
+
+    def __init__(self, cluster: Cluster, factor_k: NDArray[np.float64], box: Box) -> None:
+        assert cluster.links is not None and cluster.shape_l is not None
+        self._pairs: list[list[int]] = cluster.links[~cluster.shape_l].tolist()
+        self._beads = len(cluster.radius_b)
+        longest = float(factor_k.max() * cluster.length_l[~cluster.shape_l].max(initial=0.0))
+        self._bonds = Bonds(box, max(1, len(factor_k) * len(self._pairs)), longest or 1.0)
+
+    def place(self, k: int, position_bd: NDArray[np.float64]) -> bool:
+        """Place the bonds of cluster k, or none of them where one would cross another."""
+        before, place = len(self._bonds), position_bd.tolist()
+        for i, j in self._pairs:
+            along = tuple(b - a for a, b in zip(place[i], place[j], strict=True))
+            if not self._bonds.place(k * self._beads + i, k * self._beads + j, place[i], along):
+                self._bonds.take_back(before)
+                return False
+        return True
+
+
+def _rotation(dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return a rotation drawn uniformly: an angle, or a unit quaternion."""
+    if dimension == 2:
+        turn = 2.0 * math.pi * rng.random()
+        return np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    drawn = rng.standard_normal(4)
+    w, x, y, z = (drawn / math.sqrt(math.fsum(drawn**2))).tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _links(cluster: Cluster, factor_k: NDArray[np.float64]) -> Links:
+    assert cluster.links is not None and cluster.shape_l is not None
+    count, beads = len(factor_k), len(cluster.radius_b)
+    pair = (cluster.links[None] + beads * np.arange(count)[:, None, None]).reshape(-1, 2)
+    image = np.zeros((len(pair), cluster.position_bd.shape[1]), dtype=np.int64)
+    length = np.outer(factor_k, cluster.length_l).ravel()
+    return Links(pair[:, 0], pair[:, 1], image, length, np.tile(cluster.shape_l, count))
