@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from packmech.mechanics.constraint_basis import ConstraintBasis, constraint_basis
     from packmech.mechanics.constraints import constraint_jacobian
     from packmech.mechanics.counting import FloppyModes, SelfStress, floppy_modes, states_of_self_stress
     from packmech.mechanics.elasticity import elastic_moduli
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 _MODULE = {
     "Average": "moduli",
+    "ConstraintBasis": "constraint_basis",
     "Factorization": "factor",
     "FloppyModes": "counting",
     "Inertia": "factor",
@@ -33,6 +35,7 @@ _MODULE = {
     "StateDensity": "spectrum",
     "Verdict": "verdict",
     "classify_jamming": "jamming",
+    "constraint_basis": "constraint_basis",
     "constraint_jacobian": "constraints",
     "density_of_states": "spectrum",
     "dynamical_matrix": "hessian",
@@ -49,6 +52,7 @@ _MODULE = {
 
 __all__ = [
     "Average",
+    "ConstraintBasis",
     "Factorization",
     "FloppyModes",
     "Inertia",
@@ -59,6 +63,7 @@ __all__ = [
     "StateDensity",
     "Verdict",
     "classify_jamming",
+    "constraint_basis",
     "constraint_jacobian",
     "density_of_states",
     "dynamical_matrix",

@@ -109,3 +109,98 @@ def rest_scene():
         return scene.replace(packing=newton(scene, force_tolerance=1e-11, step_limit=200).packing)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def stored_links():
+    """Return a function: the stored packing of that name, what is stored about it, and the file's order of its links.
+
+    What is stored by link is taken in the packing's order by that index.
+    """
+
+    def read(name):
+        data = json.loads((GOLDEN / f"{name}.json").read_text())
+        link = data["links"]
+        links, place = None, np.empty(0, dtype=int)
+        if link:
+            ends = np.array([[one["i"], one["j"]] for one in link])
+            assert (ends[:, 0] < ends[:, 1]).all()
+            place = np.lexsort(ends.T[::-1])
+            links = pm.Links(*ends.T, [one["z"] for one in link], [one["length"] for one in link])
+        return pm.Packing(data["positions"], data["radii"], pm.Box(data["lattice_columns"]), links), data, place
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def off_lengths():
+    """Return a function: a chain with angle links in a skew box, up to ten percent off its lengths."""
+
+    def make(dimension, seed=0):
+        rng = np.random.default_rng(seed)
+        count = 12
+        place = rng.uniform(0, 6, (count, dimension))
+        i = np.concatenate([np.arange(count - 1), np.arange(count - 2)])
+        j = np.concatenate([np.arange(1, count), np.arange(2, count)])
+        image = rng.integers(-1, 2, (len(i), dimension))
+        box = pm.Box(6 * np.eye(dimension) + rng.uniform(-1, 1, (dimension, dimension)))
+        links = pm.Links(i, j, image, np.ones(len(i)))
+        length = np.linalg.norm(links.vectors(place, box.lattice_dd), axis=1) * rng.uniform(0.9, 1.1, len(i))
+        links = pm.Links(links.i_l, links.j_l, links.image_ld, length)
+        return pm.Packing(place, np.full(count, 0.5), box, links)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def chain_packing():
+    """Return a function: chains of unit steps, each particle linked to those up to `reach` along."""
+
+    def make(length, chains=1, *, dimension=2, angle=0.6, reach=1, seed=0):
+        rng = np.random.default_rng(seed)
+        place = np.empty((chains, length, dimension))
+        for k in range(chains):
+            turn = np.cumsum(rng.uniform(-angle, angle, length))
+            step = np.stack([np.cos(turn), np.sin(turn)] + [np.zeros(length)] * (dimension - 2), axis=1)
+            if dimension == 3:
+                step += angle * rng.uniform(-1, 1, step.shape)
+                step /= np.linalg.norm(step, axis=1)[:, None]
+            place[k] = np.cumsum(step, axis=0)
+            place[k, :, 1] += 2.5 * k
+        first = np.arange(chains)[:, None] * length
+        i = np.concatenate([(first + np.arange(length - u)).ravel() for u in range(1, reach + 1)])
+        j = np.concatenate([(first + np.arange(u, length)).ravel() for u in range(1, reach + 1)])
+        shape = np.concatenate([np.full(chains * (length - u), u > 1) for u in range(1, reach + 1)])
+        place = place.reshape(-1, dimension)
+        distance = np.linalg.norm(place[j] - place[i], axis=1)
+        links = pm.Links(i, j, np.zeros((len(i), dimension)), distance, shape)
+        box = pm.Box.cubic(1.2 * max(length, 2.5 * chains), dimension)
+        return pm.Packing(place, np.full(len(place), 0.5), box, links)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def rigid_cluster():
+    """Return a function: one cluster at the given places with all its pairs linked."""
+
+    def make(dimension, places):
+        places = np.asarray(places, dtype=float)
+        i, j = np.triu_indices(len(places), 1)
+        length = np.linalg.norm(places[j] - places[i], axis=1)
+        links = pm.Links(i, j, np.zeros((len(i), dimension)), length)
+        return pm.Packing(places, np.full(len(places), 0.5), pm.Box.cubic(9.0, dimension), links)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def dense_null():
+    """Return a function: orthonormal rows that span the left null space of a matrix, by singular values."""
+
+    def make(matrix, tolerance=1e-9):
+        left, value, _ = np.linalg.svd(matrix)
+        rank = int((value > tolerance * value[0]).sum()) if len(value) else 0
+        return left[:, rank:].T
+
+    return make

@@ -1,8 +1,5 @@
 """Facts about the constraint Jacobian: stored vectors, finite differences, closed forms, and what it does not see."""
 
-import json
-import pathlib
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,35 +7,8 @@ from hypothesis import strategies as st
 
 import packmech as pm
 
-GOLDEN = pathlib.Path(__file__).parents[1] / "golden"
 RANDOM = ["random_chain_3d_w2.5", "random_dimer_3d_w2.0", "random_mono_2d_w3.0", "random_trimer_2d_w2.5"]
 EQUILIBRIUM = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]
-
-
-def stored(name):
-    """Return a stored packing, its data, and the place of each of the packing's links in the file."""
-    data = json.loads((GOLDEN / f"{name}.json").read_text())
-    link = data["links"]
-    links, place = None, np.empty(0, dtype=int)
-    if link:
-        ends = np.array([[one["i"], one["j"]] for one in link])
-        assert (ends[:, 0] < ends[:, 1]).all()
-        place = np.lexsort(ends.T[::-1])
-        links = pm.Links(*ends.T, [one["z"] for one in link], [one["length"] for one in link])
-    return pm.Packing(data["positions"], data["radii"], pm.Box(data["lattice_columns"]), links), data, place
-
-
-def off_lengths(dimension, seed=0):
-    """Return chains with angle links in a skew box, ten percent off their lengths, some around the box."""
-    rng = np.random.default_rng(seed)
-    count = 12
-    place = rng.uniform(0, 6, (count, dimension))
-    i = np.concatenate([np.arange(count - 1), np.arange(count - 2)])
-    j = np.concatenate([np.arange(1, count), np.arange(2, count)])
-    links = pm.Links(i, j, rng.integers(-1, 2, (len(i), dimension)), np.ones(len(i)))
-    box = pm.Box(6 * np.eye(dimension) + rng.uniform(-1, 1, (dimension, dimension)))
-    length = np.linalg.norm(links.vectors(place, box.lattice_dd), axis=1) * rng.uniform(0.9, 1.1, len(i))
-    return pm.Packing(place, np.full(count, 0.5), box, pm.Links(links.i_l, links.j_l, links.image_ld, length))
 
 
 def lengths(packing, displacement, strain):
@@ -49,8 +19,8 @@ def lengths(packing, displacement, strain):
 
 
 @pytest.mark.parametrize("name", RANDOM)
-def test_random_packings_have_the_stored_jacobian(name):
-    packing, data, place = stored(name)
+def test_random_packings_have_the_stored_jacobian(name, stored_links):
+    packing, data, place = stored_links(name)
     expected = np.array(data["constraint_jacobian_Gamma_links_mandel"])
     expected = expected.reshape(packing.position_nd.size + len(data["H_ee_mandel"]), -1)[:, place]
     found = pm.constraint_jacobian(packing, strain=True)
@@ -60,14 +30,16 @@ def test_random_packings_have_the_stored_jacobian(name):
 
 
 @pytest.mark.parametrize("name", EQUILIBRIUM)
-def test_packings_at_rest_have_the_stored_jacobian(name):
-    packing, data, place = stored(name)
+def test_packings_at_rest_have_the_stored_jacobian(name, stored_links):
+    packing, data, place = stored_links(name)
     expected = np.array(data["Gamma_links_mandel"])[:, place]
     assert np.abs(pm.constraint_jacobian(packing, strain=True).toarray() - expected).max() < 1e-12
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_exact_jacobian_is_the_gradient_of_lengths_off_their_lengths_too_and_the_printed_one_is_not(dimension):
+def test_exact_jacobian_is_the_gradient_of_lengths_off_their_lengths_too_and_the_printed_one_is_not(
+    dimension, off_lengths
+):
     packing = off_lengths(dimension)
     exact = pm.constraint_jacobian(packing, strain=True).toarray()
     paper = pm.constraint_jacobian(packing, strain=True, form="paper").toarray()
@@ -81,7 +53,7 @@ def test_exact_jacobian_is_the_gradient_of_lengths_off_their_lengths_too_and_the
     assert np.abs(paper.T @ direction - rate).max() > 0.05
 
 
-def test_difference_quotient_approaches_the_jacobian_with_the_square_of_the_step():
+def test_difference_quotient_approaches_the_jacobian_with_the_square_of_the_step(off_lengths):
     packing = off_lengths(2)
     direction = np.random.default_rng(2).normal(size=packing.position_nd.shape)
     rate = pm.constraint_jacobian(packing).T @ direction.ravel()
@@ -105,7 +77,7 @@ def test_column_of_a_dimer_has_squared_norm_two_plus_length_squared(dimension):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_volume_column_is_the_relative_rate_of_the_volume(dimension):
+def test_volume_column_is_the_relative_rate_of_the_volume(dimension, off_lengths):
     packing = off_lengths(dimension)
     column = pm.constraint_jacobian(packing, strain=True, volume=True).toarray()[:, -1]
     strain = np.random.default_rng(4).normal(size=len(column) - packing.position_nd.size)
@@ -115,7 +87,7 @@ def test_volume_column_is_the_relative_rate_of_the_volume(dimension):
     assert abs((grown - shrunk) / 2e-6 - column[packing.position_nd.size :] @ strain) < 1e-9
 
 
-def test_strain_scale_divides_the_rows_of_strains():
+def test_strain_scale_divides_the_rows_of_strains(off_lengths):
     packing = off_lengths(3)
     plain, scaled = (pm.constraint_jacobian(packing, True, True, strain_scale=s).toarray() for s in (1.0, 3.7))
     default = pm.constraint_jacobian(packing, True, True, strain_scale=None).toarray()
@@ -126,7 +98,7 @@ def test_strain_scale_divides_the_rows_of_strains():
 
 
 @given(seed=st.integers(0, 2**32), dimension=st.sampled_from([2, 3]))
-def test_translation_and_choice_of_images_change_nothing(seed, dimension):
+def test_translation_and_choice_of_images_change_nothing(seed, dimension, off_lengths):
     packing = off_lengths(dimension)
     rng = np.random.default_rng(seed)
     shift, image = rng.normal(size=dimension), rng.integers(-2, 3, packing.position_nd.shape)
@@ -140,7 +112,7 @@ def test_translation_and_choice_of_images_change_nothing(seed, dimension):
 
 
 @given(seed=st.integers(0, 2**32), dimension=st.sampled_from([2, 3]))
-def test_rotation_turns_positions_and_strains_in_the_mandel_basis(seed, dimension):
+def test_rotation_turns_positions_and_strains_in_the_mandel_basis(seed, dimension, off_lengths):
     packing = off_lengths(dimension)
     turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(dimension, dimension)))
     turned = packing.replace(position_nd=packing.position_nd @ turn.T, box=pm.Box(turn @ packing.box.lattice_dd))
@@ -154,7 +126,7 @@ def test_rotation_turns_positions_and_strains_in_the_mandel_basis(seed, dimensio
 
 
 @given(seed=st.integers(0, 2**32))
-def test_other_lattice_vectors_of_the_same_lattice_change_nothing(seed):
+def test_other_lattice_vectors_of_the_same_lattice_change_nothing(seed, off_lengths):
     packing = off_lengths(2)
     k = int(np.random.default_rng(seed).integers(-3, 4))
     change, back = np.array([[1, k], [0, 1]]), np.array([[1, -k], [0, 1]])
@@ -178,6 +150,6 @@ def test_coincident_ends_are_refused_by_name():
         pm.constraint_jacobian(packing)
 
 
-def test_volume_without_strain_is_refused():
+def test_volume_without_strain_is_refused(off_lengths):
     with pytest.raises(ValueError, match="volume must be False without strain"):
         pm.constraint_jacobian(off_lengths(2), volume=True)
