@@ -196,6 +196,8 @@ def _finish(
     stages = list(report.stages)
     if run is not None:
         numbers |= numbers_of_run(run)
+        if report.numbers["force_residual"] is None:  # no contact carries a force
+            numbers["force_residual"] = None
         stages = [*(run.stages or (stage_of_run(run),)), *stages]
     else:
         numbers["seconds"] = sum(stage.seconds for stage in stages)

@@ -11,10 +11,11 @@ import numpy as np
 
 from packmech.check import instance, integer, one_of
 from packmech.compiled import compile_clock, compiling_noted
-from packmech.contacts import find_contacts
+from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import find_rattlers
 from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
 from packmech.outcome import NotConverged, Stage
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 if TYPE_CHECKING:
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 
 # what a part of the examination may raise for a packing that does not allow it; the other parts still count
 REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
+# contacts that overlap by no more than so many spacings of the coordinates, in the mean, carry no force but rounding
+_SPACINGS = 8.0
+# squared frequencies below this, in units of the largest, are rounding
+_ZERO = 1e-12
 
 
 @dataclass(eq=False)
@@ -38,7 +43,8 @@ class Report:
         Results by name, as `packmech jam --json` writes them. Pressures and moduli are in units of
         energy_scale / reference_diameter^d: elastic_constants are second derivatives of the energy by symmetric
         strains over the volume, stiffness_cauchy is the Mandel matrix of the Cauchy stress. Frequencies are in units
-        of sqrt(energy_scale / mass) / reference_diameter.
+        of sqrt(energy_scale / mass) / reference_diameter; those of at most frequency_floor are zero to rounding.
+        force_residual is None where no contact carries a force.
     stages
         What each part of the examination achieved and cost.
     missing
@@ -134,7 +140,7 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     contacts = find_contacts(packing)
     held_c = ~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]
     backbone = packing.particles - int(rattler_n.sum())
-    largest, mean = force_balance(scene)
+    largest, mean = force_balance(scene) if _carries_force(packing, contacts) else (0.0, 0.0)
     unit = scene.pressure_unit
     return {
         "particles": packing.particles,
@@ -148,8 +154,15 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "contacts": int(held_c.sum()),
         "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain),
         "strain": strain,
-        "force_residual": largest / mean if mean > 0.0 else 0.0,
+        "force_residual": largest / mean if mean > 0.0 else None,
     }
+
+
+def _carries_force(packing: Packing, contacts: Contacts) -> bool:
+    """Whether overlaps are more than what rounding of the coordinates makes of particles that just touch."""
+    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+    overlap = float(np.maximum(-contacts.gap_c, 0.0).mean()) if len(contacts) else 0.0
+    return overlap > _SPACINGS * float(np.spacing(extent))
 
 
 def _verdict(report: Report) -> None:
@@ -223,4 +236,5 @@ def _modes(report: Report, count: int) -> None:
     report.modes = modes
     unit = np.sqrt(scene.energy_scale) / scene.packing.reference_diameter
     report.numbers["lowest_frequencies"] = (modes.frequency_m / unit).tolist()
+    report.numbers["frequency_floor"] = float(np.sqrt(_ZERO * modes.largest)) / unit
     report.stages.append(Stage("modes", modes.residual, seconds=modes.seconds))

@@ -24,7 +24,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     rows += [
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
         ("pressure", f"{numbers['pressure']:.6g}", unit),
-        ("force residual", f"{numbers['force_residual']:.1e}", "largest net force / mean contact force"),
+        _residual(numbers["force_residual"]),
         _contacts(numbers),
         _rattlers(numbers),
     ]
@@ -36,10 +36,23 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     if "bulk_modulus" in numbers:
         rows += _moduli(numbers, unit)
     if "lowest_frequencies" in numbers:
-        listed = "  ".join(f"{value:.3g}" for value in numbers["lowest_frequencies"][:6])
-        rows.append(("lowest frequencies", listed or "none", "sqrt(energy_scale / mass) / diameter"))
+        rows.append(_frequencies(numbers["lowest_frequencies"][:6], numbers["frequency_floor"]))
     rows += [(part, "not available", reason) for part, reason in missing.items()]
     return rows
+
+
+def _residual(residual: float | None) -> Row:
+    if residual is None:
+        return ("force residual", "-", "no contact carries a force")
+    return ("force residual", f"{residual:.1e}", "largest net force / mean contact force")
+
+
+def _frequencies(frequencies: Sequence[float], floor: float) -> Row:
+    listed = ["0" if abs(value) <= floor else f"{value:.3g}" for value in frequencies]
+    note = "sqrt(energy_scale / mass) / diameter"
+    if "0" in listed:
+        note += f"; 0: within rounding, {floor:.0e} (1e-6 of the stiffest)"
+    return ("lowest frequencies", "  ".join(listed) or "none", note)
 
 
 def _contacts(numbers: Mapping[str, Any]) -> Row:

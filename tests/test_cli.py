@@ -205,6 +205,14 @@ def test_a_packing_without_law_is_analyzed_as_harmonic_and_says_so(tmp_path):
     assert "none is stored with it" in done.stdout
 
 
+def test_a_touching_lattice_is_analyzed_with_no_residual_and_null_in_its_json(tmp_path):
+    pm.write_packing(pm.lattice_packing("kagome", repeats=(2, 2)), tmp_path / "kagome.npz")
+    done = packmech("analyze", "kagome.npz", "--json", "kagome.json", folder=tmp_path)
+    assert re.search(r"force residual +- +no contact carries a force", done.stdout)
+    assert re.search(r"lowest frequencies +0  0  0  0  1  1 ", done.stdout)
+    assert json.loads((tmp_path / "kagome.json").read_text())["force_residual"] is None
+
+
 def test_scenes_lists_every_shipped_scene(tmp_path):
     done = packmech("scenes", folder=tmp_path)
     assert all(name in done.stdout for name in pm.list_scenes())

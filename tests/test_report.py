@@ -59,13 +59,54 @@ def test_a_scene_without_contacts_has_no_stiffness_and_is_not_jammed():
     assert row(result_rows(report.numbers, report.missing), "contacts")[2] == "isostatic: 0; 0 states of self stress"
 
 
+def touching_kagome(**options) -> pm.Scene:
+    return pm.Scene(pm.lattice_packing("kagome", repeats=(2, 2), **options), HARMONIC)
+
+
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e6])
+def test_particles_that_just_touch_have_no_force_residual(length):
+    packing = touching_kagome().packing
+    scaled = pm.Packing(
+        packing.position_nd * length, packing.radius_n * length, pm.Box(packing.box.lattice_dd * length)
+    )
+    report = examine(pm.Scene(scaled, HARMONIC), modes=0)
+    assert report.numbers["contacts"] == 24
+    assert report.numbers["force_residual"] is None
+    assert row(result_rows(report.numbers, report.missing), "force residual")[1:] == ("-", "no contact carries a force")
+
+
+@pytest.mark.parametrize("overlap", [1e-12, 1e-6])
+def test_particles_that_overlap_a_little_have_a_force_residual(overlap):
+    assert examine(crystal(relative_overlap=overlap), modes=0).numbers["force_residual"] < 1e-2
+
+
+def test_floppy_modes_have_frequency_zero_in_the_table_and_what_was_computed_in_the_numbers():
+    report = examine(touching_kagome(), modes=6)
+    row_ = row(result_rows(report.numbers, report.missing), "lowest frequencies")
+    # 24 contacts on 24 coordinates with 6 states of self stress: 6 zero modes, 2 of them translations
+    assert row_[1].split()[:4] == ["0"] * 4 and float(row_[1].split()[4]) > 0.1
+    assert row_[2].endswith("1e-6 of the stiffest)")
+    assert report.numbers["lowest_frequencies"] == pm.normal_modes(touching_kagome(), 6).frequency_m.tolist()
+    assert report.numbers["lowest_frequencies"][3] <= report.numbers["frequency_floor"] < 1e-5
+
+
+def test_a_frequency_above_rounding_keeps_its_digits_and_its_sign():
+    """A square crystal under pressure p falls apart with a growth rate of about sqrt(p), however small that is."""
+    square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=1e-8)
+    report = examine(pm.Scene(square, HARMONIC), modes=2)
+    first = row(result_rows(report.numbers, report.missing), "lowest frequencies")[1].split()[0]
+    assert -1e-3 < float(first) < -1e-5
+
+
 def test_every_part_says_what_it_achieved_and_cost():
     stages = {stage.name: stage for stage in examine(crystal()).stages}
     assert set(stages) == {"verdict", "moduli", "modes"}
     assert all(stage.residual < 1e-10 and stage.seconds >= 0.0 for stage in stages.values())
 
 
-def test_a_part_that_compiles_says_so_the_first_time_only():
+def test_a_part_that_compiles_says_so_the_first_time_only(monkeypatch):
+    monkeypatch.setattr("packmech.compiled._SourceCache._kept", lambda cache, sig: "Unmet" not in str(sig))
+
     class Unmet(NamedTuple):
         energy_scale: float = 1.0
 
