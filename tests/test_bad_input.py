@@ -190,6 +190,7 @@ BAD = {
     "rest_tolerance": [NAN, 0.0, -1.0, "1", None],
     "tolerance": [NAN, INF, 0.0, -1.0, "1", None],
     "rank_tolerance": [NAN, INF, 0.0, 1.0, "1", None],
+    "memory_limit": [NAN, INF, 0.0, -1.0, "1", None],
     "basis_limit": [NAN, INF, 0.0, -1.0, "1", None],
     "count": COUNT,
     "bins": [0, -1, 2.5, "two", [1.0], [1.0, 0.5], [0.0, NAN], None],

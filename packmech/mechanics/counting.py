@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from packmech.check import one_of, positive, real
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
+from packmech.measure.link_tension import distance_gradients
 from packmech.mechanics.factor import Factorization, eigenvalues_below, factorize
-from packmech.mechanics.rigidity import TOUCHING, contacts_of, position_columns, strain_columns
+from packmech.mechanics.rigidity import TOUCHING, contacts_of, strain_columns
 from packmech.mechanics.strain import isochoric_basis
-from packmech.packing import Packing
+from packmech.packing import Packing, without_links
 
 STRAINS = ("none", "isochoric", "free")
 METHODS = ("auto", "dense", "sparse")
@@ -124,7 +125,7 @@ class _Problem:
 
 def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
     dimension = packing.dimension
-    position = position_columns(contacts)
+    position = distance_gradients(contacts)
     components = dimension * (dimension + 1) // 2
     admitted = {"none": np.zeros((components, 0)), "isochoric": isochoric_basis(dimension), "free": np.eye(components)}[
         strain
@@ -217,7 +218,9 @@ def _prepare(
     one_of("method", method, METHODS)
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
     positive("basis_limit", limit)
-    problem = _problem(packing, strain, contacts_of(packing, contacts, gap_tolerance))
+    found = contacts_of(packing, contacts, gap_tolerance)
+    without_links("packing", packing)
+    problem = _problem(packing, strain, found)
     if method == "auto":
         method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
     return problem, method

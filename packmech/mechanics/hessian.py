@@ -10,10 +10,13 @@ from packmech.check import finite_array, instance, one_of, positive, positive_ar
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import ContactTerms, contact_terms
 from packmech.measure import contact_stress
+from packmech.measure.link_tension import LinkGradients, link_gradients
 from packmech.mechanics.bonds import BondSums, bond_sums
+from packmech.mechanics.link_basis import MEMORY_LIMIT, motion_basis
+from packmech.mechanics.link_rows import prestressed
 from packmech.mechanics.rigidity import TOUCHING
 from packmech.mechanics.strain import isochoric_basis, mandel_vector, strain_components, trace_vector
-from packmech.packing import without_links
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 KINDS = ("exact", "paper", "unstressed")
@@ -26,18 +29,25 @@ def closed_terms(scene: Scene, contacts: Contacts) -> ContactTerms:
     return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
 
 
-def scene_sums(contacts: Contacts, terms: ContactTerms, kind: str) -> BondSums:
-    """Return the bond tensors of the named kind; "unstressed" leaves out the contact forces."""
-    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
-    return bond_sums(contacts, first, terms.second_c)
+def scene_sums(contacts: Contacts, terms: ContactTerms, kind: str, links: LinkGradients | None = None) -> BondSums:
+    """Return the bond tensors of the named kind; "unstressed" leaves out the forces, "paper" those of the links."""
+    return bond_sums(*prestressed(contacts, terms, kind, links))
 
 
-def volume_curvature_term(contacts: Contacts, terms: ContactTerms) -> NDArray[np.float64]:
+def volume_curvature_term(
+    contacts: Contacts, terms: ContactTerms, links: LinkGradients | None = None
+) -> NDArray[np.float64]:
     """Return the (s, s) curvature P V d2(det) of a volume held by pressure: P V (tr E tr F - tr E F)."""
-    stress_volume = contact_stress(contacts, terms.first_c, 1.0)
+    stressed = prestressed(contacts, terms, "exact", links)
+    stress_volume = contact_stress(stressed.pairs, stressed.first_c, 1.0)
     trace = trace_vector(contacts.dimension)
     pressure_volume = -float(np.trace(stress_volume)) / contacts.dimension
     return pressure_volume * (np.outer(trace, trace) - np.eye(len(trace)))
+
+
+def links_of(packing: Packing) -> LinkGradients | None:
+    """Return the gradients of a packing's links, None where there are none."""
+    return None if packing.links is None else link_gradients(packing)
 
 
 def check_choices(kind: str, volume: str, volume_curvature: str) -> None:
@@ -62,6 +72,10 @@ def hessian(
     xy); a strain acts as v -> (1 + strain) v on all vectors, so that the strain part is in [energy], the mixed part
     in [energy/length]. Equations 24-26 of the polymer source with their errata.
 
+    With rigid links the matrix is that of the Lagrangian, not projected: contacts plus sum of tension * second
+    derivatives of the lengths. It means something on motions that the links admit, y = B^T q with B from
+    `change_of_basis`: the second derivatives of the energy along these are B H B^T, for a packing at rest.
+
     Parameters
     ----------
     scene
@@ -69,9 +83,9 @@ def hessian(
     strain
         Whether to append the strains.
     kind
-        "exact": the full second derivatives, contact forces (prestress) included. "unstressed": R^T diag(u'') R, as
-        if no contact carried a force. "paper": the second derivatives of the contact energies alone, as the source
-        projects them; without links it differs from "exact" only by the curvature of a fixed volume.
+        "exact": the full second derivatives, contact and link forces (prestress) included. "unstressed": R^T diag(u'')
+        R, as if nothing carried a force. "paper": the second derivatives of the contact energies alone, as the source
+        projects them: without the curvature of links and of a fixed volume, wrong by terms of the order of the stress.
     volume
         "free", or "fixed" if the strains are to keep the volume at its pressure P. Then "exact" adds the curvature of
         that constraint; the matrix keeps all strains, so project it on the isochoric ones.
@@ -96,19 +110,19 @@ def hessian(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     instance("strain", strain, bool)
     check_choices(kind, volume, volume_curvature)
     contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
     terms = closed_terms(scene, contacts)
-    sums = scene_sums(contacts, terms, kind)
+    links = links_of(scene.packing)
+    sums = scene_sums(contacts, terms, kind, links)
     position = sums.position_matrix()
     position.eliminate_zeros()
     if not strain:
         return position
     corner = sums.strain_ee
     if kind == "exact" and volume == "fixed" and volume_curvature == "det":
-        corner = corner + volume_curvature_term(contacts, terms)
+        corner = corner + volume_curvature_term(contacts, terms, links)
     return bordered(position, sums.coupling_xe, corner)
 
 
@@ -133,8 +147,12 @@ def dynamical_matrix(
     mass_n: ArrayLike | None = None,
     strain_scale: float | None = None,
     gap_tolerance: float = TOUCHING,
+    memory_limit: float = MEMORY_LIMIT,
 ) -> sp.csr_array:
     """Return M^-1/2 H M^-1/2, whose eigenvalues are squared frequencies [1/time^2].
+
+    With rigid links it is reduced to the motions that they admit, in the coordinates of `change_of_basis`: a full
+    matrix, for small packings; `normal_modes` has no such limit.
 
     Parameters
     ----------
@@ -148,11 +166,13 @@ def dynamical_matrix(
         (N,) masses; 1 for all by default.
     strain_scale
         Length that a unit strain counts as [length]; V^(1/d) by default.
+    memory_limit
+        Largest memory of the matrix of a packing with links [bytes].
 
     Raises
     ------
     TypeError, ValueError
-        As `hessian`, or if a mass or the scale is not positive.
+        As `hessian`, or if a mass or the scale is not positive, or the matrix would exceed the memory limit.
 
     Examples
     --------
@@ -164,13 +184,19 @@ def dynamical_matrix(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     instance("strain", strain, bool)
     check_choices(kind, volume, volume_curvature)
+    positive("memory_limit", memory_limit)
     mass = checked_masses(mass_n, scene.packing.particles)
     scale = checked_scale(strain_scale, scene)
     full = hessian(scene, strain, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
+    if scene.packing.links is not None:
+        basis = motion_basis(
+            link_gradients(scene.packing), strain_directions(dimension, volume) if strain else None,
+            mass_n=mass, strain_scale=scale, memory_limit=memory_limit,
+        )  # fmt: skip
+        return sp.csr_array(basis.T @ (full @ basis))
     weight = np.repeat(1.0 / np.sqrt(mass), dimension)
     change = sp.diags_array(weight, format="csr")
     if strain:
@@ -208,7 +234,8 @@ def perturbation_energy(
     """Return the second-order energy of a perturbation, (1/2) y.H.y [energy]; equation 34 of the polymer source.
 
     At rest this is the change of energy up to third order. Elsewhere add the first-order part,
-    -sum(forces * displacement) + V sum(stress * strain).
+    -sum(forces * displacement) + V sum(stress * strain). With rigid links the perturbation must keep their lengths to
+    first order, and the energy is that of the motion which keeps them to second order too.
 
     Parameters
     ----------
@@ -234,7 +261,6 @@ def perturbation_energy(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     packing = scene.packing
     displacement = finite_array("displacement_nd", displacement_nd, shape=(packing.particles, packing.dimension))
     motion = displacement.ravel()

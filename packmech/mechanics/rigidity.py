@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import check_contacts
+from packmech.measure.link_tension import distance_gradients
 from packmech.mechanics.strain import normal_strains
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
 TOUCHING = 1e-9
@@ -19,28 +20,10 @@ TOUCHING = 1e-9
 def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float) -> Contacts:
     """Return the given contacts after checking that they fit the packing, or else those within the gap tolerance."""
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     if contacts is None:
         return find_contacts(packing, gap_tolerance=gap_tolerance)
     check_contacts(packing, contacts)
     return contacts
-
-
-def position_columns(contacts: Contacts) -> sp.csr_array:
-    """Return the (C, N d) derivatives of the contact distances with respect to the positions, -n at i and +n at j."""
-    count, dimension = len(contacts), contacts.dimension
-    axis = np.arange(dimension)
-    column = np.concatenate(
-        [contacts.i_c[:, None] * dimension + axis, contacts.j_c[:, None] * dimension + axis], axis=1
-    )
-    value = np.concatenate([-contacts.normal_cd, contacts.normal_cd], axis=1)
-    # a particle that touches its own image keeps its distance when it moves
-    value[contacts.i_c == contacts.j_c] = 0.0
-    start = np.arange(count + 1) * 2 * dimension
-    matrix = sp.csr_array((value.ravel(), column.ravel(), start), shape=(count, contacts.particles * dimension))
-    matrix.sum_duplicates()
-    matrix.eliminate_zeros()
-    return matrix
 
 
 def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
@@ -56,7 +39,8 @@ def rigidity_matrix(
     Row c holds d rho_c / dx_k = n (delta_jk - delta_ik) and, for every Mandel strain E, rho n.E.n with the actual
     distance rho (equations 35 and 36 of the polymer source, whose sigma in 36 holds at zero overlap only). Its
     transpose turns contact forces into net forces and V times the stress. Columns are particle-major positions, then
-    the strains xx, yy, sqrt2 xy in two dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three.
+    the strains xx, yy, sqrt2 xy in two dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three. Rigid
+    links have no rows here; `constrained_rigidity_matrix` keeps to the motions that they admit.
 
     Parameters
     ----------
@@ -85,7 +69,7 @@ def rigidity_matrix(
     """
     instance("strain", strain, bool)
     found = contacts_of(packing, contacts, gap_tolerance)
-    position = position_columns(found)
+    position = distance_gradients(found)
     if not strain:
         return position
     return sp.csr_array(sp.hstack([position, sp.csr_array(strain_columns(found))], format="csr"))
