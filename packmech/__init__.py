@@ -27,6 +27,7 @@ _PUBLIC = {
     "RingCluster": "packmech.generate",
     "StarCluster": "packmech.generate",
     "Trimer": "packmech.generate",
+    "chain_packing": "packmech.generate",
     "cluster_packing": "packmech.generate",
     "lattice_packing": "packmech.generate",
     "random_packing": "packmech.generate",
@@ -74,6 +75,7 @@ _PUBLIC = {
     "record_run": "packmech.recording",
     # mechanics
     "Average": "packmech.mechanics.moduli",
+    "ConstrainedForce": "packmech.mechanics.projection",
     "ConstraintBasis": "packmech.mechanics.constraint_basis",
     "FloppyModes": "packmech.mechanics.counting",
     "Modes": "packmech.mechanics.modes",
@@ -92,6 +94,7 @@ _PUBLIC = {
     "n_matrix": "packmech.mechanics.change_of_basis",
     "normal_modes": "packmech.mechanics.modes",
     "perturbation_energy": "packmech.mechanics.hessian",
+    "project_force": "packmech.mechanics.projection",
     "rigidity_matrix": "packmech.mechanics.rigidity",
     "states_of_self_stress": "packmech.mechanics.counting",
     # minimizers

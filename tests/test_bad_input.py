@@ -18,8 +18,9 @@ NAN, INF = float("nan"), float("inf")
 
 # made by packmech for users to read, not by users
 RESULTS = {
-    "Answer", "Average", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes", "Modes", "Moduli", "NotConverged",
-    "Outcome", "Run", "SelfStress", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
+    "Answer", "Average", "ConstrainedForce", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes", "Modes",
+    "Moduli", "NotConverged", "Outcome", "Run", "SelfStress", "Solve", "Stage", "StateDensity", "Trace", "Trial",
+    "Verdict", "WorkPrecision",
 }  # fmt: skip
 
 MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
@@ -108,6 +109,12 @@ BAD = {
     "shape": ["dimer", 3, None, pm.Dimer],
     "crossing": CHOICE,
     "tries": [*COUNT, None],
+    "link_length": POSITIVE,
+    "chain_packing.radii": [NAN, 0.0, -1.0, "r", (0.5,) * 20, (0.5, NAN), [[0.5]]],
+    "angles": ["bent", None, NAN, 0.0, np.pi, -1.0, (1.0,) * 9, (1.0, NAN), (1.0, 4.0)],
+    "bend": [NAN, -0.1, 4.0, "1", None],
+    "form": ["knot", 3, None, (0,), (0, 0, 3), (0, 0, -1), (0, 0.5, 0)],
+    "winding": [(1, 0), 1, "x"],
     # files
     "path": FILE,
     "description": [3, None],
@@ -181,6 +188,9 @@ BAD = {
     "volume": CHOICE,
     "kind": CHOICE,
     "constraint_jacobian.volume": SWITCH,
+    "project_force.volume": SWITCH,
+    "force_nd": [np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), "f", None],
+    "strain_force": [np.zeros(2), np.full(3, NAN), "f", 1.0],
     "constraint_basis.volume": SWITCH,
     "form": CHOICE,
     "volume_curvature": CHOICE,
@@ -228,6 +238,7 @@ def good(name, folder):
         "RingCluster": {"beads": 3},
         "StarCluster": {"arms": 3},
         "LinearCluster": {"beads": 2},
+        "chain_packing": {"count": 2, "beads": 4, "dimension": 2, "packing_fraction": 0.5, "seed": 1},
         "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "read_packing": {"path": folder / "a.npz"},
         "read_law": {"path": folder / "a.npz"},
@@ -236,6 +247,7 @@ def good(name, folder):
         "write_scene": {"scene": scene(), "path": folder / "b.toml"},
         "Scene": {"packing": touching(), "effects": (pm.Repulsion(),)},
         "perturbation_energy": {"scene": scene(), "displacement_nd": np.zeros((9, 2))},
+        "project_force": {"packing": touching(), "force_nd": np.ones((9, 2))},
         "density_of_states": {"source": scene()},
         "quench": {"scene": scene(), "force_tolerance": 1e-6},
         "compress": {"scene": scene(), "distances": [1e-3]},

@@ -18,12 +18,14 @@ if TYPE_CHECKING:
     from packmech.mechanics.jamming import classify_jamming
     from packmech.mechanics.modes import Modes, normal_modes
     from packmech.mechanics.moduli import Average, Moduli
+    from packmech.mechanics.projection import ConstrainedForce, project_force
     from packmech.mechanics.rigidity import rigidity_matrix
     from packmech.mechanics.spectrum import StateDensity, density_of_states
     from packmech.mechanics.verdict import Verdict
 
 _MODULE = {
     "Average": "moduli",
+    "ConstrainedForce": "projection",
     "ConstraintBasis": "constraint_basis",
     "Factorization": "factor",
     "FloppyModes": "counting",
@@ -46,12 +48,14 @@ _MODULE = {
     "hessian": "hessian",
     "normal_modes": "modes",
     "perturbation_energy": "hessian",
+    "project_force": "projection",
     "rigidity_matrix": "rigidity",
     "states_of_self_stress": "counting",
 }
 
 __all__ = [
     "Average",
+    "ConstrainedForce",
     "ConstraintBasis",
     "Factorization",
     "FloppyModes",
@@ -74,6 +78,7 @@ __all__ = [
     "hessian",
     "normal_modes",
     "perturbation_energy",
+    "project_force",
     "rigidity_matrix",
     "states_of_self_stress",
 ]

@@ -386,3 +386,20 @@ def project_links(system, vector_nd, out_nd, multiplier_l, of_force):
 def reaffix_links(system, position, lattice, tolerance, most_iterations):
     """Call `reaffix` from Python."""
     return reaffix(system, position, lattice, tolerance, most_iterations)
+
+
+@kernel
+def move_links(system, rate_l, motion_nd, multiplier_l):
+    """Set motion = Omega multiplier, multiplier = A^-1 rate: for equal masses the shortest motion with these rates."""
+    order, value = system.order_r, system.multiplier_r
+    motion_nd[:] = 0.0
+    multiplier_l[:] = 0.0
+    # each further pass takes the rounding of the one before out
+    for _ in range(_MOST_PASSES - 1):
+        _rates(system, motion_nd, True)
+        for r in range(order.shape[0]):
+            value[r] -= rate_l[order[r]]
+        solve_links(system, value)
+        for r in range(order.shape[0]):
+            multiplier_l[order[r]] -= value[r]
+        _push(system, value, motion_nd, True)
