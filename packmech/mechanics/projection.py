@@ -153,7 +153,7 @@ def _multipliers(
         triangle, link = block.triangle_rl, block.link_l
         multiplier[link[:rank]] = np.linalg.solve(triangle[:, :rank], block.basis_xr.T @ taken_x[block.row_x])
         if len(held_e) and rank < len(link):
-            tie: NDArray[np.float64] = np.linalg.solve(triangle[:, :rank], triangle[:, rank:])
+            tie = np.asarray(np.linalg.solve(triangle[:, :rank], triangle[:, rank:]), dtype=np.float64)
             ties.append((block, tie))
             columns.append(rows_el[:, link[rank:]] - rows_el[:, link[:rank]] @ tie)
     if not len(held_e):
