@@ -83,6 +83,7 @@ _PUBLIC = {
     "SelfStress": "packmech.mechanics.counting",
     "StateDensity": "packmech.mechanics.spectrum",
     "change_of_basis": "packmech.mechanics.change_of_basis",
+    "compliance_matrix": "packmech.mechanics.compliance",
     "constrained_rigidity_matrix": "packmech.mechanics.change_of_basis",
     "constraint_basis": "packmech.mechanics.constraint_basis",
     "constraint_jacobian": "packmech.mechanics.constraints",

@@ -113,7 +113,7 @@ BAD = {
     "chain_packing.radii": [NAN, 0.0, -1.0, "r", (0.5,) * 20, (0.5, NAN), [[0.5]]],
     "angles": ["bent", None, NAN, 0.0, np.pi, -1.0, (1.0,) * 9, (1.0, NAN), (1.0, 4.0)],
     "bend": [NAN, -0.1, 4.0, "1", None],
-    "form": ["knot", 3, None, (0,), (0, 0, 3), (0, 0, -1), (0, 0.5, 0)],
+    "chain_packing.form": ["knot", 3, None, (0,), (0, 0, 3), (0, 0, -1), (0, 0.5, 0)],
     "winding": [(1, 0), 1, "x"],
     # files
     "path": FILE,

@@ -1,5 +1,6 @@
-"""Starting packings: sizes, random positions, lattices, clusters."""
+"""Starting packings: sizes, random positions, lattices, clusters, chains."""
 
+from packmech.generate.chains import chain_packing
 from packmech.generate.cluster import Cluster, Shape
 from packmech.generate.clusters import cluster_packing
 from packmech.generate.lattices import LATTICE_NAMES, lattice_packing
@@ -23,6 +24,7 @@ __all__ = [
     "StarCluster",
     "Trimer",
     "Uniform",
+    "chain_packing",
     "cluster_packing",
     "lattice_packing",
     "random_packing",
