@@ -26,6 +26,7 @@ class Outcome(Enum):
     UNSTABLE = "The energy has directions of negative curvature here: this is a saddle, not a minimum."
     INACCURATE = "The solver stopped short of its tolerance; see the residual and the gap."
     INFEASIBLE = "The program has no feasible point."
+    DEGENERATE = "Links lose rank here: Newton's method converges only linearly and link forces are not determined."
     INTERRUPTED = "Stopped from outside; the packing is the last one that was finished."
 
     @property

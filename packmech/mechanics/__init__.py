@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from packmech.mechanics.modes import Modes, normal_modes
     from packmech.mechanics.moduli import Average, Moduli
     from packmech.mechanics.projection import ConstrainedForce, project_force
+    from packmech.mechanics.reaffixing import ReaffixedLinks, reaffix_links
+    from packmech.mechanics.redundant_links import IndependentLinks, independent_links
     from packmech.mechanics.rigidity import rigidity_matrix
     from packmech.mechanics.spectrum import StateDensity, density_of_states
     from packmech.mechanics.verdict import Verdict
@@ -29,10 +31,12 @@ _MODULE = {
     "ConstraintBasis": "constraint_basis",
     "Factorization": "factor",
     "FloppyModes": "counting",
+    "IndependentLinks": "redundant_links",
     "Inertia": "factor",
     "Modes": "modes",
     "Moduli": "moduli",
     "NotDefinite": "factor",
+    "ReaffixedLinks": "reaffixing",
     "SelfStress": "counting",
     "StateDensity": "spectrum",
     "Verdict": "verdict",
@@ -46,9 +50,11 @@ _MODULE = {
     "factorize": "factor",
     "floppy_modes": "counting",
     "hessian": "hessian",
+    "independent_links": "redundant_links",
     "normal_modes": "modes",
     "perturbation_energy": "hessian",
     "project_force": "projection",
+    "reaffix_links": "reaffixing",
     "rigidity_matrix": "rigidity",
     "states_of_self_stress": "counting",
 }
@@ -59,10 +65,12 @@ __all__ = [
     "ConstraintBasis",
     "Factorization",
     "FloppyModes",
+    "IndependentLinks",
     "Inertia",
     "Modes",
     "Moduli",
     "NotDefinite",
+    "ReaffixedLinks",
     "SelfStress",
     "StateDensity",
     "Verdict",
@@ -76,9 +84,11 @@ __all__ = [
     "factorize",
     "floppy_modes",
     "hessian",
+    "independent_links",
     "normal_modes",
     "perturbation_energy",
     "project_force",
+    "reaffix_links",
     "rigidity_matrix",
     "states_of_self_stress",
 ]
