@@ -5,7 +5,7 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     description = "256 bidisperse discs, every strain free"      # optional
 
     [packing]
-    kind = "random"                     # or "lattice", "file", "inline"
+    kind = "random"                     # or "lattice", "clusters", "chains", "file", "inline"
     particles = 256
     dimension = 2
     packing_fraction = 0.87
@@ -23,8 +23,11 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     method = { kind = "decompression", factor = 0.3 }             # optional: what pm.jam takes as its method
 
 The other drive is `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient".
-The other packings: `lattice` takes the arguments of `pm.lattice_packing`; `file` takes a `path`, relative to the scene
-file; `inline` takes `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line.
+The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
+`chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
+`lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
+`shape = { kind = "trimer", angle = 1.2 }`. An inline packing may have links: `link_pairs` of particles and
+`link_lengths`, with `link_images` where some are not zero and `link_shapes` where some hold a shape.
 """
 
 from __future__ import annotations
@@ -32,119 +35,20 @@ from __future__ import annotations
 import os
 import tomllib
 import typing
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from packmech.box import Box
 from packmech.check import instance, integer
 from packmech.effects import registered_effects, registered_laws
-from packmech.files import PathLike, read_packing, replacing, target_file
-from packmech.generate import (
-    Bidisperse,
-    LogNormal,
-    Mixture,
-    Monodisperse,
-    Normal,
-    Sizes,
-    Uniform,
-    lattice_packing,
-    random_packing,
-)
-from packmech.packing import Packing
+from packmech.files import PathLike, replacing, target_file
+from packmech.recipes import FIELD_OF, NESTED, PACKINGS, SEEDED, inline_table
 from packmech.records import from_table, kinds_of, to_table
 from packmech.scene import Drive, Scene
 from packmech.toml_text import toml_text
 
-Vectors = tuple[tuple[float, ...], ...]
-
-_SIZES = kinds_of((Monodisperse, Bidisperse, Mixture, Uniform, Normal, LogNormal))
 _DRIVES = {kind.removesuffix("-drive"): cls for kind, cls in kinds_of(typing.get_args(Drive)).items()}
 _TOP = ("description", "packing", "effects", "drive")
-
-
-@dataclass(frozen=True)
-class _Random:
-    """The arguments of `random_packing`."""
-
-    particles: int
-    packing_fraction: float
-    seed: int
-    dimension: int = 2
-    sizes: Sizes = Bidisperse()
-    lattice_vectors: Vectors | None = None
-
-    def packing(self, folder: Path) -> Packing:
-        return random_packing(
-            self.particles,
-            dimension=self.dimension,
-            packing_fraction=self.packing_fraction,
-            sizes=self.sizes,
-            seed=self.seed,
-            box=None if self.lattice_vectors is None else _columns(self.lattice_vectors),
-        )
-
-
-@dataclass(frozen=True)
-class _Lattice:
-    """The arguments of `lattice_packing`; `supercell` has one box vector a line."""
-
-    name: str
-    repeats: int | tuple[int, ...] | None = None
-    supercell: tuple[tuple[int, ...], ...] | None = None
-    conventional: bool = False
-    relative_overlap: float = 0.0
-    diameter: float = 1.0
-
-    def packing(self, folder: Path) -> Packing:
-        return lattice_packing(
-            self.name,
-            self.repeats,
-            supercell=None if self.supercell is None else np.array(self.supercell).T,
-            conventional=self.conventional,
-            relative_overlap=self.relative_overlap,
-            diameter=self.diameter,
-        )
-
-
-@dataclass(frozen=True)
-class _File:
-    """A packing file; its path is relative to the scene file."""
-
-    path: str
-
-    def packing(self, folder: Path) -> Packing:
-        return read_packing(folder / self.path)
-
-
-@dataclass(frozen=True)
-class _Inline:
-    """Lattice vectors and positions one in a line, and radii."""
-
-    lattice_vectors: Vectors
-    positions: Vectors
-    radii: tuple[float, ...]
-
-    def packing(self, folder: Path) -> Packing:
-        return Packing(_rows("positions", self.positions), np.array(self.radii), Box(_columns(self.lattice_vectors)))
-
-
-# what the functions that make packings call a field of the file
-_FIELD_OF = {"box": "lattice_vectors", "lattice_dd": "lattice_vectors", "position_nd": "positions", "radius_n": "radii"}
-_PACKINGS: dict[str, type] = {"random": _Random, "lattice": _Lattice, "file": _File, "inline": _Inline}
-
-
-def _rows(name: str, rows: Vectors) -> np.ndarray[Any, np.dtype[np.float64]]:
-    if len({len(row) for row in rows}) > 1:
-        raise ValueError(f"{name} must hold rows of one length, got lengths {sorted({len(row) for row in rows})}")
-    return np.array(rows, dtype=np.float64)
-
-
-def _columns(vectors: Vectors) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return _rows("lattice_vectors", vectors).T
 
 
 def list_scenes() -> dict[str, str]:
@@ -220,7 +124,7 @@ def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
 
 def _reseed(tables: dict[str, Any], seed: int) -> None:
     packing = tables.get("packing")
-    if not isinstance(packing, dict) or packing.get("kind") != "random":
+    if not isinstance(packing, dict) or packing.get("kind") not in SEEDED:
         kind = packing.get("kind") if isinstance(packing, dict) else None
         raise ValueError(f"seed must be left out for a packing that is not random, got {seed} for kind {kind!r}")
     packing["seed"] = seed
@@ -257,12 +161,12 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects())
     effects = tuple(from_table(table, f"effects[{k}]", acting, {"law": laws}) for k, table in enumerate(entries))
     drive = from_table(tables["drive"], "drive", _DRIVES, _methods(tables["drive"])) if "drive" in tables else None
-    recipe = from_table(tables["packing"], "packing", _PACKINGS, {"sizes": _SIZES})
+    recipe = from_table(tables["packing"], "packing", PACKINGS, NESTED)
     try:
         packing = recipe.packing(folder)
     except (TypeError, ValueError, OSError) as error:
         argument, must, rest = str(error).partition(" must ")
-        raise type(error)(f"packing.{_FIELD_OF.get(argument, argument)}{must}{rest}") from error
+        raise type(error)(f"packing.{FIELD_OF.get(argument, argument)}{must}{rest}") from error
     return Scene(packing, effects, drive)
 
 
@@ -297,12 +201,7 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     instance("description", description, str)
     target = target_file(path)
     tables: dict[str, Any] = {"description": description} if description else {}
-    tables["packing"] = {
-        "kind": "inline",
-        "lattice_vectors": scene.packing.box.lattice_dd.T.tolist(),
-        "radii": scene.packing.radius_n.tolist(),
-        "positions": scene.packing.position_nd.tolist(),
-    }
+    tables["packing"] = inline_table(scene.packing)
     tables["effects"] = [to_table(effect) for effect in scene.effects]
     if scene.drive is not None:
         drive = to_table(scene.drive)

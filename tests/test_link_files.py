@@ -105,3 +105,102 @@ def test_gsd_whose_visible_links_were_changed_by_another_program_is_refused(tmp_
         frame.constraints.group = frame.constraints.value = None
     with pytest.raises(ValueError, match="must be one packing, got two that differ"):
         pm.read_packing(rewritten(frame, tmp_path / "b.gsd"))
+
+
+# -- scene files -------------------------------------------------------------------------------------------------------
+
+INLINE = 'kind = "inline"\nlattice_vectors = [[4, 0], [0, 4]]\npositions = [[0, 0], [1, 0]]\nradii = [0.5, 0.5]\n'
+EFFECTS = '[[effects]]\nkind = "repulsion"\n'
+
+
+def read(folder, packing):
+    (folder / "scene.toml").write_text(f"{EFFECTS}law = 'harmonic'\n[packing]\n{packing}\n")
+    return pm.read_scene(folder / "scene.toml").packing
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_scene_with_links_is_read_back_equal(tmp_path, dimension):
+    scene = pm.Scene(linked(3, dimension), (pm.Repulsion(),))
+    pm.write_scene(scene, tmp_path / "a.toml")
+    assert pm.read_scene(tmp_path / "a.toml") == scene
+
+
+SHAPES = [
+    ('shape = { kind = "dimer", length = 0.8, radii = [0.5, 0.7] }', pm.Dimer(0.8, (0.5, 0.7))),
+    ('shape = "trimer"', pm.Trimer()),
+    ('shape = { kind = "ring-cluster", beads = 5, rigid = false }', pm.RingCluster(5, rigid=False)),
+    ('shape = { kind = "star-cluster", arms = 3 }', pm.StarCluster(3)),
+    ('shape = { kind = "linear-cluster", beads = 4 }', pm.LinearCluster(4)),
+    (
+        'shape = { kind = "cluster", position_bd = [[0, 0], [1, 0], [1, 1]], radius_b = [0.5, 0.5, 0.6], '
+        "links = [[0, 1], [0, 2]], shape_l = [false, true] }",
+        pm.Cluster([[0, 0], [1, 0], [1, 1]], [0.5, 0.5, 0.6], [[0, 1], [0, 2]], [False, True]),
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "shape"), SHAPES, ids=[type(shape).__name__ for _, shape in SHAPES])
+def test_clusters_of_a_scene_file_are_those_that_the_function_makes(tmp_path, text, shape):
+    found = read(tmp_path, f'kind = "clusters"\ncount = 7\n{text}\npacking_fraction = 0.6\nseed = 3\nsizes = "uniform"')
+    assert found == pm.cluster_packing(7, shape, dimension=2, packing_fraction=0.6, seed=3, sizes=pm.Uniform())
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments"),
+    [
+        ("", {}),
+        ('angles = "fixed"\nbend = 0.5\nlink_length = 0.9', {"angles": "fixed", "bend": 0.5, "link_length": 0.9}),
+        ("angles = [2.0, 2.5]\nradii = 0.4", {"angles": [2.0, 2.5], "radii": 0.4}),
+        ('angles = 2\nsizes = "bidisperse"', {"angles": 2.0, "sizes": pm.Bidisperse()}),
+        ('form = [0, 0, 0]\ncrossing = "allowed"', {"form": (0, 0, 0), "crossing": "allowed"}),
+        ('form = "ring"\nradii = [0.3, 0.4, 0.5, 0.6]', {"form": "ring", "radii": [0.3, 0.4, 0.5, 0.6]}),
+        ('form = "wound"\nwinding = [0, 1, 0]\ndimension = 3', {"form": "wound", "winding": (0, 1, 0), "dimension": 3}),
+        ("lattice_vectors = [[1, 0], [0.3, 2]]\ntries = 900", {"box": [[1, 0.3], [0, 2]], "tries": 900}),
+    ],
+)
+def test_chains_of_a_scene_file_are_those_that_the_function_makes(tmp_path, text, arguments):
+    found = read(tmp_path, f'kind = "chains"\ncount = 3\nbeads = 4\npacking_fraction = 0.8\nseed = 3\n{text}')
+    assert found == pm.chain_packing(3, 4, **{"dimension": 2, "packing_fraction": 0.8, "seed": 3} | arguments)
+
+
+def test_another_seed_makes_other_clusters_and_chains(tmp_path):
+    for text in ('kind = "clusters"\nshape = "dimer"', 'kind = "chains"\nbeads = 4'):
+        first = read(tmp_path, f"{text}\ncount = 3\npacking_fraction = 0.6\nseed = 3")
+        second = pm.read_scene(tmp_path / "scene.toml", seed=4).packing
+        assert read(tmp_path, f"{text}\ncount = 3\npacking_fraction = 0.6\nseed = 4") == second != first
+
+
+def test_links_written_by_hand_need_images_and_shapes_only_where_they_have_some(tmp_path):
+    found = read(tmp_path, INLINE + "link_pairs = [[0, 1]]\nlink_lengths = [1]")
+    assert found.links == pm.Links([0], [1], [[0, 0]], [1.0])
+
+
+@pytest.mark.parametrize(
+    ("packing", "message"),
+    [
+        (INLINE + "link_lengths = [1]", "packing.link_lengths must be left out without link_pairs"),
+        (INLINE + "link_pairs = [[0, 1]]", "packing.link_lengths must be given with link_pairs, got nothing"),
+        (INLINE + "link_pairs = [[0, 1, 1]]\nlink_lengths = [1]", r"packing.link_pairs\[0\] must hold two particles"),
+        (INLINE + "link_pairs = [[0, 2]]\nlink_lengths = [1]", "packing.link_pairs must name particles below 2, got 2"),
+        (INLINE + "link_pairs = [[0, 1]]\nlink_lengths = [-1]", "packing.link_lengths must be positive, got -1.0"),
+        (
+            INLINE + "link_pairs = [[0, 1]]\nlink_lengths = [1]\nlink_images = [[0, 0, 1]]",
+            r"packing.link_images\[0\] must hold 2 numbers, got 3",
+        ),
+        (
+            'kind = "clusters"\ncount = 2\npacking_fraction = 0.6\nseed = 1\nshape = { kind = "trimer", angle = 4 }',
+            "packing.shape.angle must be a finite number above 0 and below 3.14159, got 4.0",
+        ),
+        (
+            'kind = "clusters"\ncount = 2\npacking_fraction = 0.6\nseed = 1\nshape = "blob"',
+            "packing.shape.kind must be one of 'cluster', 'dimer', .* got 'blob'",
+        ),
+        (
+            'kind = "chains"\ncount = 2\nbeads = 4\npacking_fraction = 0.6\nseed = 1\nform = "knot"',
+            "packing.form must be one of 'open', 'ring', 'wound', got 'knot'",
+        ),
+    ],
+)
+def test_a_wrong_packing_with_links_is_refused_naming_the_field(tmp_path, packing, message):
+    with pytest.raises((TypeError, ValueError), match=f"^{message}"):
+        read(tmp_path, packing)
