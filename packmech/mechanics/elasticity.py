@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of
 from packmech.compiled import single_thread
 from packmech.measure import contact_stress, sum_forces
-from packmech.mechanics.bonds import BondSums
+from packmech.measure.link_tension import LinkGradients, tension_of
+from packmech.mechanics.bonds import BondSums, bond_sums
 from packmech.mechanics.factor import NotDefinite, factorize
-from packmech.mechanics.hessian import KINDS, bordered, closed_terms, scene_sums
+from packmech.mechanics.hessian import KINDS, bordered, closed_terms
+from packmech.mechanics.link_relaxation import linked_system, negative_motions, relax_linked, soft_shift
+from packmech.mechanics.link_rows import independent_rows, prestressed, stiff_strains
 from packmech.mechanics.moduli import Moduli, cauchy_tangent, firm_inverse, with_infinities
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
-from packmech.packing import without_links
 from packmech.scene import Scene
 
 # eigenvalues below this fraction of their scale are zero: pinned Hessians of jammed packings stay above 1e-7
@@ -35,6 +37,7 @@ class _Relaxation(NamedTuple):
     negative: int
     floppy: int
     residual: float
+    pull_ee: NDArray[np.float64] | float = 0.0  # what the links' forces do to the strains
 
 
 def _pinned(sums: BondSums, count_n: NDArray[np.int64]) -> tuple[NDArray[np.bool_], sp.csr_array]:
@@ -86,10 +89,38 @@ def _relax(sums: BondSums, count_n: NDArray[np.int64], push: float) -> _Relaxati
     return _Relaxation(response.reshape(-1, response.shape[2]), negative, floppy, size / push if push else 0.0)
 
 
-def _negative_total(sums: BondSums, count_n: NDArray[np.int64]) -> int:
+def _negative_total(sums: BondSums, count_n: NDArray[np.int64], links: LinkGradients | None) -> int:
     keep, matrix = _pinned(sums, count_n)
     whole = bordered(matrix, sums.coupling_nde[keep].reshape(matrix.shape[0], -1), sums.strain_ee)
-    return factorize(whole + _shift(whole), kind="symmetric").inertia.negative
+    if links is None:
+        return factorize(whole + _shift(whole), kind="symmetric").inertia.negative
+    dimension = links.pairs.dimension
+    gradient, stretch = independent_rows(links)
+    rows = sp.csr_array(sp.hstack([gradient[:, np.repeat(keep, dimension)], sp.csr_array(stretch)], format="csr"))
+    return negative_motions(linked_system(whole, rows), soft_shift(whole), dimension)
+
+
+def _relax_with_links(sums: BondSums, count_n: NDArray[np.int64], links: LinkGradients, push: float) -> _Relaxation:
+    """Return how the particles relax where links keep their lengths, and the links' share of the stiffness."""
+    keep, matrix = _pinned(sums, count_n)
+    dimension = links.pairs.dimension
+    gradient, stretch = independent_rows(links)
+    moving = np.repeat(keep, dimension)
+    right = -sums.coupling_xe[moving]
+    found = relax_linked(linked_system(matrix, gradient[:, moving]), right, -stretch, push, dimension)
+    response = np.zeros_like(sums.coupling_xe)
+    response[moving] = found.response
+    pull = stretch.T @ found.multiplier
+    return _Relaxation(response, found.negative, found.floppy, found.residual, pull)
+
+
+def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrix on the strains across the stiff ones, zero along these."""
+    if not len(stiff_ke):
+        return matrix_ee
+    across = np.eye(len(matrix_ee)) - stiff_ke.T @ stiff_ke
+    kept: NDArray[np.float64] = across @ matrix_ee @ across
+    return kept
 
 
 def elastic_moduli(
@@ -100,16 +131,19 @@ def elastic_moduli(
     The relaxed stiffness is the Schur complement H_ee - H_ex H_xx^-1 H_xe of the extended Hessian, with d coordinates
     of one particle pinned (equations 44-49 of the polymer source with their errata: over the volume, and Cauchy
     terms). Its null space is the soft strains, whose modulus is 0 and not, as a pseudo-inverse of the compliance
-    would have it, infinite: a square lattice has G = 0.
+    would have it, infinite: a square lattice has G = 0. Rigid links keep their lengths while the particles relax, their
+    forces unknowns of the same sparse system; strains that links forbid are `Moduli.stiff_directions`.
 
     Parameters
     ----------
     scene
         The scene; its packing should be at rest (see `Moduli.force_residual`).
     kind
-        "exact" with the contact forces, "unstressed" without them ("paper" is "exact" where there are no links).
+        "exact" with the forces of contacts and links, "unstressed" without them; "paper" with those of the contacts
+        alone, which is the same where there are no links.
     rattlers
-        "remove" leaves them out; "keep" lets their last contacts stiffen the packing.
+        "remove" leaves them out, linked ones where their whole cluster can be moved; "keep" lets their last contacts
+        stiffen the packing.
     gap_tolerance
         Pairs with a gap up to this times the contact distance [1] are contacts; those that do not overlap count with
         u''(1-).
@@ -137,32 +171,40 @@ def elastic_moduli(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     one_of("kind", kind, KINDS)
-    backbone = held_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    contacts = backbone.contacts
-    volume = scene.packing.box.volume
     with single_thread():
+        backbone = held_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
+        contacts, links = backbone.contacts, backbone.links
+        volume = scene.packing.box.volume
         terms = closed_terms(scene, contacts)
-        sums = scene_sums(contacts, terms, kind)
-        push = np.abs(terms.second_c) * contacts.distance_c + np.abs(terms.first_c)
-        relaxation = _relax(sums, contacts.count_n(), float(push.max(initial=0.0)))
+        bonds = prestressed(contacts, terms, kind, links)
+        sums = bond_sums(*bonds)
+        push = float((np.abs(terms.second_c) * contacts.distance_c + np.abs(terms.first_c)).max(initial=0.0))
+        if links is None:
+            relaxation = _relax(sums, contacts.count_n(), push)
+        else:
+            relaxation = _relax_with_links(sums, contacts.count_n(), links, push)
+        stiff = stiff_strains(links, contacts.dimension)
         affine = sums.strain_ee / volume
-        relaxed = sums.strain_ee + sums.coupling_xe.T @ relaxation.response_xe
-        energy = (relaxed + relaxed.T) / (2.0 * volume)
-        first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
-        stress = contact_stress(contacts, first, volume)
-        cauchy = cauchy_tangent(energy, stress)
+        relaxed = sums.strain_ee + sums.coupling_xe.T @ relaxation.response_xe + relaxation.pull_ee
+        energy = _across((relaxed + relaxed.T) / (2.0 * volume), stiff)
+        stress = contact_stress(bonds.pairs, bonds.first_c, volume)
+        cauchy = _across(cauchy_tangent(energy, stress), stiff)
         scale = float(np.abs(np.linalg.eigvalsh(affine)).max())
         negative = int(np.count_nonzero(np.linalg.eigvalsh(energy) < -SOFT * scale))
         if relaxation.residual > _INCONSISTENT:
-            negative = max(_negative_total(sums, contacts.count_n()) - relaxation.negative, 1)
-        least = float(np.linalg.eigvalsh((cauchy + cauchy.T) / 2.0)[0])
-        _, size, direction = np.linalg.svd(cauchy)
-        soft = direction[size <= SOFT * scale]
-        firm = firm_inverse(cauchy, soft)
-    force = np.abs(terms.first_c)
-    net = sum_forces(contacts, -terms.first_c)
+            negative = max(_negative_total(sums, contacts.count_n(), links) - relaxation.negative, 1)
+        # along stiff directions there is no motion: lift them out of the way of soft and unstable ones
+        lift = scale or 1.0
+        lifted = cauchy + lift * (stiff.T @ stiff) if len(stiff) else cauchy
+        least = float(np.linalg.eigvalsh((lifted + lifted.T) / 2.0)[0])
+        _, size, direction = np.linalg.svd(lifted)
+        soft = direction[size <= SOFT * lift]
+        firm = _across(firm_inverse(lifted, soft), stiff)
+        force = np.abs(terms.first_c)
+        net = sum_forces(contacts, -terms.first_c)
+        if links is not None:
+            net += sum_forces(links.pairs, -tension_of(links, contacts, terms.first_c))
     largest = float(np.sqrt((net**2).sum(axis=1)).max(initial=0.0))
     return Moduli(
         energy=energy,
@@ -171,7 +213,7 @@ def elastic_moduli(
         affine=affine,
         stress_dd=stress,
         soft_directions=soft,
-        stiff_directions=np.zeros((0, len(energy))),
+        stiff_directions=stiff,
         negative_positions=relaxation.negative,
         negative_strains=negative,
         cauchy_least=least,

@@ -17,6 +17,9 @@ from packmech.mechanics.strain import (
     trace_vector,
 )
 
+# components of unit strains below this are rounding
+_TOUCHED = 1e-8
+
 
 @dataclass(frozen=True)
 class Average:
@@ -41,13 +44,20 @@ class Average:
     def young_modulus(self) -> float:
         """Young's modulus [energy/length^d]; nan without any stiffness."""
         d, bulk, shear = self.dimension, self.bulk_modulus, self.shear_modulus
+        if np.isinf(shear):
+            return d * d * bulk
+        if np.isinf(bulk):
+            return 2.0 * d * shear / (d - 1)
         below = d * (d - 1) * bulk + 2.0 * shear
         return 2.0 * d * d * bulk * shear / below if below else float("nan")
 
     @property
     def poisson_ratio(self) -> float:
-        """Poisson ratio [1]; nan without any stiffness."""
+        """Poisson ratio [1]; nan without any stiffness, or without any motion."""
         d, bulk, shear = self.dimension, self.bulk_modulus, self.shear_modulus
+        if np.isinf(bulk) or np.isinf(shear):
+            both = np.isinf(bulk) and np.isinf(shear)
+            return float("nan") if both else 1.0 / (d - 1) if np.isinf(bulk) else -1.0
         below = d * (d - 1) * bulk + 2.0 * shear
         return (d * bulk - 2.0 * shear) / below if below else float("nan")
 
@@ -75,8 +85,9 @@ class Moduli:
     soft_directions
         (k, s) orthonormal strains that cost nothing: their modulus is 0 and their compliance infinite.
     stiff_directions
-        (k, s) orthonormal strains that nothing can make: infinite modulus, zero compliance. Contacts have finite
-        stiffness, so without rigid links there are none.
+        (k, s) orthonormal strains that rigid links forbid, whatever the particles do: infinite modulus, zero
+        compliance. Links do so only where they close around the box. `energy`, `cauchy` and `affine` hold 0 along these
+        directions, and the stiffness of the others across them; moduli and averages that they touch are inf.
     negative_positions, negative_strains
         Unstable directions: negative eigenvalues of the positions' Hessian, and of `energy`.
     cauchy_least
@@ -176,6 +187,10 @@ class Moduli:
                 f"flow and gradient must be two different axes below {self.dimension}, got {flow}, {gradient}"
             )
         name = "xyz"[flow] + "xyz"[gradient]
+        strain = np.zeros((self.dimension, self.dimension))
+        strain[flow, gradient] = strain[gradient, flow] = 1.0
+        if (np.abs(self.stiff_directions @ mandel_vector(strain)) > _TOUCHED).any():
+            return float("inf")
         stress = self.stress_dd
         shear = stiffness_component(self.energy, name + name)
         return shear + (3.0 * float(stress[gradient, gradient]) - float(stress[flow, flow])) / 4.0
@@ -191,13 +206,13 @@ class Moduli:
         """
         one_of("bound", bound, ("voigt", "reuss", "hill"))
         matrix = self._matrix(tangent)
+        voigt = voigt_average(matrix, self.stiff_directions)
         if bound == "voigt":
-            return voigt_average(matrix)
+            return voigt
         soft = self.soft_directions if tangent != "affine" else np.zeros((0, len(matrix)))
-        reuss = reuss_average(matrix, soft)
+        reuss = reuss_average(matrix, soft, self.stiff_directions)
         if bound == "reuss":
             return reuss
-        voigt = voigt_average(matrix)
         bulk = (voigt.bulk_modulus + reuss.bulk_modulus) / 2.0
         return Average(bulk, (voigt.shear_modulus + reuss.shear_modulus) / 2.0, self.dimension)
 
@@ -225,9 +240,12 @@ class Moduli:
     def anisotropy(self) -> float:
         """Universal anisotropy K_V/K_R + n G_V/G_R - d(d+1)/2 with n = (d-1)(d+2)/2 [1].
 
-        0 for isotropic packings, inf with soft directions; the usual 5 G_V/G_R + K_V/K_R - 6 in three dimensions.
+        0 for isotropic packings, inf with soft or stiff directions; the usual 5 G_V/G_R + K_V/K_R - 6 in three
+        dimensions.
         """
         voigt, reuss, d = self.voigt, self.reuss, self.dimension
+        if len(self.stiff_directions):
+            return float("inf")
         if reuss.bulk_modulus == 0.0 or reuss.shear_modulus == 0.0:
             return float("inf")
         ratio = voigt.bulk_modulus / reuss.bulk_modulus + _deviators(d) * voigt.shear_modulus / reuss.shear_modulus
@@ -259,8 +277,18 @@ def _dimension(stiffness_ee: NDArray[np.float64]) -> int:
     return 2 if len(stiffness_ee) == 3 else 3
 
 
-def voigt_average(stiffness_ee: NDArray[np.float64]) -> Average:
+def _touches(direction_ke: NDArray[np.float64] | None, dimension: int) -> tuple[bool, bool]:
+    """Return whether any of the strains changes the volume, and whether any changes the shape."""
+    if direction_ke is None or not len(direction_ke):
+        return False, False
+    volume = bool((np.abs(direction_ke @ trace_vector(dimension)) > _TOUCHED).any())
+    return volume, bool((np.abs(direction_ke @ isochoric_basis(dimension)) > _TOUCHED).any())
+
+
+def voigt_average(stiffness_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64] | None = None) -> Average:
     """Return the average over directions of a stiffness: the response to imposed strains.
+
+    Infinite where one of the (k, s) stiff directions forbids a strain.
 
     K = 1.C.1/d^2 and G = (tr C - 1.C.1/d)/(2 n) with n = (d-1)(d+2)/2, for a Mandel matrix.
 
@@ -272,13 +300,18 @@ def voigt_average(stiffness_ee: NDArray[np.float64]) -> Average:
     """
     d = _dimension(stiffness_ee)
     around = float(trace_vector(d) @ stiffness_ee @ trace_vector(d))
-    return Average(around / d**2, (float(np.trace(stiffness_ee)) - around / d) / (2.0 * _deviators(d)), d)
+    shear = (float(np.trace(stiffness_ee)) - around / d) / (2.0 * _deviators(d))
+    stiff_bulk, stiff_shear = _touches(stiff_ke, d)
+    return Average(float("inf") if stiff_bulk else around / d**2, float("inf") if stiff_shear else shear, d)
 
 
-def reuss_average(stiffness_ee: NDArray[np.float64], soft_ke: NDArray[np.float64]) -> Average:
+def reuss_average(
+    stiffness_ee: NDArray[np.float64], soft_ke: NDArray[np.float64], stiff_ke: NDArray[np.float64] | None = None
+) -> Average:
     """Return the average over directions of the inverse of a stiffness: the response to imposed stresses.
 
     1/K = 1.S.1 and 1/G = 2 (tr S - 1.S.1/d)/n, for a Mandel matrix; 0 where one of the (k, s) soft directions yields.
+    Stiff directions add nothing to the compliance.
 
     Examples
     --------
@@ -287,12 +320,16 @@ def reuss_average(stiffness_ee: NDArray[np.float64], soft_ke: NDArray[np.float64
 
     """
     d = _dimension(stiffness_ee)
-    firm = firm_inverse(stiffness_ee, soft_ke)
+    left_out = soft_ke if stiff_ke is None or not len(stiff_ke) else np.concatenate([soft_ke, stiff_ke])
+    firm = firm_inverse(stiffness_ee, left_out)
     around = float(trace_vector(d) @ firm @ trace_vector(d))
-    soft_bulk = bool((np.abs(soft_ke @ trace_vector(d)) > 1e-8).any())
-    soft_shear = bool((np.abs(soft_ke @ isochoric_basis(d)) > 1e-8).any())
+    deviatoric = float(np.trace(firm)) - around / d
+    if left_out is not soft_ke:
+        # a stiff direction leaves its zero to rounding
+        around, deviatoric = (0.0 if x <= 1e-12 * float(np.trace(firm)) else x for x in (around, deviatoric))
+    soft_bulk, soft_shear = _touches(soft_ke, d)
     bulk = 0.0 if soft_bulk else _inverse(around)
-    shear = 0.0 if soft_shear else _inverse(2.0 * (float(np.trace(firm)) - around / d) / _deviators(d))
+    shear = 0.0 if soft_shear else _inverse(2.0 * deviatoric / _deviators(d))
     return Average(bulk, shear, d)
 
 

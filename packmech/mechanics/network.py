@@ -11,20 +11,49 @@ from numpy.typing import NDArray
 from packmech.check import one_of
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import loose_particles
+from packmech.links import image_offsets
+from packmech.measure.link_tension import LinkGradients, link_gradients
 from packmech.packing import Packing
 
 RATTLERS = ("remove", "keep")
 
 
 class Network(NamedTuple):
-    """Contacts among the particles that are kept, numbered anew, and the numbers that these had before."""
+    """Contacts and links among the particles that are kept, numbered anew, and the numbers that these had before."""
 
     contacts: Contacts
     index_n: NDArray[np.int64]
+    links: LinkGradients | None = None
+
+
+def _by_cluster(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
+    """Return (N,) who belongs to a cluster that its contacts with others do not even keep from moving as a whole."""
+    assert packing.links is not None
+    cluster = packing.links.clusters(packing.particles)
+    offset, winding = image_offsets(packing.links, packing.particles)
+    i, j = cluster[contacts.i_c], cluster[contacts.j_c]
+    # a cluster's contact with its own image holds it, one within it does not
+    apart = (contacts.image_cd != offset[contacts.j_c] - offset[contacts.i_c]).any(axis=1)
+    between = np.flatnonzero((i != j) | apart)
+    part = contacts.select(between)
+    flip = i[between] > j[between]
+    whole = dataclasses.replace(
+        part,
+        i_c=np.where(flip, j[between], i[between]),
+        j_c=np.where(flip, i[between], j[between]),
+        normal_cd=np.where(flip[:, None], -part.normal_cd, part.normal_cd),
+        particles=int(cluster.max()) + 1,
+    )
+    # a cluster that closes around the box resists its strain, touched or not
+    loose: NDArray[np.bool_] = loose_particles(whole)[cluster] & ~winding
+    return loose
 
 
 def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "remove") -> Network:
     """Return the contacts within the gap tolerance, without those of rattlers unless these are to be kept.
+
+    Linked particles go together: a cluster is taken out if it can be moved as a whole. One that can only turn stays,
+    and so do its loose ends: they are zero modes that carry no strain.
 
     Parameters
     ----------
@@ -48,11 +77,21 @@ def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "rem
     one_of("rattlers", rattlers, RATTLERS)
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     if rattlers == "keep":
-        return Network(contacts, np.arange(packing.particles))
-    held = ~loose_particles(contacts)
+        links = None if packing.links is None else link_gradients(packing)
+        return Network(contacts, np.arange(packing.particles), links)
+    held = ~loose_particles(contacts) if packing.links is None else ~_by_cluster(packing, contacts)
     number = np.cumsum(held) - 1
     kept = contacts.select(held[contacts.i_c] & held[contacts.j_c])
     renumbered = dataclasses.replace(
         kept, i_c=number[kept.i_c], j_c=number[kept.j_c], particles=int(np.count_nonzero(held))
     )
-    return Network(renumbered, np.flatnonzero(held))
+    if packing.links is None:
+        return Network(renumbered, np.flatnonzero(held))
+    if not held.any():
+        return Network(renumbered, np.flatnonzero(held), None)
+    left = packing.replace(
+        position_nd=packing.position_nd[held],
+        radius_n=packing.radius_n[held],
+        links=packing.links.numbered(np.where(held, number, -1)),
+    )
+    return Network(renumbered, np.flatnonzero(held), None if left.links is None else link_gradients(left))

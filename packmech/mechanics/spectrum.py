@@ -17,6 +17,7 @@ from packmech.mechanics.hessian import closed_terms, scene_sums
 from packmech.mechanics.modes import Modes
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
+from packmech.packing import without_links
 from packmech.scene import Scene
 
 
@@ -104,7 +105,8 @@ def density_of_states(
         return StateDensity(edge, count.astype(np.int64), source.available, time.process_time() - start)
     instance("source", source, Scene)
     one_of("kind", kind, ("exact", "paper", "unstressed"))
-    contacts, index = held_network(source.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    without_links("source.packing", source.packing)
+    contacts, index, _ = held_network(source.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     dimension = source.packing.dimension
     if not len(index):
         return StateDensity(_edges(bins, 0.0, 1.0), np.zeros(1, np.int64), 0, time.process_time() - start)
