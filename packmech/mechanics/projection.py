@@ -70,6 +70,8 @@ class ConstrainedForce:
 class Projector:
     """The links of one packing, prepared for many forces by sparse solves; for one thread at a time.
 
+    Sums over particles are einsum's, not BLAS's: their bits must not depend on the number of threads.
+
     `independent` tells whether the links are: otherwise only bases with pivoting can project.
     """
 
@@ -94,7 +96,7 @@ class Projector:
             move_links(self._system, rows, motion.reshape(-1, d), part)
         self._admissible = isochoric_basis(d) if volume else np.eye(strains)
         self._held = trace_vector(d) / scale if volume else np.zeros(strains)
-        inner = np.eye(strains) + self._motion @ self._motion.T
+        inner = np.eye(strains) + np.einsum("mx,kx->mk", self._motion, self._motion)
         self._inner = self._admissible.T @ inner @ self._admissible
 
     def split(
@@ -106,12 +108,12 @@ class Projector:
         if not len(self._rows):
             return out, np.zeros_like(strain_force_e), multiplier, 0.0, rate
         free = self._admissible
-        pull = free.T @ (strain_force_e - self._motion @ force_nd.ravel())
+        pull = free.T @ (strain_force_e - np.einsum("mx,x->m", self._motion, force_nd.ravel()))
         strain = free @ np.linalg.solve(self._inner, pull)
-        out -= (strain @ self._motion).reshape(out.shape)
-        multiplier += strain @ self._part
+        out -= np.einsum("m,mx->x", strain, self._motion).reshape(out.shape)
+        multiplier += np.einsum("m,ml->l", strain, self._part)
         square = float(self._held @ self._held)
-        rest = float(self._held @ (strain_force_e - strain - self._rows @ multiplier))
+        rest = float(self._held @ (strain_force_e - strain - np.einsum("ml,l->m", self._rows, multiplier)))
         return out, strain, multiplier, rest / square if square else 0.0, rate
 
     def project(self, force_nd: NDArray[np.float64], strain_force_e: NDArray[np.float64]) -> Parts:
@@ -233,17 +235,16 @@ def project_force(
     projector = None
     if method == "clusters" and packing.links is not None:
         projector = _LAST.projector(packing, strain, volume, scale)
-    if projector is not None and projector.independent and not strain:
-        found = projector.split(force, pull)
-        return _answer(packing, found[:4], scale, volume, method, started, rate=found[4])
+    if projector is not None and projector.independent:
+        if not strain:
+            found = projector.split(force, pull)
+            return _answer(packing, found[:4], scale, volume, method, started, rate=found[4])
+        return _answer(packing, projector.project(force, pull), scale, volume, method, started)
+    method = "householder" if method == "clusters" else method
     with single_thread():
-        if projector is not None and projector.independent:
-            parts = projector.project(force, pull)
-        else:
-            method = "householder" if method == "clusters" else method
-            basis = constraint_basis(packing, strain, volume, method=method, strain_scale=scale)
-            parts = _by_basis(packing, basis, force, pull, scale, volume)
-        return _answer(packing, parts, scale, volume, method, started)
+        basis = constraint_basis(packing, strain, volume, method=method, strain_scale=scale)
+        parts = _by_basis(packing, basis, force, pull, scale, volume)
+    return _answer(packing, parts, scale, volume, method, started)
 
 
 def _by_basis(
