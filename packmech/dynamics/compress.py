@@ -17,7 +17,8 @@ from packmech.dynamics.jam_report import finish
 from packmech.dynamics.protocol import Progress, Protocol
 from packmech.dynamics.settings import check_manner
 from packmech.dynamics.soft import soften
-from packmech.dynamics.soft_newton import SoftState, isochoric_part, judge, newton
+from packmech.dynamics.soft_network import isochoric_part
+from packmech.dynamics.soft_newton import SoftState, judge, newton
 from packmech.dynamics.strain_fire import relax_strained
 from packmech.interrupts import safe_interrupts
 from packmech.outcome import NotConverged, Outcome, Run

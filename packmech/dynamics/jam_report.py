@@ -9,8 +9,9 @@ import numpy as np
 
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import loose_particles
+from packmech.dynamics.tether import Tether
 from packmech.effects import contact_terms
-from packmech.measure import contact_stress, packing_fraction, sum_forces
+from packmech.measure import packing_fraction, stress_tensor, sum_forces
 from packmech.outcome import Outcome, Run
 from packmech.packing import Packing
 
@@ -77,12 +78,14 @@ def finish(
     scene = protocol.scene.replace(packing=packing)
     contacts = find_contacts(packing)
     first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
-    stress = contact_stress(contacts, first_c, packing.box.volume)
+    stress = stress_tensor(scene)
     d = packing.dimension
     pressure = (0.0 - float(np.trace(stress))) / d
     residual = 0.0
     if first_c.any():
         net = sum_forces(contacts, -first_c)
+        if packing.links is not None:
+            net, _ = Tether(packing).project(packing.position_nd, packing.box, net)
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
     report: dict[str, Any] = {
         "method": method,

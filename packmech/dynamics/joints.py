@@ -32,7 +32,7 @@ from packmech.packing import Packing
 TIGHT = 4e-15
 # beyond this they are lost
 _LOST = 1e-10
-_NEWTON = 40
+NEWTON = 40
 # places in Joints.number
 ERROR, ITERATIONS, NUMBERS = 0, 1, 2
 
@@ -153,7 +153,7 @@ def _affix(joints, axes, row, space):
     for r in range(system.scale_r.shape[0]):
         shortest = min(shortest, system.scale_r[r])
     tolerance = max(TIGHT, 2.0 * space.resolution / shortest)
-    iterations, error, _ = reaffix(system, row, lattice, tolerance, _NEWTON)
+    iterations, error, _ = reaffix(system, row, lattice, tolerance, NEWTON)
     refill(system, row, lattice)
     joints.number[ERROR] = error
     joints.number[ITERATIONS] += iterations

@@ -22,12 +22,13 @@ from packmech.check import instance, integer, positive
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.rattlers import loose_particles
+from packmech.dynamics.polished import Polished
 from packmech.effects import contact_terms
 from packmech.measure import sum_forces
 from packmech.mechanics.bonds import bond_sums
 from packmech.mechanics.factor import Factorization, NotDefinite, factorize
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 # Gauss-Legendre on [0, 1], exact for u' up to the fifth power of the distance
@@ -53,25 +54,6 @@ class Newton(NamedTuple):
 
     largest_step: float = 0.1
     skin: float = 0.3
-
-
-class Polished(NamedTuple):
-    """What Newton's method made of a packing.
-
-    `residual` is the largest net force over the mean contact force; `steps` counts the steps taken, `regularized`
-    those of them whose Hessian had to be made definite, `negative` the unstable directions of the particles that are
-    held, at the end.
-    """
-
-    packing: Packing
-    outcome: Outcome
-    residual: float
-    max_force: float
-    mean_force: float
-    steps: int
-    force_evaluations: int
-    regularized: int
-    negative: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,11 +220,15 @@ def polish(
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("step_limit", step_limit, at_least=0)
     method = Newton() if method is None else method
     instance("method", method, Newton)
+    if packing.links is not None:
+        from packmech.dynamics.polish_links import polish_linked
+
+        with single_thread():
+            return polish_linked(packing, effects, force_tolerance=tolerance, step_limit=limit)
     smallest = float(packing.diameter_n.min())
     landscape = _Landscape(packing, effects, positive("method.skin", method.skin) * smallest)
     longest = positive("method.largest_step", method.largest_step) * smallest

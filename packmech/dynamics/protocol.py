@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
 from packmech.compiled import compile_clock, compiling_noted
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
 from packmech.dynamics.program import OUTCOME_OF, Minimizer, Program, Relaxation, build_program
-from packmech.dynamics.soft_newton import Units
+from packmech.dynamics.soft_network import Units, length_unit
+from packmech.dynamics.tether import scale_box
 from packmech.measure import packing_fraction
 from packmech.outcome import Stage
 from packmech.packing import Packing
@@ -69,9 +69,7 @@ class Protocol:
         self.stages: list[Stage] = []
         self.last = scene.packing
         self.report: dict[str, Any] = {}
-        packing = scene.packing
-        # a power of two changes no digits of the coordinates
-        self.length = float(2.0 ** np.round(np.log2(packing.diameter_n.mean())))
+        self.length = length_unit(scene.packing)
         self.units = Units(scene.effects, self.length, scene.energy_scale)
         self._program: Program | None = None
         self.build_seconds = 0.0
@@ -119,20 +117,15 @@ class Protocol:
 
     def reduced(self, packing: Packing) -> Packing:
         """Return the packing in reduced lengths."""
-        return Packing(
-            packing.position_nd / self.length, packing.radius_n / self.length, Box(packing.box.lattice_dd / self.length)
-        )
+        return self.units.reduced(packing)
 
     def restored(self, packing: Packing) -> Packing:
         """Return a packing of reduced lengths in the scene's own, with the scene's radii exactly."""
-        return Packing(
-            packing.position_nd * self.length, self.scene.packing.radius_n, Box(packing.box.lattice_dd * self.length)
-        )
+        return self.units.restored(packing, self.scene.packing)
 
     def at_fraction(self, packing: Packing, fraction: float) -> Packing:
-        """Return the packing with its box, and the centers with it, scaled to a packing fraction."""
-        factor = (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension)
-        return packing.replace(position_nd=packing.position_nd * factor, box=packing.box.scaled(factor))
+        """Return the packing with its box, and the centers of particles or clusters, scaled to a packing fraction."""
+        return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
 
     def relax(
         self,

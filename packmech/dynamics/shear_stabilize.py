@@ -14,7 +14,7 @@ from packmech.dynamics.strain_fire import relax_strained
 from packmech.interrupts import safe_interrupts
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 _FIRST_TOLERANCE = 1e-2
@@ -72,7 +72,6 @@ def shear_stabilize(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     tolerance = positive("force_tolerance", force_tolerance)
     asked = None if pressure is None else positive("pressure", pressure)
     limit = integer("step_limit", step_limit, at_least=0)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import Contacts, pair_contacts
-from packmech.dynamics.soft_newton import SoftState, Units, newton
+from packmech.dynamics.soft_network import Units
+from packmech.dynamics.soft_newton import SoftState, newton
 from packmech.dynamics.vertex import Backbone, Vertex
 from packmech.packing import Packing
 
@@ -177,7 +180,7 @@ def soften(
             factor = min(4.0, factor**1.5)
         else:
             factor = factor**0.5
-    return SoftState(state.packing, state.residual, state.stress_error, used, state.negative, depth / goal, state.floor)
+    return replace(state, iterations=used, reached=depth / goal)
 
 
 def _extrapolated(before: Packing, at: float, now: Packing, depth: float, further: float) -> Packing:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.program import Evaluation, Program
-from packmech.dynamics.soft_newton import isochoric_part
+from packmech.dynamics.soft_network import isochoric_part
+from packmech.dynamics.tether import Tether
 from packmech.packing import Packing
 
 _DELAY, _GROW, _SHRINK, _MIXING, _DECAY = 10, 1.1, 0.5, 0.15, 0.97
@@ -69,6 +70,9 @@ def relax_strained(
     scale = float(np.sqrt(n) * packing.diameter_n.mean())
     basis = isochoric_part(basis_kdd, d) if pressure is None else basis_kdd
     position, box = packing.position_nd.copy(), packing.box
+    tether = None if packing.links is None else Tether(packing)
+    if tether is not None:
+        position = tether.affixed(position, box)
     velocity, rate = np.zeros_like(position), np.zeros((d, d))
     dt, mixing, downhill, mobility = _STEP, _MIXING, 0, 1.0
     furthest = _FURTHEST * float(packing.diameter_n.min())
@@ -107,6 +111,9 @@ def relax_strained(
         if pressure is None:
             factor = (volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
+        if tether is not None:
+            position = tether.affixed(position, box)
+            velocity, _ = tether.project(position, box, velocity)
 
 
 def _stress_pull(
