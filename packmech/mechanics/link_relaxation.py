@@ -62,6 +62,11 @@ def soft_shift(matrix: sp.csr_array) -> sp.dia_array:
     return sp.diags_array(SOFT * np.where(diagonal > SOFT * mean, diagonal, mean))
 
 
+def no_shift(matrix: sp.csr_array) -> sp.dia_array:
+    """Return a diagonal of zeros."""
+    return sp.diags_array(np.zeros(matrix.shape[0]))
+
+
 def factor_linked(system: LinkedSystem, shift: sp.dia_array, slack: float, dimension: int) -> Factorization:
     """Return the factored system with a shifted Hessian, and slack in the links."""
     side = system.stiffness * system.gradient

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.compiled import single_thread
-from packmech.mechanics.factor import eigenvalues_below, factorize
 from packmech.mechanics.hessian import (
     bordered,
     check_choices,
@@ -24,9 +23,10 @@ from packmech.mechanics.hessian import (
     strain_directions,
     volume_curvature_term,
 )
+from packmech.mechanics.link_basis import motion_basis
+from packmech.mechanics.link_modes import FreeOperator, LinkedOperator, Operator, weighted_rows
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
-from packmech.packing import without_links
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
@@ -35,6 +35,8 @@ _SHIFT = 1e-6
 _DENSE_ROWS = 400
 _DENSE_LIMIT = 8192
 _ROUNDS = 6
+# enough for all modes that the dense method takes on [bytes]
+_BASIS_BYTES = 3e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +124,9 @@ def normal_modes(
 ) -> Modes:
     """Return the lowest normal modes of a packing, or all of them.
 
+    Rigid links keep their lengths: modes are those of P M^-1/2 H M^-1/2 P, P the projector on what the links admit,
+    given in positions and strains.
+
     Parameters
     ----------
     scene
@@ -162,7 +167,6 @@ def normal_modes(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     instance("strain", strain, bool)
     check_choices(kind, volume, volume_curvature)
     one_of("method", method, METHODS)
@@ -172,17 +176,17 @@ def normal_modes(
     mass = checked_masses(mass_n, packing.particles)
     scale = checked_scale(strain_scale, scene)
     backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    contacts, index = backbone.contacts, backbone.index_n
+    contacts, index, links = backbone
     dimension, kept = packing.dimension, len(index)
     root = np.repeat(np.sqrt(mass[index]), dimension)
     admitted = strain_directions(dimension, volume) if strain else np.zeros((dimension * (dimension + 1) // 2, 0))
     with single_thread():
         terms = closed_terms(scene, contacts)
-        sums = scene_sums(contacts, terms, kind)
+        sums = scene_sums(contacts, terms, kind, links)
         matrix = sums.position_matrix()
         corner = sums.strain_ee
         if strain and kind == "exact" and volume == "fixed" and volume_curvature == "det":
-            corner = corner + volume_curvature_term(contacts, terms)
+            corner = corner + volume_curvature_term(contacts, terms, links)
         if strain:
             matrix = bordered(matrix, sums.coupling_xe @ admitted / scale, admitted.T @ corner @ admitted / scale**2)
         weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
@@ -192,15 +196,25 @@ def normal_modes(
             translation[a : kept * dimension : dimension, a] = root[a::dimension]
         if kept:
             translation /= np.sqrt(mass[index].sum())
-        available = max(len(weight) - dimension, 0) if kept else 0
+        operator: Operator = FreeOperator(matrix)
+        if links is not None:
+            operator = LinkedOperator(matrix, weighted_rows(links, 1.0 / root, admitted, scale), dimension)
+        available = max(operator.motions - dimension, 0) if kept else 0
         wanted = available if count is None else min(count, available)
-        method = _choose(method, len(weight), wanted, count)
+        method = _choose(method, operator.motions, wanted, count)
         largest = float(abs(matrix).sum(axis=0).max()) if kept else 0.0
-        solve = _dense if method == "dense" else _shift_invert
-        value, vector, missed = solve(matrix, translation, largest, wanted)
-        residual = matrix @ vector - vector * value
+        if method == "dense":
+            basis = None
+            if links is not None:
+                basis = motion_basis(links, admitted, mass_n=mass[index], strain_scale=scale, memory_limit=_BASIS_BYTES)
+                basis = np.concatenate([basis[: len(root)] * root[:, None], admitted.T @ basis[len(root) :] * scale])
+            value, vector = _dense(matrix, basis, translation, largest, wanted)
+            missed = 0
+        else:
+            value, vector, missed = _shift_invert(operator, translation, largest, wanted)
+        residual = operator.apply(vector) - vector * value
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
-        drift = float(np.sqrt(((matrix @ translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
+        drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     vector = _signed(vector)
     displacement = np.zeros((wanted, packing.particles, dimension))
     displacement[:, index] = (vector[: kept * dimension] / root[:, None]).T.reshape(wanted, kept, dimension)
@@ -243,12 +257,21 @@ def _signed(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _dense(
-    matrix: sp.csr_array, translation: NDArray[np.float64], largest: float, wanted: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    matrix: sp.csr_array,
+    basis: NDArray[np.float64] | None,
+    translation: NDArray[np.float64],
+    largest: float,
+    wanted: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest modes, within the orthonormal columns of a basis if one is given."""
     import scipy.linalg
 
     if not wanted:
-        return np.zeros(0), np.zeros((len(translation), 0)), 0
+        return np.zeros(0), np.zeros((len(translation), 0))
+    if basis is not None:
+        inside = sp.csr_array(basis.T @ (matrix @ basis))
+        value, vector = _dense(inside, None, basis.T @ translation, largest, wanted)
+        return value, basis @ vector
     full = matrix.toarray()
     # lift the translations above everything else, out of the way
     full += (4.0 * largest or 1.0) * (translation @ translation.T)
@@ -257,42 +280,42 @@ def _dense(
     value, vector = scipy.linalg.eigh(full, subset_by_index=subset)
     if largest == 0.0:
         value = np.zeros_like(value)
-    return value[:wanted], vector[:, :wanted], 0
+    return value[:wanted], vector[:, :wanted]
 
 
-def _stable_shift(matrix: sp.csr_array, largest: float) -> float:
+def _stable_shift(operator: Operator, largest: float) -> float:
     """Return a shift below all eigenvalues: just under zero for a stable packing, lower if need be."""
-    shift = -_SHIFT * largest
-    while eigenvalues_below(matrix, shift):
+    shift = -_SHIFT * (largest or 1.0)
+    while operator.below(shift):
         shift *= 8.0
     return shift
 
 
 def _shift_invert(
-    matrix: sp.csr_array, translation: NDArray[np.float64], largest: float, wanted: int
+    operator: Operator, translation: NDArray[np.float64], largest: float, wanted: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
     if not wanted:
         return np.zeros(0), np.zeros((len(translation), 0)), 0
-    shift = _stable_shift(matrix, largest)
-    rows = matrix.shape[0]
-    factor = factorize(matrix - shift * sp.eye_array(rows, format="csr"))
+    shift = _stable_shift(operator, largest)
+    rows = operator.size
+    solve = operator.solver(shift)
     found = np.zeros((rows, 0))
     missed = 0
     for turn in range(_ROUNDS):
         # a Lanczos run can overlook a member of a degenerate set; the next one searches across what was found
         taken = np.hstack([translation, found])
-        more = min(wanted if turn == 0 else max(missed, 1), rows - taken.shape[1] - 1)
-        found = np.hstack([found, _lanczos(matrix, factor.solve, shift, taken, more, turn)])
-        value, inside = np.linalg.eigh(found.T @ (matrix @ found))
+        more = min(wanted if turn == 0 else max(missed, 1), operator.motions - taken.shape[1] - 1)
+        found = np.hstack([found, _lanczos(operator, solve, shift, taken, more, turn)])
+        value, inside = np.linalg.eigh(found.T @ operator.apply(found))
         found = found @ inside
-        missed = _missed(matrix, value[:wanted], largest, translation.shape[1])
+        missed = _missed(operator, value[:wanted], largest, translation.shape[1])
         if missed <= 0:
             break
     return value[:wanted], found[:, :wanted], max(missed, 0)
 
 
 def _lanczos(
-    matrix: sp.csr_array,
+    operator: Operator,
     solve: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     shift: float,
     taken: NDArray[np.float64],
@@ -305,20 +328,23 @@ def _lanczos(
         rest: NDArray[np.float64] = vector - taken @ (taken.T @ vector)
         return rest
 
-    rows = matrix.shape[0]
+    rows = operator.size
     inverse = spla.LinearOperator((rows, rows), matvec=lambda v: across(solve(across(v.ravel()))), dtype=np.float64)
     begin = across(np.random.default_rng(turn).normal(size=rows))
-    room = min(rows, max(2 * count + 1, count + 40))
+    if operator.motions < rows:
+        begin = across(solve(begin))
+    room = min(operator.motions, max(2 * count + 1, count + 40))
+    plain = spla.LinearOperator((rows, rows), matvec=lambda v: operator.apply(v.ravel()), dtype=np.float64)
     # newer SciPy restarts from its own generator: give it a seed, so that a repetition has the same bits
     seeded = {"rng": np.random.default_rng(turn)} if "rng" in inspect.signature(spla.eigsh).parameters else {}
     _, vector = spla.eigsh(
-        matrix, k=count, sigma=shift, OPinv=inverse, v0=begin, ncv=room, which="LM", tol=0.0, **seeded
+        plain, k=count, sigma=shift, OPinv=inverse, v0=begin, ncv=room, which="LM", tol=0.0, **seeded
     )
     kept: NDArray[np.float64] = np.linalg.qr(across(vector))[0]
     return kept
 
 
-def _missed(matrix: sp.csr_array, value: NDArray[np.float64], largest: float, translations: int) -> int:
+def _missed(operator: Operator, value: NDArray[np.float64], largest: float, translations: int) -> int:
     """Return how many eigenvalues the list lacks, by the inertia at the widest gap among its upper quarter."""
     upper = np.sort(value)[-max(2, len(value) // 4) :]
     gap = np.diff(upper)
@@ -329,4 +355,4 @@ def _missed(matrix: sp.csr_array, value: NDArray[np.float64], largest: float, tr
         bound = float(value.min()) - 1e-7 * largest
     # the translations were projected out of the list, but the matrix still has their zeros
     listed = int(np.count_nonzero(value < bound)) + (translations if bound > 0.0 else 0)
-    return eigenvalues_below(matrix, bound) - listed
+    return operator.below(bound) - listed

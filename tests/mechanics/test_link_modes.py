@@ -1,0 +1,94 @@
+"""Facts about normal modes of packings with links."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.measure.link_tension import link_gradients
+from packmech.mechanics.link_rows import link_strains
+
+AT_REST = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]
+
+
+@pytest.mark.parametrize("name", AT_REST)
+def test_spectra_at_fixed_volume_are_the_stored_ones_without_translations(linked, name):
+    scene, data = linked(name)
+    dimension = scene.packing.dimension
+    for kind, curvature, stored in (
+        ("paper", "det", "paper"),
+        ("exact", "trace", "exact_trace"),
+        ("exact", "det", "exact_det"),
+    ):
+        modes = pm.normal_modes(
+            scene, strain=True, kind=kind, volume="fixed", volume_curvature=curvature, strain_scale=1.0
+        )
+        expected = np.sort(data[f"eigvals_reduced_fixed_volume_{stored}"])
+        zero = np.argsort(np.abs(expected))[:dimension]
+        assert np.abs(modes.eigenvalue_m - np.delete(expected, zero)).max() < 1e-9
+        assert modes.residual < 1e-13 and modes.translation_error < 1e-13 and modes.complete
+
+
+@pytest.mark.parametrize(("name", "strain"), [("jammed_dimer_strain", True), ("jammed_trimer_fixedbox", False)])
+def test_spectra_near_jamming_are_the_stored_ones(linked, name, strain):
+    scene, data = linked(name)
+    for kind in ("exact", "paper"):
+        modes = pm.normal_modes(
+            scene, strain=strain, kind=kind, volume="fixed", volume_curvature="trace", strain_scale=1.0, rattlers="keep"
+        )
+        assert np.abs(modes.eigenvalue_m - np.sort(data[f"eigvals_{kind}"])).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", AT_REST)
+@pytest.mark.parametrize("strain", [False, True])
+def test_modes_keep_the_links_and_are_orthonormal_in_the_mass_metric(linked, name, strain):
+    scene, _ = linked(name)
+    packing = scene.packing
+    mass = np.random.default_rng(0).uniform(0.5, 2.0, size=packing.particles)
+    modes = pm.normal_modes(scene, strain=strain, mass_n=mass, strain_scale=2.3)
+    links = link_gradients(packing)
+    change = modes.displacement_mnd.reshape(len(modes), -1) @ links.gradient_lx.T.toarray()
+    change += modes.strain_me @ link_strains(links).T
+    assert np.abs(change).max() < 1e-14
+    metric = np.einsum("mnd,n,knd->mk", modes.displacement_mnd, mass, modes.displacement_mnd)
+    metric += 2.3**2 * modes.strain_me @ modes.strain_me.T
+    assert np.abs(metric - np.eye(len(modes))).max() < 1e-13
+    value = np.linalg.eigvalsh(pm.dynamical_matrix(scene, strain, mass_n=mass, strain_scale=2.3).toarray())
+    zero = np.argsort(np.abs(value))[: packing.dimension]
+    assert np.abs(modes.eigenvalue_m - np.delete(value, zero)).max() < 1e-13
+
+
+@pytest.fixture(scope="module")
+def crystal():
+    """Dimers and trimers cut out of a disturbed crystal, not at rest."""
+    packing = pm.lattice_packing("triangular", repeats=(12, 12), relative_overlap=0.03)
+    shake = 0.01 * np.random.default_rng(0).normal(size=packing.position_nd.shape)
+    packing = packing.replace(position_nd=packing.position_nd + shake)
+    contacts = pm.find_contacts(packing)
+    taken = np.zeros(packing.particles, dtype=int)
+    chosen = []
+    for c, (i, j) in enumerate(zip(contacts.i_c, contacts.j_c, strict=True)):
+        if taken[i] + taken[j] < 2 and taken[i] < 2 and taken[j] < 2:
+            taken[[i, j]] += 1
+            chosen.append(c)
+    links = pm.Links(contacts.i_c[chosen], contacts.j_c[chosen], contacts.image_cd[chosen], contacts.distance_c[chosen])
+    return pm.Scene(packing.replace(links=links), (pm.Repulsion(),))
+
+
+@pytest.mark.parametrize("strain", [False, True])
+def test_shift_and_invert_finds_the_modes_of_the_dense_method(crystal, strain):
+    dense = pm.normal_modes(crystal, 20, strain=strain, method="dense")
+    sparse = pm.normal_modes(crystal, 20, strain=strain, method="shift-invert")
+    assert len(crystal.packing.links) > 60
+    assert np.abs(dense.eigenvalue_m - sparse.eigenvalue_m).max() < 1e-11 * dense.largest
+    assert sparse.missed == 0 and sparse.residual < 1e-12
+    assert sparse.available == dense.available == 2 * 144 - 2 + 3 * strain - len(crystal.packing.links)
+
+
+def test_links_around_the_box_leave_no_mode_with_the_strain_along_them():
+    place = [[0.5 + k, 1.0] for k in range(4)]
+    links = pm.Links([0, 1, 2, 0], [1, 2, 3, 3], [[0, 0]] * 3 + [[-1, 0]], [1.0] * 4)
+    packing = pm.Packing(place, [0.4] * 4, pm.Box([[4.0, 0.3], [0.0, 0.7]]), links)
+    for method in ("dense", "shift-invert"):
+        modes = pm.normal_modes(pm.Scene(packing, (pm.Repulsion(),)), 4, strain=True, rattlers="keep", method=method)
+        assert modes.available == 8 - 3 + 2 - 2
+        assert np.abs(modes.strain_me[:, 0]).max() < 1e-12
