@@ -1,8 +1,9 @@
 """States of self stress and floppy modes: the null spaces of the rigidity matrix, counted and, if they fit, spanned.
 
 With C contacts and the rank r of the rigidity matrix: states of self stress = C - r, floppy modes = columns - r - d,
-where the d uniform translations are trivial and never counted. Strains are admitted as "none" (the box stays),
-"isochoric" (its shape changes, its volume stays; the multiplier of the volume is the pressure) or "free".
+where the d uniform translations are trivial and never counted. Rigid links restrict motions and bear what forces they
+must: their rows are appended to the matrix, and taken off the counts again. Strains are admitted as "none" (the box
+stays), "isochoric" (its shape changes, its volume stays; the multiplier of the volume is the pressure) or "free".
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from numpy.typing import NDArray
 from packmech.check import one_of, positive, real
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
-from packmech.measure.link_tension import distance_gradients
+from packmech.measure.link_tension import distance_gradients, link_gradients
 from packmech.mechanics.factor import Factorization, eigenvalues_below, factorize
+from packmech.mechanics.link_modes import weighted_rows
 from packmech.mechanics.rigidity import TOUCHING, contacts_of, strain_columns
 from packmech.mechanics.strain import isochoric_basis
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 
 STRAINS = ("none", "isochoric", "free")
 METHODS = ("auto", "dense", "sparse")
@@ -42,10 +44,14 @@ class SelfStress:
     count
         Number of independent states, contacts - rank.
     contacts, rank
-        Rows and rank of the rigidity matrix.
+        Rows and rank of the rigidity matrix on the motions that rigid links admit.
+    motions
+        Dimension N_dof of these motions, translations included: its columns.
+    trivial
+        Number of uniform translations, d.
     force_kc
-        (count, C) orthonormal states, positive for repulsion up to the sign of the whole; None if they would not fit
-        the limit.
+        (count, C) orthonormal states on the contacts, links bearing the rest, positive for repulsion up to the sign of
+        the whole; None if they would not fit the limit.
     residual
         Largest unbalanced force component of a state of unit size [1].
     certain
@@ -60,11 +66,22 @@ class SelfStress:
     count: int
     contacts: int
     rank: int
+    motions: int
+    trivial: int
     force_kc: NDArray[np.float64] | None
     residual: float
     certain: bool
     method: str
     seconds: float
+
+    @property
+    def isostatic_contact_count(self) -> int:
+        """Number of contacts, N_dof - d + 1, at which a packing without floppy modes has one state of self stress.
+
+        In the boundary conditions that were asked for: "none" a fixed box, "isochoric" a shear-stabilized packing.
+        Every particle counts: take rattlers out first.
+        """
+        return self.motions - self.trivial + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +93,7 @@ class FloppyModes:
     count
         Number of independent modes, columns - rank - trivial.
     columns, rank
-        Columns and rank of the rigidity matrix with the admitted strains.
+        Columns (N_dof, the motions that rigid links admit) and rank of the rigidity matrix with the admitted strains.
     trivial
         Number of uniform translations, d; they are in no mode.
     displacement_knd
@@ -105,10 +122,11 @@ class FloppyModes:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The rigidity matrix with admitted strains as columns of average size, one particle pinned."""
+    """The rigidity matrix with admitted strains as columns of average size, one particle pinned; link rows last."""
 
     contacts: Contacts
     matrix: sp.csr_array
+    links: int
     strain_map: NDArray[np.float64]  # (s, k): Mandel strain of a unit of each strain column
     pinned: int
     largest: float  # bound on the singular values
@@ -136,10 +154,15 @@ def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
     size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
     scale = mean / size if size > 0 else 1.0
     matrix = sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr"))
+    links = 0
+    if packing.links is not None:
+        rows = weighted_rows(link_gradients(packing), np.ones(position.shape[1]), admitted, 1.0 / scale)
+        links = rows.shape[0]
+        matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
     pinned = int(np.argmax(contacts.count_n()))
     normal = abs(matrix.T @ matrix)
-    largest = float(np.sqrt(normal.sum(axis=0).max())) if len(contacts) else 0.0
-    return _Problem(contacts, matrix, admitted * scale, pinned, largest)
+    largest = float(np.sqrt(normal.sum(axis=0).max())) if matrix.shape[0] else 0.0
+    return _Problem(contacts, matrix, links, admitted * scale, pinned, largest)
 
 
 def _dense_rank(problem: _Problem, tolerance: float) -> tuple[int, bool, NDArray[np.float64], NDArray[np.float64]]:
@@ -219,7 +242,6 @@ def _prepare(
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
     positive("basis_limit", limit)
     found = contacts_of(packing, contacts, gap_tolerance)
-    without_links("packing", packing)
     problem = _problem(packing, strain, found)
     if method == "auto":
         method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
@@ -285,9 +307,17 @@ def states_of_self_stress(
             basis = None
         elif basis is None:
             basis = _sparse_left(problem, rank_tolerance, count)
+        if basis is not None and problem.links and count:
+            # states of size 1 on the contacts, whatever the links bear
+            _, right = np.linalg.qr(basis[: len(problem.contacts)])
+            basis = np.linalg.solve(right.T, basis.T).T
         residual = float("nan") if basis is None else float(np.abs(problem.matrix.T @ basis).max(initial=0.0))
-    force = None if basis is None else _signed(np.ascontiguousarray(basis.T))
-    return SelfStress(count, rows, rank, force, residual, certain, method, time.process_time() - start)
+    found = len(problem.contacts)
+    force = None if basis is None else _signed(np.ascontiguousarray(basis[:found].T))
+    return SelfStress(
+        count, found, rank - problem.links, problem.matrix.shape[1] - problem.links, packing.dimension, force, residual,
+        certain, method, time.process_time() - start,
+    )  # fmt: skip
 
 
 def floppy_modes(
@@ -354,4 +384,5 @@ def floppy_modes(
             displacement = np.ascontiguousarray(motion[:, : particles * dimension].reshape(count, particles, dimension))
             strain_ke = motion[:, particles * dimension :] @ problem.strain_map.T
     seconds = time.process_time() - start
+    columns, rank = columns - problem.links, rank - problem.links
     return FloppyModes(count, columns, rank, dimension, displacement, strain_ke, residual, certain, method, seconds)
