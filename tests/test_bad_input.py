@@ -20,6 +20,7 @@ NAN, INF = float("nan"), float("inf")
 RESULTS = {
     "Answer", "Average", "ConstrainedForce", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes",
     "IndependentLinks", "Modes", "Moduli", "NotConverged", "Outcome", "ReaffixedLinks", "Run", "SelfStress", "Solve",
+    "IndependentLinks", "Modes", "Moduli", "NotConverged", "Outcome", "Rattling", "ReaffixedLinks", "Run", "SelfStress", "Solve",
     "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
 }  # fmt: skip
 

@@ -1,0 +1,90 @@
+"""Facts about rattling clusters: who moves with the backbone and who does not."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+
+
+def test_beads_that_turn_about_the_one_held_rattle_and_are_named(linked):
+    scene, data = linked("jammed_trimer_fixedbox")
+    found = pm.find_rattling_clusters(scene.packing)
+    assert np.flatnonzero(found.rattling_n).tolist() == data["rattling_particles"] == [1, 2, 13, 14]
+    assert np.flatnonzero(~found.rattling_n).tolist() == data["backbone_particles"]
+    assert np.array_equal(found.dangling_n, found.rattling_n) and not found.loose_n.any()
+    assert not found.empty
+
+
+@pytest.mark.parametrize("name", ["jammed_dimer_strain", "equilibrium_chain_2d", "equilibrium_dimer_3d"])
+def test_nothing_rattles_where_every_cluster_is_held(linked, name):
+    packing = linked(name)[0].packing
+    found = pm.find_rattling_clusters(packing)
+    assert not found.rattling_n.any() and found.backbone_c.all()
+
+
+def with_end(packing, bead, reach):
+    """Return the packing with a tiny bead linked to the given one, in a hole within reach."""
+    packing = packing.wrapped()
+    cells = [[a, b] for a in (-2, -1, 0, 1, 2) for b in (-2, -1, 0, 1, 2)]
+    others = (packing.position_nd[:, None] + np.array(cells) @ packing.box.lattice_dd.T).reshape(-1, 2)
+    radius = np.repeat(packing.radius_n, len(cells))
+    grid = packing.position_nd[bead] + np.random.default_rng(1).uniform(-reach, reach, size=(4000, 2))
+    room = (np.linalg.norm(grid[:, None] - others, axis=2) - radius).min(axis=1)
+    place = grid[np.argmax(room)]
+    assert room.max() > 0.02
+    links = packing.links
+    return pm.Packing(
+        np.vstack([packing.position_nd, place]),
+        np.append(packing.radius_n, 0.3 * room.max()),
+        packing.box,
+        pm.Links(
+            np.append(links.i_l, bead),
+            np.append(links.j_l, packing.particles),
+            np.vstack([links.image_ld, [[0, 0]]]),
+            np.append(links.length_l, np.linalg.norm(place - packing.position_nd[bead])),
+        ),
+    )
+
+
+def test_loose_end_of_a_chain_rattles_while_the_rest_is_held(linked):
+    packing = with_end(linked("equilibrium_chain_2d")[0].packing, 0, 1.0)
+    found = pm.find_rattling_clusters(packing)
+    assert np.flatnonzero(found.rattling_n).tolist() == [10]
+    assert np.flatnonzero(found.dangling_n).tolist() == [10] and not found.loose_n.any()
+
+
+def test_linear_program_and_the_forces_at_rest_agree(linked):
+    scene, _ = linked("jammed_trimer_fixedbox")
+    packing = scene.packing
+    # the same touching network with gaps instead of overlaps: no forces to go by
+    apart = packing.replace(radius_n=packing.radius_n * (1.0 - 1e-5))
+    contacts = pm.find_contacts(apart, gap_tolerance=2e-5)
+    assert len(contacts) == len(pm.find_contacts(packing)) and contacts.overlap_c.max() < 0.0
+    one, other = pm.find_rattling_clusters(packing), pm.find_rattling_clusters(apart, gap_tolerance=2e-5)
+    assert np.array_equal(one.rattling_n, other.rattling_n) and np.array_equal(one.backbone_c, other.backbone_c)
+
+
+def test_everything_rattles_without_a_backbone():
+    links = pm.Links([0, 1, 0], [1, 2, 2], [[0, 0]] * 3, [1.0, 1.0, 2.0**0.5])
+    place = [[0, 0], [1, 0], [1, 1], [2, 1.1]]
+    touching = pm.Packing(place, [0.5, 0.5, 0.5, 0.6], pm.Box.cubic(9.0, 2), links)
+    assert len(pm.find_contacts(touching)) == 1
+    found = pm.find_rattling_clusters(touching)
+    assert found.empty and found.loose_n.all() and not found.backbone_c.any()
+    assert np.flatnonzero(found.dangling_n).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_single_particles_rattle_as_their_contact_normals_say(rest_scene, dimension):
+    scene = rest_scene(48, 2, 0.88, 3) if dimension == 2 else rest_scene(32, 3, 0.7, 5)
+    found = pm.find_rattling_clusters(scene.packing)
+    assert np.array_equal(found.rattling_n, pm.find_rattlers(scene.packing))
+
+
+def test_rattling_does_not_depend_on_where_the_clusters_are_wrapped(linked):
+    packing = linked("jammed_trimer_fixedbox")[0].packing
+    image = np.random.default_rng(0).integers(-2, 3, size=packing.position_nd.shape)
+    moved = packing.replace(
+        position_nd=packing.position_nd - image @ packing.box.lattice_dd.T, links=packing.links.moved(image)
+    )
+    assert np.array_equal(pm.find_rattling_clusters(moved).rattling_n, pm.find_rattling_clusters(packing).rattling_n)
