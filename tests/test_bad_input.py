@@ -19,9 +19,8 @@ NAN, INF = float("nan"), float("inf")
 # made by packmech for users to read, not by users
 RESULTS = {
     "Answer", "Average", "ConstrainedForce", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes",
-    "IndependentLinks", "Modes", "Moduli", "NotConverged", "Outcome", "ReaffixedLinks", "Run", "SelfStress", "Solve",
-    "IndependentLinks", "Modes", "Moduli", "NotConverged", "Outcome", "Rattling", "ReaffixedLinks", "Run", "SelfStress", "Solve",
-    "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
+    "IndependentLinks", "Modes", "Moduli", "NotConverged", "Outcome", "Rattling", "ReaffixedLinks", "Run",
+    "SelfStress", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
 }  # fmt: skip
 
 MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
