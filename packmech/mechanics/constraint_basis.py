@@ -203,7 +203,10 @@ def _orthonormal(
     basis, triangle, order = sl.qr(matrix, mode="economic", pivoting=True, check_finite=False)
     size = np.abs(np.diag(triangle))
     rank = int(np.count_nonzero(size > tolerance * size[0])) if len(size) and size[0] > 0.0 else 0
-    return basis[:, :rank], triangle[:rank], np.asarray(order, dtype=np.int64)
+    # rounding of many reflections shows most in the lengths; summed in pairs along each column, which lies in one piece
+    basis = basis[:, :rank]
+    basis /= np.sqrt((basis.T**2).sum(axis=1))
+    return basis, triangle[:rank], np.asarray(order, dtype=np.int64)
 
 
 def cluster_blocks(

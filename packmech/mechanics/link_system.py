@@ -373,10 +373,15 @@ def move_links(system, rate_l, motion_nd, multiplier_l):
     motion_nd[:] = 0.0
     multiplier_l[:] = 0.0
     # each further pass takes the rounding of the one before out
-    for _ in range(_MOST_PASSES - 1):
+    for _ in range(_MOST_PASSES):
         _rates(system, motion_nd, True)
+        rest, largest = 0.0, 0.0
         for r in range(order.shape[0]):
             value[r] -= rate_l[order[r]]
+            rest = max(rest, abs(value[r]))
+            largest = max(largest, abs(rate_l[order[r]]))
+        if not rest > _AT_ROUNDING * largest:
+            break
         solve_links(system, value)
         for r in range(order.shape[0]):
             multiplier_l[order[r]] -= value[r]

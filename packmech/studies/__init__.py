@@ -18,9 +18,10 @@ def studies() -> dict[str, Study]:
     Examples
     --------
     >>> list(studies())
-    ['minimizers']
+    ['minimizers', 'constraint_bases']
 
     """
+    from packmech.studies.constraint_bases import constraint_bases
     from packmech.studies.minimizers import minimizers
 
-    return {"minimizers": minimizers}
+    return {"minimizers": minimizers, "constraint_bases": constraint_bases}
