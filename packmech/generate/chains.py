@@ -15,12 +15,16 @@ from packmech.generate.clusters import CROSSING
 from packmech.generate.random import box_for, generator_of, shape_of
 from packmech.generate.segments import Bonds
 from packmech.generate.sizes import Sizes
+from packmech.generate.slither import slither
 from packmech.generate.walks import Plan, Walk
 from packmech.links import Links
 from packmech.packing import Packing
 
 FORMS = ("open", "ring", "wound")
 _ANGLES = ("free", "fixed")
+
+# links cannot hold angles of chains that bend less [rad]
+_LEAST_BEND = 1e-6
 
 # a pair of beads within a chain: first, second, and the image of the second
 _Pair = tuple[int, int, tuple[int, ...]]
@@ -48,9 +52,11 @@ def chain_packing(
     """Return chains grown as random walks from independent uniform places, at the packing fraction asked for.
 
     Beads overlap at random, as particles do in ``random_packing``. In two dimensions bonds do not cross: a chain steps
-    back and grows another way where it finds no room. Chains of some tens of touching beads find room at the densities
-    of jamming; far longer ones in a plane want a lower packing fraction or a small ``bend``: walks that bend freely
-    lock themselves in. The particles of a chain follow each other.
+    back and grows another way where it finds no room. Open chains that find none at all, because long walks lock
+    themselves in, start in rows instead and slither out of them for ten times their own length; they keep some of the
+    rows' direction (nematic order of bonds about 0.3 for chains of 100 discs, 0.5 for 400, at a packing fraction of
+    0.9). Closed and branched ones, and those with angles given, then want a lower packing fraction. The particles of a
+    chain follow each other.
 
     Parameters
     ----------
@@ -131,14 +137,19 @@ def chain_packing(
     plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
     avoid = dimension == 2 and crossing == "avoided"
     bonds = Bonds(scaled, count * len(_bonds(plan)), link_length) if avoid else None
-    places = Walk(plan, rng, bonds).grow(count, scaled, tries)
+    walk = Walk(plan, rng, bonds)
+    slithers = bonds is not None and isinstance(form, str) and form == "open" and bend_b is None
+    places = walk.grow(count, scaled, max(1, tries // 10) if slithers else tries)
+    if places is None and slithers and bonds is not None:
+        bonds.take_back(0)
+        places = slither(walk, bonds, count, scaled, tries)
     if places is None:
         raise ValueError(
             "bend must be larger, or crossing 'allowed', or the packing fraction lower where a chain finds no way, "
             f"got bend = {bend:g} and no way in {tries} tries per bead"
         )
-    position_nd = np.array(places)
-    links = _links(plan, count, position_nd, scaled)
+    position_nd, image_nd = _folded(places, plan, scaled)
+    links = _links(plan, count, position_nd, image_nd, scaled)
     return Packing(position_nd, radius_n, scaled, links).wrapped()
 
 
@@ -170,7 +181,7 @@ def _angles(angles: Any, bend: float, beads: int, form: Any) -> tuple[bool, tupl
     """Return whether the angles are held, and the prescribed bend at each bead, if any."""
     if isinstance(angles, str):
         held = one_of("angles", angles, _ANGLES) == "fixed"
-        if held and bend < 1e-6:
+        if held and bend < _LEAST_BEND:
             raise ValueError(f"bend must be at least 1e-6 for angles that links can hold, got {bend:g}")
         return held, None
     if not (isinstance(form, str) and form == "open"):
@@ -229,14 +240,34 @@ def _angle_pairs(plan: Plan) -> list[_Pair]:
     return pairs[: max(0, d * n - d - rotations - n)]
 
 
-def _links(plan: Plan, count: int, position_nd: NDArray[np.float64], box: Box) -> Links:
+def _folded(places: list[tuple[float, ...]], plan: Plan, box: Box) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return positions in the cell, and the images by which they were moved there.
+
+    Each link is laid off anew from where the one before ends in the cell, so that chains that lead far away lose no
+    digits to the size of their coordinates.
+    """
+    free = np.array(places).reshape(-1, plan.beads, plan.dimension)
+    position, image = np.empty_like(free), np.zeros(free.shape, dtype=np.int64)
+    position[:, 0], image[:, 0] = box.wrap(free[:, 0])
+    last = plan.beads if plan.closing is None else plan.beads - 1
+    for bead in range(1, plan.beads):
+        parent = plan.parent_b[bead]
+        step = free[:, bead] - free[:, parent]
+        if bead < last:
+            step *= plan.link_length / np.sqrt(np.add.reduce(step**2, axis=1))[:, None]
+        position[:, bead], moved = box.wrap(position[:, parent] + step)
+        image[:, bead] = image[:, parent] + moved
+    return position.reshape(-1, plan.dimension), image.reshape(-1, plan.dimension)
+
+
+def _links(plan: Plan, count: int, position_nd: NDArray[np.float64], image_nd: NDArray[np.int64], box: Box) -> Links:
     bonds = _bonds(plan)
     pairs = bonds + (_angle_pairs(plan) if plan.held else [])
     shape = np.tile(np.arange(len(pairs)) >= len(bonds), count)
     step = np.repeat(plan.beads * np.arange(count), len(pairs))
     i = np.tile([pair[0] for pair in pairs], count) + step
     j = np.tile([pair[1] for pair in pairs], count) + step
-    image = np.tile(np.array([pair[2] for pair in pairs]), (count, 1))
+    image = np.tile(np.array([pair[2] for pair in pairs]), (count, 1)) + image_nd[j] - image_nd[i]
     vector = position_nd[j] - position_nd[i] + np.einsum("de,le->ld", box.lattice_dd, image)
     length = np.where(shape, np.sqrt(np.add.reduce(vector**2, axis=1)), plan.link_length)
     return Links(i, j, image, length, shape)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.compiled import kernel
 
+Point = tuple[float, ...]
+
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
 _SLACK = 1e-9
 
@@ -92,6 +94,18 @@ def _add(grid, place, first, second, image_x, image_y, x, y, along_x, along_y):
     return cell
 
 
+@kernel
+def _remove(grid, place, cell):
+    """Take a bond out of the list of its cell."""
+    if grid.head_g[cell] == place:
+        grid.head_g[cell] = grid.next_l[place]
+        return
+    k = grid.head_g[cell]
+    while grid.next_l[k] != place:
+        k = grid.next_l[k]
+    grid.next_l[k] = grid.next_l[place]
+
+
 class Bonds:
     """Bonds of a packing in the making, in two dimensions: whether a new one crosses any, and a list to take back from.
 
@@ -129,17 +143,40 @@ class Bonds:
     def __len__(self) -> int:
         return len(self._cells)
 
-    def place(
-        self, first: int, second: int, start: tuple[float, ...], along: tuple[float, ...], image: tuple[int, ...] = ()
-    ) -> bool:
+    def place(self, first: int, second: int, start: Point, along: Point, image: tuple[int, ...] = ()) -> bool:
         """Place the bond from bead to bead and return True, or return False if it would cross one of the others."""
+        if self.crosses(first, second, start, along, image):
+            return False
+        self.lay(first, second, start, along, image=image)
+        return True
+
+    def crosses(self, first: int, second: int, start: Point, along: Point, image: tuple[int, ...] = ()) -> bool:
+        """Return whether the bond from bead to bead would cross one of the others."""
+        return bool(_crosses(self._grid, *self._bond(first, second, start, along, image)))
+
+    def lay(
+        self, first: int, second: int, start: Point, along: Point, number: int = -1, image: tuple[int, ...] = ()
+    ) -> int:
+        """Place the bond whether it crosses others or not, as a new one or in the place of one lifted."""
+        new = number < 0
+        number = len(self._cells) if new else number
+        cell = int(_add(self._grid, number, *self._bond(first, second, start, along, image)))
+        if new:
+            self._cells.append(cell)
+        else:
+            self._cells[number] = cell
+        return number
+
+    def lift(self, number: int) -> None:
+        """Remove a bond, whose place ``lay`` is to fill."""
+        _remove(self._grid, number, self._cells[number])
+
+    def _bond(
+        self, first: int, second: int, start: Point, along: Point, image: tuple[int, ...]
+    ) -> tuple[int | float, ...]:
         (a, b), (c, d) = self._to_small
         z0, z1 = (a * image[0] + b * image[1], c * image[0] + d * image[1]) if image else (0, 0)
-        bond = (first, second, z0, z1, start[0], start[1], along[0], along[1])
-        if _crosses(self._grid, *bond):
-            return False
-        self._cells.append(int(_add(self._grid, len(self._cells), *bond)))
-        return True
+        return (first, second, z0, z1, start[0], start[1], along[0], along[1])
 
     def take_back(self, count: int) -> None:
         """Remove all bonds but the first ``count`` of them."""

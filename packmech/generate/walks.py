@@ -13,7 +13,7 @@ from packmech.generate.segments import Bonds
 Point = tuple[float, ...]
 
 # proposals for one bead before the walk steps back; share of all proposals that one chain may use
-_PROPOSALS = 20
+PROPOSALS = 20
 _SHARE = 0.2
 # share of the spare length of a closed chain that each part of it must leave to the rest
 _SPARE = 0.2
@@ -50,7 +50,7 @@ class Walk:
     """Chains of one plan, grown one after another; in two dimensions their bonds avoid each other where asked for."""
 
     def __init__(self, plan: Plan, rng: np.random.Generator, bonds: Bonds | None) -> None:
-        self._plan, self._rng, self._bonds = plan, rng, bonds
+        self.plan, self._rng, self._bonds = plan, rng, bonds
         reach = math.sqrt(math.fsum(x * x for x in plan.around))
         self._left = 0
         self._spare = plan.beads * plan.link_length - reach
@@ -60,8 +60,8 @@ class Walk:
 
         Where one chain finds no room, all are grown anew: their earlier turns leave it none.
         """
-        self._left = tries * count * self._plan.beads
-        most = max(_PROPOSALS, int(_SHARE * self._left))
+        self._left = tries * count * self.plan.beads
+        most = max(PROPOSALS, int(_SHARE * self._left))
         while self._left > 0:
             places: list[Point] = []
             if self._bonds is not None:
@@ -82,7 +82,7 @@ class Walk:
         stop = max(0, self._left - most)
         places = [self._start(lattice)]
         longest, back = 1, 1
-        while len(places) < self._plan.beads:
+        while len(places) < self.plan.beads:
             if self._extend(places, first):
                 if len(places) > longest:
                     longest, back = len(places), 1
@@ -98,13 +98,13 @@ class Walk:
         return places
 
     def _start(self, lattice_dd: list[list[float]]) -> Point:
-        fraction = self._rng.random(self._plan.dimension).tolist()
+        fraction = self._rng.random(self.plan.dimension).tolist()
         return tuple(math.fsum(a * f for a, f in zip(row, fraction, strict=True)) for row in lattice_dd)
 
     def _extend(self, places: list[Point], first: int) -> bool:
         """Add a bead, if one of some proposals fits."""
-        last = len(places) == self._plan.beads - 1 and self._plan.closing is not None
-        for _ in range(_PROPOSALS):
+        last = len(places) == self.plan.beads - 1 and self.plan.closing is not None
+        for _ in range(PROPOSALS):
             self._left -= 1
             place = self._last(places) if last else self._next(places)
             if place is not None and self._join(places, place, first):
@@ -115,52 +115,52 @@ class Walk:
     def _join(self, places: list[Point], place: Point, first: int) -> bool:
         if self._bonds is None:
             return True
-        bead, plan = len(places), self._plan
+        bead, plan = len(places), self.plan
         parent = plan.parent_b[bead]
         before = len(self._bonds)
-        if not self._bonds.place(first + parent, first + bead, places[parent], _minus(place, places[parent])):
+        if not self._bonds.place(first + parent, first + bead, places[parent], minus(place, places[parent])):
             return False
         if plan.closing is None or bead < plan.beads - 1:
             return True
-        along = _minus(_plus(places[0], plan.around), place)
+        along = minus(plus(places[0], plan.around), place)
         if self._bonds.place(first + bead, first, place, along, plan.closing):
             return True
         self._bonds.take_back(before)
         return False
 
     def _next(self, places: list[Point]) -> Point | None:
-        plan, bead = self._plan, len(places)
+        plan, bead = self.plan, len(places)
         parent = plan.parent_b[bead]
         here = places[parent]
         if parent == 0:
             along = self._any_direction()
         else:
             bend = None if plan.bend_b is None else plan.bend_b[parent]
-            along = self._bent(_unit(_minus(here, places[plan.parent_b[parent]])), bend)
+            along = self.bent(unit(minus(here, places[plan.parent_b[parent]])), bend)
         place = tuple(x + plan.link_length * u for x, u in zip(here, along, strict=True))
         if plan.closing is not None:
             # what is left of the chain must reach the end, with a share of its length to spare
             rest = plan.beads - bead
             reach = rest * (plan.link_length - _SPARE * self._spare / plan.beads)
-            if math.dist(place, _plus(places[0], plan.around)) > reach:
+            if math.dist(place, plus(places[0], plan.around)) > reach:
                 return None
         return place
 
     def _last(self, places: list[Point]) -> Point | None:
         """Return a place at link length from the bead before and from the end of the chain."""
-        plan, here = self._plan, places[-1]
-        end = _plus(places[0], plan.around)
-        apart = _minus(end, here)
+        plan, here = self.plan, places[-1]
+        end = plus(places[0], plan.around)
+        apart = minus(end, here)
         distance = math.sqrt(math.fsum(x * x for x in apart))
         if not 0.0 < distance < 2.0 * plan.link_length:
             return None
-        aside = self._perpendicular(_unit(apart))
+        aside = self._perpendicular(unit(apart))
         height = math.sqrt(plan.link_length**2 - 0.25 * distance**2)
         place = tuple(x + 0.5 * a + height * u for x, a, u in zip(here, apart, aside, strict=True))
         steps = [
-            _unit(step)
+            unit(step)
             for step in (
-                _minus(here, places[-2]), _minus(place, here), _minus(end, place), _minus(places[1], places[0])
+                minus(here, places[-2]), minus(place, here), minus(end, place), minus(places[1], places[0])
             )
         ]  # fmt: skip
         low, high = self._bends()
@@ -171,10 +171,10 @@ class Walk:
         return place
 
     def _bends(self) -> tuple[float, float]:
-        bend = self._plan.bend
-        return (_STRAIGHT * bend, min(bend, math.pi - _FOLD)) if self._plan.held else (0.0, bend)
+        bend = self.plan.bend
+        return (_STRAIGHT * bend, min(bend, math.pi - _FOLD)) if self.plan.held else (0.0, bend)
 
-    def _bent(self, along: Point, given: float | None) -> Point:
+    def bent(self, along: Point, given: float | None = None) -> Point:
         """Return a direction at a random bend from another one, uniform within the largest bend; or at the given."""
         low, high = self._bends()
         bend = given
@@ -185,15 +185,15 @@ class Walk:
             bend = drawn if drawn >= low else None
         aside = self._perpendicular(along)
         c, s = math.cos(bend), math.sin(bend)
-        return _unit(tuple(c * x + s * y for x, y in zip(along, aside, strict=True)))
+        return unit(tuple(c * x + s * y for x, y in zip(along, aside, strict=True)))
 
     def _any_direction(self) -> Point:
         turn = 2.0 * math.pi * self._rng.random()
-        if self._plan.dimension == 2:
+        if self.plan.dimension == 2:
             return (math.cos(turn), math.sin(turn))
         z = 2.0 * self._rng.random() - 1.0
         r = math.sqrt(1.0 - z * z)
-        return _unit((r * math.cos(turn), r * math.sin(turn), z))
+        return unit((r * math.cos(turn), r * math.sin(turn), z))
 
     def _perpendicular(self, along: Point) -> Point:
         """Return a random direction at right angles: one of two, or any around the axis."""
@@ -203,26 +203,29 @@ class Walk:
         x, y, z = along
         # the axis that lies least along
         least = min(range(3), key=lambda k: abs(along[k]))
-        one = _unit(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[least])
+        one = unit(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[least])
         other = (y * one[2] - z * one[1], z * one[0] - x * one[2], x * one[1] - y * one[0])
         turn = 2.0 * math.pi * self._rng.random()
         c, s = math.cos(turn), math.sin(turn)
         return tuple(c * a + s * b for a, b in zip(one, other, strict=True))
 
 
-def _plus(a: Point, b: Point) -> Point:
+def plus(a: Point, b: Point) -> Point:
+    """Return the sum."""
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
-def _minus(a: Point, b: Point) -> Point:
+def minus(a: Point, b: Point) -> Point:
+    """Return the first less the second."""
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
-def _unit(a: Point) -> Point:
+def unit(a: Point) -> Point:
+    """Return the direction."""
     size = math.sqrt(math.fsum(x * x for x in a))
     return tuple(x / size for x in a)
 
 
 def _angle(a: Point, b: Point) -> float:
     """Return the angle between two directions [rad], exact for small ones too."""
-    return 2.0 * math.atan2(math.dist(a, b), math.sqrt(math.fsum(x * x for x in _plus(a, b))))
+    return 2.0 * math.atan2(math.dist(a, b), math.sqrt(math.fsum(x * x for x in plus(a, b))))

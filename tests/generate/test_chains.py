@@ -213,3 +213,46 @@ def test_chains_that_cannot_be_are_refused_with_the_reason(arguments, message):
 def test_bonds_without_room_end_in_an_error_that_names_the_chain():
     with pytest.raises(ValueError, match="^bend must be larger, or crossing 'allowed', .* no way in 5 tries"):
         chains(20, 30, packing_fraction=0.9, link_length=5.0, tries=5)
+
+
+# -- long chains at high density in a plane, which slither out of rows -------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=[(1, 400), (10, 100)], ids=["one of 400", "ten of 100"])
+def dense(request):
+    count, beads = request.param
+    return count, beads, chains(count, beads, packing_fraction=0.9, angles="fixed", bend=2.0, seed=2)
+
+
+def test_long_chains_at_high_density_do_not_cross(dense):
+    count, beads, packing = dense
+    assert len(pm.crossing_links(packing)) == 0
+    assert len(packing.links) == count * (2 * beads - 3)
+
+
+def test_long_chains_at_high_density_keep_lengths_and_bends(dense):
+    _, beads, packing = dense
+    assert packing.link_error < 8 * np.finfo(float).eps * packing.box.lattice_dd.max()
+    angle = bends(packing, beads)
+    assert angle.max() < 2.0 + 1e-9 and angle.min() > 2e-3 - 1e-9
+
+
+def nematic_order(packing):
+    """Return 1 for bonds of one direction, 0 for any."""
+    bond = ~packing.links.shape_l
+    along = packing.links.vectors(packing.position_nd, packing.box.lattice_dd)[bond]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    return np.linalg.norm(2 * along.T @ along / bond.sum() - np.eye(2), 2)
+
+
+def test_chains_that_slither_long_enough_forget_the_direction_of_their_rows(monkeypatch):
+    order = []
+    for lengths in (0, 20):
+        monkeypatch.setattr("packmech.generate.slither._LENGTHS", lengths)
+        order.append(nematic_order(chains(10, 100, packing_fraction=0.9, seed=2)))
+    assert order[0] > 0.5 and order[1] < 0.3
+
+
+def test_chains_that_slither_are_the_same_to_the_last_bit_for_the_same_seed():
+    first, second = (chains(4, 60, packing_fraction=0.9, link_length=2.0, seed=3) for _ in range(2))
+    assert first == second
