@@ -5,40 +5,37 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.links import Links, image_offsets
+from packmech.links import image_offsets
 from packmech.packing import Packing
 
 # singular values below this, relative to the largest, belong to a motion that the links admit
 _RANK = 1e-9
+# entries of the matrices that are decomposed at once
+_ENTRIES = 1_000_000
 
 
-def _jacobian(links: Links, vector_ld: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    i_l, j_l = links.i_l, links.j_l
-    d = vector_ld.shape[1]
-    normal = vector_ld / np.sqrt((vector_ld**2).sum(axis=1))[:, None]
-    matrix = np.zeros((len(i_l), count, d))
-    rows = np.arange(len(i_l))
-    matrix[rows, j_l] += normal
-    matrix[rows, i_l] -= normal
-    return matrix.reshape(len(i_l), count * d)
+def _ranks(matrix_bij: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the (B,) ranks of a stack of matrices."""
+    value = np.linalg.svd(matrix_bij, compute_uv=False)
+    ranks: NDArray[np.int64] = ((value > _RANK * value[:, :1]) & (value > 0.0)).sum(axis=1)
+    return ranks
 
 
-def _rank(matrix: NDArray[np.float64]) -> int:
-    value = np.linalg.svd(matrix, compute_uv=False)
-    return int((value > _RANK * value[0]).sum()) if len(value) and value[0] > 0 else 0
-
-
-def _is_rigid(place_nd: NDArray[np.float64], links: Links) -> bool:
-    """Whether the links (numbered within the cluster) leave only translations and rotations of these places."""
-    count, d = place_nd.shape
-    centered = place_nd - place_nd.mean(axis=0)
-    rotations = [np.outer(centered[:, a], np.eye(d)[b]) - np.outer(centered[:, b], np.eye(d)[a])
-                 for a in range(d) for b in range(a)]  # fmt: skip
-    trivial = d + _rank(np.array([turn.ravel() for turn in rotations]))
-    if len(links) < count * d - trivial:
-        return False
-    vector = place_nd[links.j_l] - place_nd[links.i_l]
-    return bool(count * d - _rank(_jacobian(links, vector, count)) == trivial)
+def _are_rigid(place_bnd: NDArray[np.float64], i_bl: NDArray[np.int64], j_bl: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (B,) whether links (numbered within each cluster) leave only translations and rotations of the places."""
+    clusters, count, d = place_bnd.shape
+    centered = place_bnd - place_bnd.mean(axis=1, keepdims=True)
+    axes = np.eye(d)
+    turns = [centered[..., a, None] * axes[b] - centered[..., b, None] * axes[a] for a in range(d) for b in range(a)]
+    trivial = d + _ranks(np.stack(turns, axis=1).reshape(clusters, len(turns), count * d))
+    own, link = np.arange(clusters)[:, None], np.arange(i_bl.shape[1])
+    vector = place_bnd[own, j_bl] - place_bnd[own, i_bl]
+    normal = vector / np.sqrt((vector**2).sum(axis=2))[..., None]
+    jacobian = np.zeros((clusters, i_bl.shape[1], count, d))
+    jacobian[own, link, j_bl] += normal
+    jacobian[own, link, i_bl] -= normal
+    rank = _ranks(jacobian.reshape(clusters, i_bl.shape[1], count * d))
+    return np.asarray(count * d - rank == trivial)
 
 
 def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
@@ -50,22 +47,27 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
     links = packing.links
     if links is None:
         return rigid
+    d = packing.dimension
     offset, winding = image_offsets(links, packing.particles)
     place = packing.position_nd + offset @ packing.box.lattice_dd.T
     cluster = links.clusters(packing.particles)
-    order = np.argsort(cluster, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(cluster))])
-    link_order = np.argsort(cluster[links.i_l], kind="stable")
-    link_start = np.concatenate([[0], np.cumsum(np.bincount(cluster[links.i_l], minlength=len(start) - 1))])
+    size, bonds = np.bincount(cluster), np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
+    order, link_order = np.argsort(cluster, kind="stable"), np.argsort(cluster[links.i_l], kind="stable")
+    start, link_start = np.cumsum(size) - size, np.cumsum(bonds) - bonds
     number = np.empty(packing.particles, dtype=np.int64)
-    for c in range(len(start) - 1):
-        member = order[start[c] : start[c + 1]]
-        own = link_order[link_start[c] : link_start[c + 1]]
-        if len(member) == 1 or winding[member[0]]:
-            continue
-        number[member] = np.arange(len(member))
-        inside = Links(number[links.i_l[own]], number[links.j_l[own]], 0 * links.image_ld[own], links.length_l[own])
-        rigid[member] = _is_rigid(place[member], inside)
+    number[order] = np.arange(packing.particles) - start[cluster[order]]
+    # fewer links than this never suffice, nor do links around the box
+    look = (size > 1) & (bonds >= size * d - d * (d + 1) // 2)
+    look[cluster[winding]] = False
+    for beads, links_each in np.unique(np.stack([size[look], bonds[look]], axis=1), axis=0).tolist():
+        alike = np.flatnonzero(look & (size == beads) & (bonds == links_each))
+        at_once = max(1, _ENTRIES // (beads * d * max(links_each, 1)))
+        for first in range(0, len(alike), at_once):
+            some = alike[first : first + at_once, None]
+            member = order[start[some] + np.arange(beads)]
+            own = link_order[link_start[some] + np.arange(links_each)]
+            found = _are_rigid(place[member], number[links.i_l[own]], number[links.j_l[own]])
+            rigid[member] = found[:, None]
     return rigid
 
 

@@ -108,18 +108,23 @@ def relax_linked(
     if not rows:
         return LinkedResponse(np.zeros_like(right), np.zeros_like(lengths), 0, 0, 0.0)
     shift = soft_shift(system.matrix)
-    floor = factor_linked(system, -shift, SLACKS[0], dimension).inertia.negative - count
+    factor = factor_linked(system, -shift, SLACKS[0], dimension)
+    floor = factor.inertia.negative - count
+    if floor:
+        factor = factor_linked(system, shift, SLACKS[0], dimension)
+    else:
+        # no motion is soft: one factorization counts and solves
+        shift = -shift
+    negative = factor.inertia.negative - count
     exact = system.exact
     load = np.concatenate([right, system.stiffness * lengths])
     # an unloaded system is balanced; so is one whose links move with the strain alone
     size = max(float(np.abs(load).max(initial=0.0)), push)
-    negative = 0
     best = np.zeros_like(load)
     residual = np.inf
     for slack in SLACKS:
-        factor = factor_linked(system, shift, slack, dimension)
-        if slack == SLACKS[0]:
-            negative = factor.inertia.negative - count
+        if slack != SLACKS[0]:
+            factor = factor_linked(system, shift, slack, dimension)
         solution, left, reached = np.zeros_like(load), load, float(np.abs(load).max(initial=0.0))
         for _ in range(_REFINEMENTS):
             if reached <= _DONE * size:
