@@ -30,6 +30,9 @@ class Operator(Protocol):
     def apply(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the matrix times motions."""
 
+    def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the part of vectors within the motions."""
+
     def solver(self, shift: float) -> Solve:
         """Return the solver of (matrix - shift) x = right within the motions."""
 
@@ -48,6 +51,10 @@ class FreeOperator:
         """Return the matrix times motions."""
         product: NDArray[np.float64] = self.matrix @ vector
         return product
+
+    def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the vectors: all are motions."""
+        return vector
 
     def solver(self, shift: float) -> Solve:
         """Return the solver of (matrix - shift) x = right."""
@@ -88,6 +95,10 @@ class LinkedOperator:
             return found[: self.size]
 
         return solve
+
+    def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return P times vectors."""
+        return self._project(vector)
 
     def apply(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return P H times motions."""

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, one_of
 from packmech.compiled import single_thread
-from packmech.mechanics.factor import eigenvalues_below
 from packmech.mechanics.hessian import closed_terms, scene_sums
+from packmech.mechanics.link_modes import FreeOperator, LinkedOperator, Operator, weighted_rows
 from packmech.mechanics.modes import Modes
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
-from packmech.packing import without_links
 from packmech.scene import Scene
 
 
@@ -105,23 +102,27 @@ def density_of_states(
         return StateDensity(edge, count.astype(np.int64), source.available, time.process_time() - start)
     instance("source", source, Scene)
     one_of("kind", kind, ("exact", "paper", "unstressed"))
-    without_links("source.packing", source.packing)
-    contacts, index, _ = held_network(source.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    contacts, index, links = held_network(source.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     dimension = source.packing.dimension
     if not len(index):
         return StateDensity(_edges(bins, 0.0, 1.0), np.zeros(1, np.int64), 0, time.process_time() - start)
     with single_thread():
-        matrix = scene_sums(contacts, closed_terms(source, contacts), kind).position_matrix()
-        low, high = _ends(matrix)
+        matrix = scene_sums(contacts, closed_terms(source, contacts), kind, links).position_matrix()
+        operator: Operator = FreeOperator(matrix)
+        if links is not None:
+            size = matrix.shape[0]
+            rows = weighted_rows(links, np.ones(size), np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)
+            operator = LinkedOperator(matrix, rows, dimension)
+        low, high = _ends(operator)
         edge = _edges(bins, low, high)
         # zero modes have eigenvalues of either sign at rounding: an edge at zero counts all of them above it
         rounding = 1e-10 * high**2
         level = np.sign(edge) * edge**2
         level[np.abs(level) < rounding] = -rounding
-        below = np.array([eigenvalues_below(matrix, one) for one in level])
+        below = np.array([operator.below(float(one)) for one in level])
         # uniform translations are zero modes of the matrix, not vibrations
         below = below - np.where(level > 0.0, dimension, 0)
-    modes = dimension * (len(index) - 1)
+    modes = operator.motions - dimension
     return StateDensity(edge, np.diff(below).astype(np.int64), modes, time.process_time() - start)
 
 
@@ -135,20 +136,21 @@ def _edges(bins: int | ArrayLike, low: float, high: float) -> NDArray[np.float64
     return edge
 
 
-def _ends(matrix: Any) -> tuple[float, float]:
+def _ends(operator: Operator) -> tuple[float, float]:
     """Return frequencies just below the lowest and above the highest mode, zero if none is unstable."""
     import scipy.sparse.linalg as spla
 
-    rows = matrix.shape[0]
+    rows = operator.size
     if rows < 40:
-        value = np.linalg.eigvalsh(matrix.toarray())
+        value = np.linalg.eigvalsh(operator.apply(operator.project(np.eye(rows))))
         lowest, highest = float(value[0]), float(value[-1])
     else:
-        begin = np.random.default_rng(0).normal(size=rows)
-        highest = float(spla.eigsh(sp.csr_array(matrix), k=1, which="LA", v0=begin, return_eigenvectors=False)[0])
+        begin = operator.project(np.random.default_rng(0).normal(size=rows))
+        plain = spla.LinearOperator((rows, rows), matvec=lambda v: operator.apply(v.ravel()), dtype=np.float64)
+        highest = float(spla.eigsh(plain, k=1, which="LA", v0=begin, return_eigenvectors=False)[0])
         lowest = 0.0
-        if eigenvalues_below(matrix, -1e-10 * highest):
-            lowest = float(spla.eigsh(sp.csr_array(matrix), k=1, which="SA", v0=begin, return_eigenvectors=False)[0])
+        if operator.below(-1e-10 * highest):
+            lowest = float(spla.eigsh(plain, k=1, which="SA", v0=begin, return_eigenvectors=False)[0])
     floor = -1e-10 * abs(highest)
     # a hair outside, so that the outermost modes fall inside the outermost bins
     low = -np.sqrt(-lowest) * (1.0 + 1e-9) if lowest < floor else 0.0

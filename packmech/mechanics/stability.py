@@ -7,7 +7,10 @@ import scipy.sparse as sp
 
 from packmech.contacts.rattlers import remove_rattlers
 from packmech.mechanics.factor import NotDefinite, factorize
-from packmech.mechanics.hessian import hessian
+from packmech.mechanics.hessian import bordered, closed_terms, hessian, scene_sums, volume_curvature_term
+from packmech.mechanics.link_modes import weighted_rows
+from packmech.mechanics.link_relaxation import linked_system, negative_motions, soft_shift
+from packmech.mechanics.network import held_network
 from packmech.mechanics.strain import isochoric_basis
 from packmech.scene import Scene
 
@@ -18,7 +21,8 @@ def is_stable(scene: Scene, *, strain: bool, gap_tolerance: float = 0.0) -> bool
     Parameters
     ----------
     scene
-        The scene; its rattlers are taken out first.
+        The scene; its rattlers are taken out first. With rigid links the motions are those that keep them, and the
+        free turns of what is held on one side only count as no instability.
     strain
         False: in the fixed box. True: with the strains that keep the volume, whose curvature counts.
     gap_tolerance
@@ -33,6 +37,8 @@ def is_stable(scene: Scene, *, strain: bool, gap_tolerance: float = 0.0) -> bool
     (True, False)
 
     """
+    if scene.packing.links is not None:
+        return _is_stable_with_links(scene, strain, gap_tolerance)
     try:
         packing, _ = remove_rattlers(scene.packing, gap_tolerance=gap_tolerance)
     except ValueError:
@@ -52,3 +58,25 @@ def is_stable(scene: Scene, *, strain: bool, gap_tolerance: float = 0.0) -> bool
     except NotDefinite:
         return False
     return True
+
+
+def _is_stable_with_links(scene: Scene, strain: bool, gap_tolerance: float) -> bool:
+    contacts, index, links = held_network(scene.packing, gap_tolerance=gap_tolerance)
+    if not len(index) or not len(contacts):
+        return False
+    d = contacts.dimension
+    terms = closed_terms(scene, contacts)
+    sums = scene_sums(contacts, terms, "exact", links)
+    matrix = sums.position_matrix()
+    admitted = np.zeros((d * (d + 1) // 2, 0))
+    scale = scene.packing.box.volume ** (1.0 / d)
+    if strain:
+        admitted = isochoric_basis(d)
+        corner = sums.strain_ee + volume_curvature_term(contacts, terms, links)
+        matrix = bordered(matrix, sums.coupling_xe @ admitted / scale, admitted.T @ corner @ admitted / scale**2)
+    pinned = matrix[d:, d:]
+    if links is None:
+        rows = sp.csr_array((0, pinned.shape[0]))
+    else:
+        rows = weighted_rows(links, np.ones(len(index) * d), admitted, scale)[:, d:]
+    return negative_motions(linked_system(pinned, sp.csr_array(rows)), soft_shift(pinned), d) == 0

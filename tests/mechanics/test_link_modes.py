@@ -6,6 +6,7 @@ import pytest
 import packmech as pm
 from packmech.measure.link_tension import link_gradients
 from packmech.mechanics.link_rows import link_strains
+from packmech.mechanics.stability import is_stable
 
 AT_REST = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]
 
@@ -92,3 +93,27 @@ def test_links_around_the_box_leave_no_mode_with_the_strain_along_them():
         modes = pm.normal_modes(pm.Scene(packing, (pm.Repulsion(),)), 4, strain=True, rattlers="keep", method=method)
         assert modes.available == 8 - 3 + 2 - 2
         assert np.abs(modes.strain_me[:, 0]).max() < 1e-12
+
+
+def test_density_of_states_counts_the_modes_between_its_edges(crystal):
+    modes = pm.normal_modes(crystal)
+    states = pm.density_of_states(crystal, 12)
+    assert states.modes == len(modes) == states.count_b.sum()
+    counted = np.histogram(modes.frequency_m, states.edge_b)[0]
+    assert np.array_equal(states.count_b, counted)
+
+
+@pytest.mark.parametrize("name", AT_REST)
+def test_packings_at_rest_are_stable_as_their_spectra_say(linked, name):
+    scene, data = linked(name)
+    for strain in (False, True):
+        modes = pm.normal_modes(scene, strain=strain, volume="fixed")
+        assert is_stable(scene, strain=strain) == bool(modes.eigenvalue_m.min() > 0) is True
+
+
+def test_disturbed_crystal_is_unstable_where_its_spectrum_says(crystal):
+    # squeezed links push particles out of line
+    thin = crystal.replace(effects=(pm.Repulsion(law=pm.PowerLaw(1.0, 5.0)),))
+    for scene in (crystal, thin):
+        modes = pm.normal_modes(scene, 5)
+        assert is_stable(scene, strain=False) == bool(modes.eigenvalue_m.min() > 0)
