@@ -78,8 +78,8 @@ def constraint_bases(progress: Callable[[str, float], None]) -> tuple[WorkPrecis
 def told(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it or measured here."""
     lines = [
-        "Orthogonality: largest entry of Q^T Q - 1. Span: largest entry of (1 - Q Q^T) Omega. The seconds of the figure",
-        "are of the basis and of these two checks; those of the second table of the basis alone.",
+        "Orthogonality: largest entry of Q^T Q - 1. Span: largest entry of (1 - Q Q^T) Omega. The seconds of the",
+        "figure are of the basis and of these two checks; those of the second table of the basis alone.",
         "",
         f"| method | links | orthogonality, bends up to {ANGLES[0]:g} | up to {ANGLES[-1]:g} | span | rank wrong by |",
         "|---|---|---|---|---|---|",
