@@ -104,6 +104,27 @@ def test_rigid_trimer_keeps_translations_and_rotations():
         assert np.abs(basis.T @ basis - q @ q.T).max() < 1e-14
 
 
+@pytest.mark.parametrize("name", ["trimer_projector_2d", "trimer_projector_3d"])
+def test_projector_of_a_trimer_is_the_stored_one(golden, name):
+    stored = golden("exact_links.json")[name]
+    place = np.array(stored["positions"])
+    i, j = np.array([(0, 1), (1, 2), (0, 2)]).T
+    links = pm.Links(i, j, np.zeros((3, place.shape[1])), np.linalg.norm(place[j] - place[i], axis=1))
+    packing = pm.Packing(place, [0.1] * 3, pm.Box.cubic(9.0, place.shape[1]), links)
+    basis = pm.change_of_basis(packing, strain=False)
+    assert len(basis) == stored["dof"]
+    assert np.abs(basis.T @ basis - np.array(stored["projector"])).max() < 1e-10
+
+
+def test_gradient_of_a_dimer_is_the_stored_one(golden):
+    stored = golden("exact_links.json")["dimer_strain"]
+    end = stored["length"] * np.array([np.cos(stored["theta"]), np.sin(stored["theta"])])
+    links = pm.Links([0], [1], [[0, 0]], [stored["length"]])
+    row = gamma(pm.Packing([[0.0, 0.0], end], [0.4] * 2, pm.Box.cubic(9.0, 2), links))[:, 0]
+    assert np.abs(row - np.array(stored["Gamma"])).max() < 1e-10
+    assert row @ row == pytest.approx(stored["norm2"], abs=1e-10)
+
+
 def test_dimer_gradient_is_the_closed_form():
     length, angle = 1.7, 0.4
     normal = np.array([np.cos(angle), np.sin(angle)])
