@@ -24,7 +24,8 @@ from packmech.mechanics.link_order import elimination_order
 DEPENDENT = 1e-12
 # rates of links below this many units of rounding of the largest force are zero
 _AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
-_MOST_PASSES = 4
+# a pass gains the digits that rounding leaves in the factor of A: nearly all of them, but few for long stiff chains
+_MOST_PASSES = 12
 
 
 class LinkSystem(NamedTuple):

@@ -29,6 +29,8 @@ from packmech.packing import Packing
 METHODS = ("clusters", *BASES)
 # below this squared sine between a link and those before it the normal matrix keeps too few digits to tell its rank
 _SAFE_PIVOT = 1e-10
+# a rate left over, relative to the force, that is no longer rounding: the normal matrix is too ill-conditioned
+_ROUNDING = 1e-13
 
 
 # what is left of the force and of the force on scaled strains, multipliers of the links and of the volume
@@ -198,10 +200,10 @@ def project_force(
     volume
         Whether the volume is a constraint too; needs a force on the strains.
     method
-        "clusters" (a sparse solve per cluster and s more for the strains; where links depend on each other it hands
-        over to "householder"), or the bases by name: "householder", "gram-schmidt", "gram-schmidt-twice",
-        "whole-matrix" (see `constraint_basis`). What "clusters" prepared for the last packing is kept, for further
-        forces on it.
+        "clusters" (a sparse solve per cluster and s more for the strains; where links depend on each other, or
+        nearly, it hands over to "householder"), or the bases by name: "householder", "gram-schmidt",
+        "gram-schmidt-twice", "whole-matrix" (see `constraint_basis`). What "clusters" prepared for the last packing is
+        kept, for further forces on it.
     strain_scale
         Length by which strains are multiplied to be coordinates; V^(1/d) when left out.
 
@@ -236,10 +238,13 @@ def project_force(
     if method == "clusters" and packing.links is not None:
         projector = _LAST.projector(packing, strain, volume, scale)
     if projector is not None and projector.independent:
-        if not strain:
+        if strain:
+            answer = _answer(packing, projector.project(force, pull), scale, volume, method, started)
+        else:
             found = projector.split(force, pull)
-            return _answer(packing, found[:4], scale, volume, method, started, rate=found[4])
-        return _answer(packing, projector.project(force, pull), scale, volume, method, started)
+            answer = _answer(packing, found[:4], scale, volume, method, started, rate=found[4])
+        if answer.rate <= _ROUNDING * max(np.abs(force).max(), np.abs(pull).max()):
+            return answer
     method = "householder" if method == "clusters" else method
     with single_thread():
         basis = constraint_basis(packing, strain, volume, method=method, strain_scale=scale)

@@ -7,9 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from packmech.check import instance, integer, positive
-from packmech.mechanics.constraints import link_vectors
+from packmech.compiled import single_thread
+from packmech.links import Links
+from packmech.mechanics.constraint_basis import RANK, cluster_blocks
+from packmech.mechanics.constraints import link_vectors, position_rows
+from packmech.mechanics.counting import BASIS_LIMIT
 from packmech.mechanics.link_system import make_link_system, refill_links
 from packmech.mechanics.link_system import reaffix_links as newton_links
 from packmech.mechanics.redundant_links import SINE, DegenerateLink, check_consistent, dependence
@@ -18,6 +23,8 @@ from packmech.packing import Packing
 
 # a squared sine below this is looked into: links may depend on others
 _SUSPECT = 1e-9
+# errors this small fall in every step of Newton's method
+_CLOSE = 1e-5
 # Newton's method is done by then where links have full rank, from places not too far off
 _QUADRATIC = 12
 # sine between dependent links where the error has fallen as far as rounding lets it beside a degenerate shape
@@ -33,7 +40,7 @@ class ReaffixedLinks:
     Attributes
     ----------
     packing
-        The packing at the end; its box is the one given.
+        The packing at the end, or the one given when the steps led nowhere; its box is the one given.
     outcome
         `CONVERGED`, `STALLED` when the tolerance was not met, `DEGENERATE` when it was met where links lose rank.
     iterations
@@ -117,11 +124,10 @@ def reaffix_links(
     mean, lattice = float(packing.diameter_n.mean()), packing.box.lattice_dd
     system = make_link_system(links, packing.particles, packing.dimension, mean_diameter=mean)
     pivot, _ = refill_links(system, packing.position_nd, lattice)
-    spare = 0
+    held = links
     if pivot < _SUSPECT:
         found = dependence(packing)
-        spare = len(found.redundant_l)
-        if spare:
+        if len(found.redundant_l):
             check_consistent(packing, found, _AGREEMENT)
             keep = np.ones(len(links), dtype=bool)
             keep[found.redundant_l] = False
@@ -132,11 +138,18 @@ def reaffix_links(
     while not residual[-1] <= tolerance and len(residual) <= limit and np.isfinite(residual[-1]):
         if len(residual) > 2 * _QUADRATIC and min(residual[-_QUADRATIC:]) >= min(residual[:-_QUADRATIC]):
             break
+        before = place.copy()
         residual.append(float(newton_links(system, place, lattice, 0.0, 1)[1]))
+        if residual[-2] < _CLOSE and not residual[-1] < 0.5 * residual[-2]:
+            # long stiff chains: the normal matrix has squared the condition number, a pivoted QR has not
+            place[:] = before
+            _pivoted_step(packing, held, place)
+            residual[-1] = float(newton_links(system, place, lattice, tolerance, 0)[1])
     outcome = Outcome.CONVERGED if residual[-1] <= tolerance else Outcome.STALLED
     degenerate: tuple[DegenerateLink, ...] = ()
     rank = len(system.order_r)
-    if np.isfinite(residual[-1]):
+    # from farther off than that, where the steps went tells nothing about the links
+    if residual[-1] < _CLOSE:
         packing = packing.replace(position_nd=place)
         # near a degenerate shape the error falls by a constant factor, and the shape is met to its square root only
         slow = len(residual) > _QUADRATIC and residual[-1] > 0.05 * residual[-2]
@@ -152,6 +165,19 @@ def reaffix_links(
             Run(packing, outcome, result.residual, result.iterations, 0, seconds, report={"rank": rank}), _words(result)
         )
     return result
+
+
+def _pivoted_step(packing: Packing, links: Links, place_nd: NDArray[np.float64]) -> None:
+    """Move the places by one Newton step of minimum norm, by a pivoted QR of each cluster."""
+    now = packing.replace(position_nd=place_nd, links=links)
+    vector = link_vectors(now)
+    error = np.sqrt((vector**2).sum(axis=1)) - links.length_l
+    flat = place_nd.reshape(-1)
+    with single_thread():
+        for block in cluster_blocks(now, position_rows(now), "householder", RANK, BASIS_LIMIT):
+            rank = block.basis_xr.shape[1]
+            part = solve_triangular(block.triangle_rl[:, :rank], error[block.link_l[:rank]], trans="T")
+            flat[block.row_x] -= block.basis_xr @ part
 
 
 def _words(result: ReaffixedLinks) -> str:

@@ -30,6 +30,8 @@ from packmech.packing import Packing
 SINE = 1e-6
 # how far places are moved to tell degenerate links from redundant ones, in mean link lengths
 _SHAKE = 0.03
+# in larger tangles of links the particles of a degenerate link are not told apart from the others
+_TOLD_APART = 400
 _SETTLED = 1e-13
 _NEWTON_STEPS = 60
 
@@ -190,6 +192,12 @@ def _in_cluster(
     generic = _dense(links, moved / np.sqrt((moved**2).sum(axis=1))[:, None], number, len(members))
     also = set(_staged(generic, [np.array(kept, dtype=np.int64), dependent], tolerance)[len(kept) :])
     degenerate = []
+    if len(kept) > _TOLD_APART:
+        return (
+            kept,
+            [int(k) for k in dependent if int(k) not in also],
+            [(k, members.tolist(), _shape(place_nd[members])) for k in sorted(also)],
+        )
     for k in sorted(also):
         share = np.linalg.lstsq(matrix[:, kept], matrix[:, k], rcond=None)[0]
         part = [k, *(kept[m] for m in np.flatnonzero(np.abs(share) > 1e-3 * np.abs(share).max(initial=0.0)))]

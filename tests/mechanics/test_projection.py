@@ -90,6 +90,12 @@ def test_dependent_links_are_handed_to_the_basis_with_pivoting(chain_packing):
     assert np.abs(found.force_nd.ravel() + matrix @ found.multiplier_l - force.ravel()).max() < 1e-10
 
 
+def test_a_stiff_chain_of_a_thousand_has_no_rate_left(chain_packing):
+    packing = chain_packing(1000, reach=2)
+    force, _ = pulls(packing)
+    assert pm.project_force(packing, force).rate < 1e-12
+
+
 def test_a_taut_ring_around_the_box_takes_up_the_pull_along_it():
     links = pm.Links([0, 1, 2, 0], [1, 2, 3, 3], [[0, 0]] * 3 + [[-1, 0]], [1.0] * 4)
     ring = pm.Packing([[0.5 + k, 1.0] for k in range(4)], [0.4] * 4, pm.Box.cubic(4.0, 2), links)

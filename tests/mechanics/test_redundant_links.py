@@ -161,6 +161,11 @@ def test_relabelling_and_images_change_nothing_on_the_way_back(seed, chain_packi
     assert np.allclose(back, plain.position_nd, rtol=0, atol=1e-10)
 
 
+def test_a_stiff_chain_of_400_comes_back_to_its_lengths(chain_packing):
+    found = pm.reaffix_links(shaken(chain_packing(400, reach=2), 1e-6))
+    assert found.ok and found.iterations < 8
+
+
 def test_redundant_links_get_their_lengths_through_the_others(chain_packing):
     packing = shaken(chain_packing(60, reach=4), 1e-3)
     found = pm.reaffix_links(packing)
