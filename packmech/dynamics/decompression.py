@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from packmech.check import integer, positive, real
 from packmech.dynamics.expand import decompress
 from packmech.dynamics.hard_vertex import find_vertex, press
+from packmech.dynamics.link_jam import decompress_linked
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 
@@ -25,14 +26,18 @@ class Decompression:
     pressures give the packing fraction of zero pressure; the exact hard packing and the soft one at the pressure
     asked for follow from there. "Random at .90, FIRE, decompress, extrapolate" is this protocol.
 
+    A packing with links is relaxed where it stands (or at `start_packing_fraction`) and compressed by small steps until
+    it presses: large overlaps would push links through each other. Then it is followed down from pressure to pressure
+    by Newton's method that only goes down, with links and free strains among the unknowns; the box grows and clusters
+    keep their shape, which is the shrinking of clusters in place, in other units.
+
     Parameters
     ----------
     start_packing_fraction
-        Where the quench happens; None: .90 in two dimensions, .70 in three.
-    stop_pressure
-        Stop decompressing at this pressure [energy_scale / diameter^d].
-    factor
-        Ratio of successive pressures.
+        Where the quench happens; None: .90 in two dimensions, .70 in three, and with links where the packing stands.
+    stop_pressure, factor
+        Stop decompressing at this pressure [energy_scale / diameter^d], and ratio of successive pressures; not used
+        with links.
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
@@ -61,6 +66,8 @@ class Decompression:
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
         start = self.start_packing_fraction
+        if protocol.scene.packing.links is not None:
+            return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
         start = _START[protocol.scene.packing.dimension] if start is None else start
         packing = decompress(
             protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps

@@ -16,7 +16,6 @@ from packmech.dynamics.settings import check_manner
 from packmech.interrupts import safe_interrupts
 from packmech.mechanics.strain import mandel_basis
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import without_links
 from packmech.scene import Scene
 
 
@@ -63,8 +62,8 @@ def jam(
     strain
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "fixed": the box keeps its shape.
     method
-        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression(); their parameters are those of
-        the protocol.
+        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression() (the default with links, where
+        only it and StepHalving with a fixed box know the way); their parameters are those of the protocol.
     energy_tolerance
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
@@ -102,7 +101,6 @@ def jam(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("fixed", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
@@ -111,11 +109,18 @@ def jam(
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
-    method = HardVertex() if method is None else method
+    linked = scene.packing.links is not None
+    if method is None:
+        method = Decompression() if linked else HardVertex()
     if not isinstance(method, HardVertex | ProgramChain | StepHalving | Decompression):
         raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving or Decompression, got {method!r}")
     if isinstance(method, StepHalving) and pressure is not None:
         raise ValueError(f"pressure must be left out for StepHalving, which ends at an energy, got {pressure!r}")
+    if linked and not (isinstance(method, Decompression) or (isinstance(method, StepHalving) and strain == "fixed")):
+        raise ValueError(
+            "method must be Decompression, or StepHalving in a box of fixed shape, for a packing with links, "
+            f"got {method!r}"
+        )
     began = time.process_time()
     aim = None if isinstance(method, StepHalving) else asked
     with safe_interrupts(), single_thread():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from packmech.contacts.rattlers import loose_particles
 from packmech.dynamics.tether import Tether
 from packmech.effects import contact_terms
 from packmech.measure import packing_fraction, stress_tensor, sum_forces
+from packmech.mechanics.counting import states_of_self_stress
+from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.outcome import Outcome, Run
 from packmech.packing import Packing
 
@@ -56,6 +59,47 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     }
 
 
+def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str, int]:
+    """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
+
+    The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
+    as a whole; free turns and loose ends of clusters that are held, `floppy_modes`, take as many contacts off.
+
+    Parameters
+    ----------
+    packing
+        The packing, with links.
+    contacts
+        Its touching pairs.
+    strain
+        "fixed" or "free".
+
+    """
+    rattling = find_rattling_clusters(packing, contacts=contacts)
+    none = {"particles": packing.particles, "rattlers": int(rattling.rattling_n.sum())}
+    if rattling.empty:
+        return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
+    held = ~rattling.loose_n
+    number = np.where(held, np.cumsum(held) - 1, -1)
+    assert packing.links is not None
+    part = packing.replace(
+        position_nd=packing.position_nd[held], radius_n=packing.radius_n[held], links=packing.links.numbered(number)
+    )
+    bearing = contacts.select(rattling.backbone_c)
+    inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
+    states = states_of_self_stress(part, "none" if strain == "fixed" else "isochoric", contacts=inner, basis_limit=1.0)
+    floppy = states.motions - states.trivial - states.rank
+    isostatic = states.isostatic_contact_count - floppy
+    return {
+        **none,
+        "contacts": len(inner),
+        "isostatic_contacts": isostatic,
+        "excess_contacts": len(inner) - isostatic,
+        "floppy_modes": floppy,
+        "states_of_self_stress": states.count,
+    }
+
+
 def finish(
     protocol: Protocol, packing: Packing, outcome: Outcome, asked: float | None, method: str, began: float
 ) -> Run:
@@ -93,13 +137,19 @@ def finish(
         "packing_fraction": packing_fraction(packing),
         "pressure": pressure / scene.pressure_unit,
         "pressure_asked": asked,
-        **contact_count(contacts, len(protocol.basis_kdd)),
+        **(
+            contact_count(contacts, len(protocol.basis_kdd))
+            if packing.links is None
+            else linked_count(packing, contacts, protocol.strain)
+        ),
         "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
         "patches": (),
         **protocol.report,
     }
-    carried = report["contacts"] > 0
-    report["states_of_self_stress"] = report["excess_contacts"] + 1 + report.get("floppy_modes", 0) if carried else 0
+    if packing.links is None:
+        carried = report["contacts"] > 0
+        free = report.get("floppy_modes", 0)
+        report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
     return Run(
         packing=packing,
         outcome=outcome,

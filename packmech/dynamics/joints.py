@@ -26,6 +26,7 @@ from packmech.mechanics.link_system import (
     reaffix,
     refill,
 )
+from packmech.mechanics.redundant_links import independent_links
 from packmech.packing import Packing
 
 # links hold to this part of the larger of their length and the mean diameter, or to rounding of the coordinates
@@ -56,15 +57,37 @@ class Joints(NamedTuple):
     number: NDArray[np.float64]
 
 
+def workable_links(packing: Packing) -> Links:
+    """Return the packing's links without redundant ones, whose forces would not be determined.
+
+    Raises
+    ------
+    ValueError
+        If a redundant link contradicts the others, or if links depend on each other only to first order, where
+        particles stand in a line or in a plane: nothing could bring them back to their lengths.
+
+    """
+    links = packing.links
+    assert links is not None
+    beads = np.bincount(links.clusters(packing.particles))
+    if len(links) == int((beads - 1).sum()) and (links.i_l != links.j_l).all():
+        return links  # without rings every link is independent
+    found = independent_links(packing)
+    if found.degenerate:
+        raise ValueError(f"packing must have links that hold to first order, got a link of {found.degenerate[0]}")
+    assert found.packing.links is not None
+    return found.packing.links
+
+
 def row_links(
-    packing: Packing, order_n: NDArray[np.int64], home_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
+    links: Links, order_n: NDArray[np.int64], home_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
 ) -> tuple[Links, NDArray[np.int64]]:
     """Return the links numbered and imaged as a program's rows are, and the (N, d) offsets that unwrap the rows.
 
     Parameters
     ----------
-    packing
-        The packing.
+    links
+        The links between particles.
     order_n
         (N,) particle of each row.
     home_nd
@@ -73,14 +96,13 @@ def row_links(
         (d, d) whole numbers: the program's lattice is lattice @ change.
 
     """
-    links = packing.links
-    assert links is not None
+    particles = len(order_n)
     back = np.rint(np.linalg.inv(change_dd)).astype(np.int64)
     home = home_nd.astype(np.int64)
     moved = links.moved(home)
-    offset, _ = image_offsets(links, packing.particles)
-    number = np.empty(packing.particles, dtype=np.int64)
-    number[order_n] = np.arange(packing.particles)
+    offset, _ = image_offsets(links, particles)
+    number = np.empty(particles, dtype=np.int64)
+    number[order_n] = np.arange(particles)
     moved = Links(moved.i_l, moved.j_l, moved.image_ld @ back.T, moved.length_l, moved.shape_l)
     return moved.numbered(number), ((home + offset) @ back.T)[order_n]
 
@@ -89,25 +111,28 @@ def make_joints(
     packing: Packing, order_n: NDArray[np.int64], home_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
 ) -> tuple[Links, Joints]:
     """Return the links between a program's rows, as a record and as its loops take them; parameters as `row_links`."""
-    links, offset = row_links(packing, order_n, home_nd, change_dd)
+    whole = packing.links
+    assert whole is not None
+    links, offset = row_links(whole, order_n, home_nd, change_dd)
+    firm, _ = row_links(workable_links(packing), order_n, home_nd, change_dd)
     n, d = packing.particles, packing.dimension
-    rigid = np.where(rigid_clusters(packing), packing.links.clusters(n), -1)[order_n]  # type: ignore[union-attr]
+    rigid = np.where(rigid_clusters(packing), whole.clusters(n), -1)[order_n]
     padded = np.zeros((len(links), 3), dtype=np.int64)
     padded[:, :d] = links.image_ld
     offsets = np.zeros((n, 3), dtype=np.int64)
     offsets[:, :d] = offset
     joints = Joints(
-        system=make_link_system(links, n, d, mean_diameter=float(packing.diameter_n.mean())),
+        system=make_link_system(firm, n, d, mean_diameter=float(packing.diameter_n.mean())),
         start_n=np.searchsorted(links.i_l, np.arange(n + 1)).astype(np.int64),
         other_l=np.ascontiguousarray(links.j_l),
         image_ld=padded,
         rigid_n=rigid,
         offset_nd=offsets,
         spare_nd=np.zeros((n, d)),
-        multiplier_l=np.zeros(len(links)),
+        multiplier_l=np.zeros(len(firm)),
         number=np.zeros(NUMBERS),
     )
-    return links, joints
+    return firm, joints
 
 
 @device

@@ -23,11 +23,9 @@ class LinkedNetwork(SoftNetwork):
     """Contacts and links of a packing; `uphill_nd` is what the links do not bear, `tension_l` what they do."""
 
     def __init__(self, packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> None:
-        links = packing.links
-        assert links is not None
-        self.links = links
         self._tether = Tether(packing)
         self._excluded = Excluded(packing)
+        self.links = links = self._tether.links
         self.tension_l = np.zeros(len(links))
         self._cluster_n = links.clusters(packing.particles)
         super().__init__(self._affixed(packing), units, basis_kdd, pressure)

@@ -7,6 +7,7 @@ import time
 from packmech.check import instance, integer, positive
 from packmech.compiled import single_thread
 from packmech.dynamics.jam_report import finish
+from packmech.dynamics.link_jam import stabilize_linked
 from packmech.dynamics.protocol import Progress, Protocol
 from packmech.dynamics.settings import check_manner
 from packmech.dynamics.soft_newton import SoftState, judge, newton
@@ -32,7 +33,8 @@ def shear_stabilize(
 ) -> Run:
     """Return the run that ends in a packing whose forces balance and whose stress is isotropic.
 
-    FIRE with the box first, then Newton's method; both take the positions and all d(d+1)/2 strains as unknowns.
+    FIRE with the box first, then Newton's method; both take the positions and all d(d+1)/2 strains as unknowns. With
+    links: FIRE in the box as it is, then Newton's method that only goes down, pressure by pressure if one is asked for.
 
     Parameters
     ----------
@@ -80,7 +82,8 @@ def shear_stabilize(
     with safe_interrupts(), single_thread():
         protocol = Protocol(scene, mandel_basis(scene.packing.dimension).copy(), "free", tolerance, progress)
         try:
-            packing, outcome = _stabilized(protocol, asked, limit)
+            stabilized = _stabilized if scene.packing.links is None else stabilize_linked
+            packing, outcome = stabilized(protocol, asked, limit)
         except KeyboardInterrupt as stop:
             stop.run = finish(  # type: ignore[attr-defined]
                 protocol, protocol.last, Outcome.INTERRUPTED, asked, "shear_stabilize", began

@@ -195,7 +195,7 @@ class SoftNetwork:
         coupling = self.border(coupling)
         corner = np.einsum("cka,cla->kl", strained_ckd, pushed_ckd)
         twice = np.outer(self.trace_k, self.trace_k) - np.einsum("kab,lab->kl", self.basis_kdd, self.basis_kdd)
-        corner += self.pressure * packing.box.volume * twice
+        corner += self.pressure * packing.box.volume * twice + tie * n * np.eye(k)
         right = np.zeros(len(coupling))
         right[: n * d] = -self.uphill_nd.ravel()
         rough = factored.solve(right)

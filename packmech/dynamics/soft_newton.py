@@ -51,7 +51,8 @@ class SoftState:
         return self.negative == 0 and self.balanced(max(tolerance, 8.0 * self.floor))
 
 
-def _network(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> SoftNetwork:
+def network_of(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> SoftNetwork:
+    """Return what Newton's method sees of the packing, with or without links."""
     kind = SoftNetwork if packing.links is None else LinkedNetwork
     return kind(packing, units, basis_kdd, pressure)
 
@@ -82,7 +83,7 @@ def newton(
         Most iterations.
 
     """
-    network = _network(packing, units, basis_kdd, pressure)
+    network = network_of(packing, units, basis_kdd, pressure)
     best = network.packing, network.merit, network.residual, network.stress_error
     negative = 0
     used = idle = 0
@@ -105,7 +106,7 @@ def newton(
         size = min(1.0, 0.3 * REACH / max(longest, 1e-300))
         travelled += size * longest
         if travelled > 0.8 * REACH:
-            network = _network(start, units, basis_kdd, pressure)
+            network = network_of(start, units, basis_kdd, pressure)
             travelled = size * longest
         for _ in range(8):
             network.packing = start
@@ -136,7 +137,7 @@ def newton(
 
 def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
     """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
-    network = _network(packing, units, basis_kdd, pressure)
+    network = network_of(packing, units, basis_kdd, pressure)
     extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
     contacts = pair_contacts(packing, *network.pairs)
     network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * extent))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.dynamics.joints import NEWTON, TIGHT
+from packmech.dynamics.joints import NEWTON, TIGHT, workable_links
 from packmech.links import image_offsets
 from packmech.mechanics.link_system import make_link_system, project_links, reaffix_links, refill_links
 from packmech.packing import Packing
@@ -23,9 +23,7 @@ class Tether:
     """
 
     def __init__(self, packing: Packing) -> None:
-        links = packing.links
-        assert links is not None
-        self.links = links
+        self.links = links = workable_links(packing)
         mean = float(packing.diameter_n.mean())
         self._system = make_link_system(links, packing.particles, packing.dimension, mean_diameter=mean)
 

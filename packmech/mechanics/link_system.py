@@ -25,6 +25,8 @@ DEPENDENT = 1e-12
 # rates of links below this many units of rounding of the largest force are zero
 _AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
 # a pass gains the digits that rounding leaves in the factor of A: nearly all of them, but few for long stiff chains
+# relative errors below this only fall, as long as rounding lets them
+_NEARLY = 1e-7
 _MOST_PASSES = 12
 
 
@@ -52,8 +54,8 @@ class LinkSystem(NamedTuple):
         Unit vectors, distances and distances less lengths at the last refill.
     factor, inverse_pivot_r
         The Cholesky factor of A by rows (its diagonal inverted apart; 0 for a dependent link).
-    multiplier_r
-        Working space of the solves.
+    multiplier_r, spare_nd
+        Working space of the solves, and of `reaffix`.
 
     """
 
@@ -78,6 +80,7 @@ class LinkSystem(NamedTuple):
     factor: NDArray[np.float64]
     inverse_pivot_r: NDArray[np.float64]
     multiplier_r: NDArray[np.float64]
+    spare_nd: NDArray[np.float64]
 
 
 def make_link_system(
@@ -146,6 +149,7 @@ def make_link_system(
         sign_e=np.concatenate([np.empty(0), *products]), first_r=first, start_r=start,
         normal_rd=np.zeros((count, d)), distance_r=np.zeros(count), error_r=np.zeros(count),
         factor=np.zeros(int(start[-1])), inverse_pivot_r=np.zeros(count), multiplier_r=np.zeros(count),
+        spare_nd=np.zeros((particles, d)),
     )  # fmt: skip
 
 
@@ -335,17 +339,30 @@ def reaffix(system, position, lattice, tolerance, most_iterations):
     had to be done). The factor is left at the last configuration that was not yet good, a refill away from the new one.
     """
     smallest = 1.0
+    spare = system.spare_nd
+    d = len(system.axes)
     worst = measure(system, position, lattice)
     iterations = 0
     while not worst <= tolerance and iterations < most_iterations:
         pivot, _ = factorize_links(system)
+        for i in range(spare.shape[0]):
+            for a in range(d):
+                spare[i, a] = position[i, a]
         smallest = min(smallest, pivot)
         for r in range(system.error_r.shape[0]):
             system.multiplier_r[r] = system.error_r[r]
         solve_links(system, system.multiplier_r)
         _push(system, system.multiplier_r, position, False)
+        before = worst
         worst = measure(system, position, lattice)
         iterations += 1
+        if before < _NEARLY and not worst < before:
+            # no digits are left: where A is ill-conditioned another step would lose those that there are
+            for i in range(spare.shape[0]):
+                for a in range(d):
+                    position[i, a] = spare[i, a]
+            worst = measure(system, position, lattice)
+            break
     return iterations, worst, smallest
 
 

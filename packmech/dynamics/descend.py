@@ -1,0 +1,135 @@
+"""Newton's method that only goes down: for soft packings whose contacts change, or that must leave a saddle.
+
+Where the Hessian has unstable directions every coordinate is tied until it has none; steps are halved until the
+enthalpy falls. Its change is summed contact by contact, (2 v.dv + dv.dv) / (r + r') and the integral of du/dr over
+it, so that it is not lost among the digits of the energy itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts.network import Contacts, pair_contacts
+from packmech.dynamics.soft_network import REACH, SoftNetwork, Units
+from packmech.dynamics.soft_newton import SoftState, network_of, newton
+from packmech.packing import Packing
+
+# Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
+_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
+_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
+_ARMIJO = 1e-4
+_HALVINGS = 12
+# ties on every coordinate, in units of the mean stiffness of a contact: a trace always, more where it is unstable
+_TRACE, _FIRST, _MOST = 1e-10, 1e-7, 1e3
+# Newton's method without safeguards goes on from here
+_NEAR = 1e-7
+
+
+class _Step(NamedTuple):
+    u_nd: NDArray[np.float64]
+    strain_k: NDArray[np.float64]
+    slope: float
+
+
+def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volume: float) -> float:
+    """Return the enthalpy of the packing less that of the one in which `near` lists touching and near pairs.
+
+    Parameters
+    ----------
+    network
+        The pairs, units and pressure.
+    near
+        All pairs of the network where the step started.
+    packing
+        Where it ended.
+    volume
+        Volume where it started.
+
+    """
+    after_c = pair_contacts(packing, *network.pairs)
+    sigma = near.contact_distance_c
+    change = after_c.vector_cd - near.vector_cd
+    exact = (2.0 * (near.vector_cd * change).sum(axis=1) + (change**2).sum(axis=1)) / (
+        near.distance_c + after_c.distance_c
+    )
+    before, after = near.distance_c, after_c.distance_c
+    low, high = np.minimum(before, sigma), np.minimum(after, sigma)
+    length = np.where((before < sigma) & (after < sigma), exact, high - low)
+    moved = length != 0.0
+    low, length, sigma = low[moved], length[moved], sigma[moved]
+    total = network.pressure * (packing.box.volume - volume) if network.volume is None else 0.0
+    for place, weight in zip(_PLACE, _WEIGHT, strict=True):
+        total += weight * float(np.add.reduce(network.units.derivatives(low + place * length, sigma)[0] * length))
+    return total
+
+
+def descend(
+    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None, *, iterations: int = 200
+) -> SoftState:
+    """Return the packing at the bottom that Newton's method reaches going down, in reduced units.
+
+    Parameters
+    ----------
+    packing, units, basis_kdd, pressure
+        As in `newton`.
+    iterations
+        Most iterations, those of the last digits not counted.
+
+    """
+    network = network_of(packing, units, basis_kdd, pressure)
+    tie, used, looks = _TRACE, 0, 1
+    travelled = 0.0
+    while used < iterations and np.isfinite(network.merit) and network.merit > _NEAR:
+        used += 1
+        found = _downhill(network, tie)
+        if found is None:
+            break
+        step, tie = found
+        start, merit = network.packing, network.merit
+        longest = float(np.abs(step.u_nd).max()) + float(np.abs(step.strain_k).max(initial=0.0))
+        size = min(1.0, 0.5 * REACH / max(longest, 1e-300))
+        travelled += size * longest
+        if travelled > 0.8 * REACH:
+            network = network_of(start, units, basis_kdd, pressure)
+            travelled = size * longest
+        near = pair_contacts(start, *network.pairs)
+        volume = start.box.volume
+        for halving in range(_HALVINGS):
+            network.packing = start
+            trial = network.moved(size * step.u_nd, size * step.strain_k)
+            looks += 1
+            if enthalpy_change(network, near, trial, volume) <= _ARMIJO * size * step.slope:
+                network.measure(trial)
+                tie = tie if halving else max(0.1 * tie, _TRACE)
+                break
+            network.measure(trial)
+            if network.merit < 0.3 * merit and merit < 1e-3:
+                break
+            size *= 0.5
+        else:
+            network.measure(start)
+            tie = max(100.0 * tie, _FIRST)
+            if tie > _MOST:
+                break
+    end = newton(network.packing, units, basis_kdd, pressure)
+    return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + looks)
+
+
+def _downhill(network: SoftNetwork, tie: float) -> tuple[_Step, float] | None:
+    """Return Newton's step with as much tie as makes it go down, and that tie."""
+    mean = float(np.abs(network.second_c).mean()) if len(network.second_c) else 0.0
+    while tie <= _MOST and mean > 0.0:
+        try:
+            u_nd, strain_k, negative = network.direction(tie * mean)
+        except np.linalg.LinAlgError:
+            negative = 1
+        if negative == 0:
+            slope = float((network.uphill_nd * u_nd).sum() + network.uphill_k @ strain_k)
+            if slope < 0.0 and np.isfinite(slope):
+                return _Step(u_nd, strain_k, slope), tie
+        tie = max(10.0 * tie, _FIRST)
+    return None

@@ -1,0 +1,196 @@
+"""Packings with links on their way to jamming: Newton's method from pressure to pressure, FIRE with the box between."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from packmech.contacts import find_contacts
+from packmech.dynamics.descend import descend
+from packmech.dynamics.soft_newton import SoftState, judge
+from packmech.dynamics.strain_fire import relax_strained
+from packmech.measure import packing_fraction
+from packmech.outcome import Outcome
+from packmech.packing import Packing
+
+if TYPE_CHECKING:
+    from packmech.dynamics.protocol import Protocol
+
+# each step of compression multiplies the packing fraction, until the pressure is this high [energy_scale / diameter^d]
+_DENSER, _DENSEST, _PRESSED = 1.03, 8.0, 1e-3
+# mean contact force that counts as none [energy_scale / diameter]
+_TOUCHING = 1e-6
+# ratio of successive pressures: at first, the boldest, and the one at which following is given up
+_FIRST, _BOLDEST, _TIMID = 0.3, 0.03, 0.97
+_FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
+_FIRE_STEPS = 20_000
+
+
+def decompress_linked(
+    protocol: Protocol, start: float | None, pressure: float, tolerance: float, steps: int
+) -> tuple[Packing, Outcome]:
+    """Return the packing with links at the pressure, compressed until it presses, then decompressed, and how it ended.
+
+    Compression goes by small steps, so that no links are pushed through each other, where they would lock.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages are added to it.
+    start
+        Packing fraction to start at; None: as the packing stands.
+    pressure
+        Where to end [energy_scale / diameter^d].
+    tolerance, steps
+        Where FIRE stops in each box.
+
+    """
+    unit = protocol.scene.pressure_unit
+    packing = protocol.scene.packing
+    if start is not None:
+        packing = protocol.at_fraction(packing, start)
+    with protocol.stage("compression") as figures:
+        taken = 0
+        while True:
+            packing, done = protocol.relax(packing, tolerance, steps, floor=_TOUCHING)
+            figures.residual = done.residual
+            figures.steps += done.steps
+            figures.force_evaluations += done.force_evaluations
+            now = done.pressure / unit if done.outcome is not Outcome.UNJAMMED else 0.0
+            fraction = packing_fraction(packing)
+            if now >= max(_PRESSED, pressure) or fraction > _DENSEST:
+                break
+            taken += 1
+            protocol.tell("compression", packing_fraction=fraction, packing=packing)
+            packing = protocol.at_fraction(packing, fraction * _DENSER)
+        figures.note = f"FIRE after each of {taken} steps to packing fraction {fraction:.6f}, pressure {now:.2e}"
+    if now < pressure:
+        return packing, Outcome.NOT_JAMMED
+    return follow_pressure(protocol, packing, now, pressure)
+
+
+def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int) -> tuple[Packing, Outcome]:
+    """Return the packing with links at rest in positions and strains, and how that ended.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages are added to it.
+    pressure
+        Pressure to reach [energy_scale / diameter^d]; None holds the volume.
+    step_limit
+        Most FIRE steps.
+
+    """
+    with protocol.stage("quench") as figures:
+        packing, done = protocol.relax(protocol.scene.packing, _FIRE_TOLERANCES[0], step_limit)
+        figures.take(done)
+        figures.note = "FIRE in the box as it is"
+    now = done.pressure / protocol.scene.pressure_unit
+    if now <= 0.0 or not done.contacts:
+        return packing, Outcome.UNJAMMED
+    if pressure is not None and now > pressure:
+        return follow_pressure(protocol, packing, now, pressure)
+    goal = None if pressure is None else protocol.reduced_pressure(pressure)
+    with protocol.stage("shear stabilization") as figures:
+        state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+        if not state.sound(protocol.force_tolerance):
+            state = _searched(protocol, packing, pressure) or state
+        protocol.last = protocol.restored(state.packing)
+        figures.steps, figures.force_evaluations = state.iterations, state.evaluations
+        figures.residual, figures.note = state.residual, "Newton's method, going down"
+    return protocol.last, judge(state, protocol.force_tolerance)
+
+
+def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: float) -> tuple[Packing, Outcome]:
+    """Return the packing at the goal pressure, followed from one at about the start pressure, and how that ended.
+
+    The box and with it the centers of clusters are scaled for the next pressure, then Newton's method takes positions,
+    tensions and free strains there. Where it does not end in a stable balance, FIRE with the box goes first; where
+    that does not help, the step in pressure is shortened.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; one stage is added to it.
+    packing
+        Where to start.
+    start, goal
+        Pressures [energy_scale / diameter^d].
+
+    """
+    state, now, factor = None, start, _FIRST
+    with protocol.stage("decompression with links") as figures:
+        taken = searched = 0
+        state = _at(protocol, packing, now)
+        while state is not None and now > goal:
+            ahead = max(goal, now * factor)
+            trial = descend(
+                state.packing,
+                protocol.units,
+                protocol.basis_kdd,
+                protocol.reduced_pressure(ahead),
+            )
+            figures.steps += trial.iterations
+            figures.force_evaluations += trial.evaluations
+            if not trial.sound(protocol.force_tolerance):
+                found = _searched(protocol, protocol.restored(state.packing), ahead)
+                searched += 1
+                if found is None:
+                    factor = float(np.sqrt(factor))
+                    if factor > _TIMID:
+                        break
+                    continue
+                trial = found
+            else:
+                factor = max(_BOLDEST, factor**1.5)
+            taken += 1
+            before = _depth(state.packing)
+            state, now = trial, ahead
+            _extrapolate(protocol, before, _depth(state.packing))
+            protocol.last = protocol.restored(state.packing)
+            figures.residual = state.residual
+            protocol.tell("decompression with links", pressure=now, packing=protocol.last, residual=state.residual)
+        figures.note = f"{taken} pressures, {searched} of them searched by FIRE with the box"
+    if state is None:
+        return protocol.last, Outcome.NOT_JAMMED
+    if now > goal:
+        return protocol.last, Outcome.STALLED
+    return protocol.restored(state.packing), judge(state, protocol.force_tolerance)
+
+
+def _at(protocol: Protocol, packing: Packing, pressure: float) -> SoftState | None:
+    """Return the packing in stable balance at a pressure, or None."""
+    goal = protocol.reduced_pressure(pressure)
+    state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+    return state if state.sound(protocol.force_tolerance) else _searched(protocol, packing, pressure)
+
+
+def _searched(protocol: Protocol, packing: Packing, pressure: float | None) -> SoftState | None:
+    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
+    goal = None if pressure is None else protocol.reduced_pressure(pressure)
+    for tolerance in _FIRE_TOLERANCES:
+        done = relax_strained(
+            protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=_FIRE_STEPS
+        )
+        packing = done.packing
+        state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+        if state.sound(protocol.force_tolerance):
+            return state
+        if done.merit > tolerance:
+            break
+    return None
+
+
+def _depth(packing: Packing) -> tuple[float, float]:
+    """Return packing fraction and mean relative overlap."""
+    overlap = find_contacts(packing).overlap_c
+    return packing_fraction(packing), float(overlap.mean()) if len(overlap) else 0.0
+
+
+def _extrapolate(protocol: Protocol, before: tuple[float, float], after: tuple[float, float]) -> None:
+    """Put the packing fraction at which the overlaps would vanish into the report: the line through two packings."""
+    if before[1] > after[1]:
+        slope = (before[0] - after[0]) / (before[1] - after[1])
+        protocol.report["jamming_packing_fraction"] = after[0] - slope * after[1]
