@@ -113,6 +113,12 @@ _PUBLIC = {
     "LBFGS": "packmech.dynamics.lbfgs",
     "Newton": "packmech.dynamics.polish",
     "quench": "packmech.dynamics.quench",
+    # dynamics
+    "MotionTrace": "packmech.dynamics.simulate",
+    "SemiImplicitEuler": "packmech.dynamics.verlet",
+    "Simulation": "packmech.dynamics.simulate",
+    "VelocityVerlet": "packmech.dynamics.verlet",
+    "simulate": "packmech.dynamics.simulate",
     # verdict
     "classify_jamming": "packmech.mechanics.jamming",
     "Verdict": "packmech.mechanics.verdict",

@@ -27,12 +27,14 @@ class Outcome(Enum):
     INACCURATE = "The solver stopped short of its tolerance; see the residual and the gap."
     INFEASIBLE = "The program has no feasible point."
     DEGENERATE = "Links lose rank here: Newton's method converges only linearly and link forces are not determined."
+    FINISHED = "The time that was asked for has been simulated."
+    STEP_TOO_LONG = "The time step is too long: links were lost or the energy grew; the state is the last good one."
     INTERRUPTED = "Stopped from outside; the packing is the last one that was finished."
 
     @property
     def ok(self) -> bool:
         """Whether the answer may be used without a further look."""
-        return self in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR, Outcome.UNJAMMED)
+        return self in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR, Outcome.UNJAMMED, Outcome.FINISHED)
 
 
 @dataclass(frozen=True)

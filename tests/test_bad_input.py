@@ -19,11 +19,14 @@ NAN, INF = float("nan"), float("inf")
 # made by packmech for users to read, not by users
 RESULTS = {
     "Answer", "Average", "ConstrainedForce", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes",
-    "IndependentLinks", "Modes", "Moduli", "NotConverged", "Outcome", "Rattling", "ReaffixedLinks", "Run",
-    "SelfStress", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
+    "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome", "Rattling", "ReaffixedLinks",
+    "Run",
+    "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
 }  # fmt: skip
 
 MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
+
+INTEGRATORS = {"SemiImplicitEuler", "VelocityVerlet"}
 
 # texts and other values of which any will do
 ANYTHING = {
@@ -181,6 +184,14 @@ BAD = {
     "memory": [*COUNT, None],
     "step": POSITIVE,
     "skin": POSITIVE,
+    # dynamics
+    "simulate.method": ["verlet", 3, pm.VelocityVerlet, pm.Fire()],
+    "VelocityVerlet.fraction": POSITIVE,
+    "SemiImplicitEuler.fraction": POSITIVE,
+    "steps": COUNT,
+    "duration": POSITIVE,
+    "temperature": POSITIVE,
+    "velocity_nd": [np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), "v"],
     # mechanics
     "solver": CHOICE,
     "method": CHOICE,
@@ -251,6 +262,7 @@ def good(name, folder):
         "project_force": {"packing": touching(), "force_nd": np.ones((9, 2))},
         "density_of_states": {"source": scene()},
         "quench": {"scene": scene(), "force_tolerance": 1e-6},
+        "simulate": {"scene": scene(), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
@@ -276,6 +288,8 @@ def call(name, arguments):
         pm.Scene(touching(), (pm.Repulsion(law=made),))
     if name in MINIMIZERS:
         pm.quench(scene(), force_tolerance=1e-6, method=made)
+    if name in INTEGRATORS:
+        pm.simulate(scene(), steps=2, method=made)
     return made
 
 
