@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from packmech.dynamics.descend import descend
 from packmech.dynamics.polished import Polished
 from packmech.dynamics.soft_network import Units, length_unit
-from packmech.dynamics.soft_newton import judge, newton
+from packmech.dynamics.soft_newton import judge
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 
@@ -24,7 +25,7 @@ def polish_linked(packing: Packing, effects: tuple[Any, ...], *, force_tolerance
     """
     units = Units(effects, length_unit(packing), 1.0)
     none = np.zeros((0, packing.dimension, packing.dimension))
-    state = newton(units.reduced(packing), units, none, None, iterations=step_limit)
+    state = descend(units.reduced(packing), units, none, None, iterations=step_limit)
     outcome = judge(state, force_tolerance)
     if outcome is Outcome.STALLED and state.iterations == step_limit:
         outcome = Outcome.STEP_LIMIT

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, positive
 from packmech.compiled import compile_clock, compiling_noted
+from packmech.contacts import crossing_links
 from packmech.dynamics.fire import Fire
 from packmech.dynamics.kernels import RUNNING, Goal
 from packmech.dynamics.lbfgs import LBFGS
@@ -84,7 +85,10 @@ def quench(
     -------
     Run
         Outcome.ROUNDING_FLOOR, a success, where the tolerance lies below what the coordinates' rounding allows;
-        Outcome.UNJAMMED, a success, where nothing touches any more.
+        Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
+        pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
+        "crossed_links": they are locked, and may bear forces at any density. Starts without deep overlaps, or a method
+        with a small `largest_step`, keep links apart.
 
     Raises
     ------
@@ -304,7 +308,23 @@ class _Descent:
             build_seconds=self.build_seconds,
             stages=tuple(self.stages),
             trace=trace,
+            report=_crossings(self.scene.packing, packing),
         )
+
+
+def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
+    """Return which links cross at the end, and which of them did not at the start; nothing but in two dimensions."""
+    if end.links is None or end.dimension != 2:
+        return {}
+    # the lists stand in one order, and images are those of the positions as they are in both
+    before, after = (
+        {(a, b, *z) for a, b, z in zip(*(part.tolist() for part in found), strict=True)}
+        for found in ((one.first_c, one.second_c, one.image_cd) for one in map(crossing_links, (start, end)))
+    )
+    return {
+        "crossing_links": tuple(sorted({key[:2] for key in after})),
+        "crossed_links": tuple(sorted({key[:2] for key in after - before})),
+    }
 
 
 class _TraceBuilder:
