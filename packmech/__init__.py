@@ -56,8 +56,8 @@ _PUBLIC = {
     "Crossings": "packmech.contacts",
     "crossing_links": "packmech.contacts",
     "find_contacts": "packmech.contacts",
-    "find_rattlers": "packmech.contacts",
-    "remove_rattlers": "packmech.contacts",
+    "find_rattlers": "packmech.measure",
+    "remove_rattlers": "packmech.measure",
     # measures
     "coordination_number": "packmech.measure",
     "energy": "packmech.measure",

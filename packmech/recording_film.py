@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.contacts import find_contacts
-from packmech.contacts.rattlers import find_rattlers
 from packmech.measure import energy, force_balance, pressure
+from packmech.measure.rattlers import find_rattlers
 from packmech.outcome import Run, Trace
 from packmech.packing import Packing
 from packmech.records import is_record, to_table

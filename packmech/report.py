@@ -12,8 +12,8 @@ import numpy as np
 from packmech.check import instance, integer, one_of
 from packmech.compiled import compile_clock, compiling_noted
 from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.rattlers import find_rattlers
 from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
+from packmech.measure.rattlers import find_rattlers
 from packmech.outcome import NotConverged, Stage
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -170,17 +170,19 @@ def _verdict(report: Report) -> None:
 
     verdict = classify_jamming(report.scene)
     report.verdict = verdict
-    backbone = report.scene.packing.particles - int(verdict.rattlers.sum())
     answers = {"collective": verdict.collectively, "strict": verdict.strictly}
     strain = report.numbers["strain"]
     if verdict.touching.on_plateau:
         # the verdict's network allows for rounding in the gaps, so its counts are the better ones
+        asked = answers["collective" if strain == "fixed" else "strict"]
         report.numbers |= {
             "rattlers": int(verdict.rattlers.sum()),
             "contacts": verdict.contacts,
-            "isostatic_contacts": isostatic_contacts(backbone, report.scene.packing.dimension, strain),
-            "states_of_self_stress": answers["collective" if strain == "fixed" else "strict"].states_of_self_stress,
+            "isostatic_contacts": asked.isostatic_contacts,
+            "states_of_self_stress": asked.states_of_self_stress,
         }
+        if verdict.cluster_n is not None:
+            report.numbers["backbone_links"] = verdict.backbone_links
     report.numbers |= {
         "local": verdict.local,
         "collective": verdict.collective,
@@ -188,7 +190,13 @@ def _verdict(report: Report) -> None:
         "gap_tolerance": verdict.touching.tolerance,
         "mechanically_stable": verdict.mechanically_stable,
         "prestress_stable": verdict.prestress_stable,
+        "first_order_jammed": verdict.first_order_jammed,
     }
+    if verdict.cluster_n is not None:
+        report.numbers |= {
+            "rattling_clusters": len(np.unique(verdict.cluster_n[verdict.rattling_clusters])),
+            "danglers": int(verdict.danglers.sum()),
+        }
     for name, answer in answers.items():
         report.numbers |= {
             f"{name}_reason": answer.reason,

@@ -69,7 +69,10 @@ def _contacts(numbers: Mapping[str, Any]) -> Row:
 
 def _rattlers(numbers: Mapping[str, Any]) -> Row:
     share = numbers["rattlers"] / numbers["particles"]
-    return ("rattlers", str(numbers["rattlers"]), f"{share:.1%} of {numbers['particles']} particles")
+    note = f"{share:.1%} of {numbers['particles']} particles"
+    if "danglers" in numbers:
+        note += f"; {numbers['danglers']} touch nothing, {numbers['rattling_clusters']} clusters rattle as a whole"
+    return ("rattlers", str(numbers["rattlers"]), note)
 
 
 def _answer(numbers: Mapping[str, Any], name: str, where: str) -> Row:

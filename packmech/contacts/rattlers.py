@@ -1,4 +1,4 @@
-"""Rattlers: particles that their contacts do not hold, found again and again until none is left.
+"""Loose particles: those that their contacts do not hold, found again and again until none is left.
 
 A particle can move freely, to first order, when there is a direction u != 0 along which it approaches no neighbor:
 n . u <= 0 for all its contact normals n (pointing outwards). It is held exactly when there is none, that is when the
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from packmech.check import instance
 from packmech.compiled import device, kernel
-from packmech.contacts.network import Contacts, find_contacts
-from packmech.packing import Packing, without_links
+from packmech.contacts.network import Contacts
+from packmech.packing import Packing
 
 # Two contacts opposite to within this angle [rad] count as exactly opposite, as in crystals: a third contact between
 # them could only be balanced by forces a hundred million times larger than itself.
@@ -127,78 +127,6 @@ def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
     start = np.concatenate([[0], np.cumsum(np.bincount(end, minlength=contacts.particles))])
     loose: NDArray[np.bool_] = _find_loose(start, neighbor, outward)
     return loose
-
-
-def find_rattlers(
-    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
-) -> NDArray[np.bool_]:
-    """Return, for each particle, whether it rattles: its contacts with particles that do not rattle fail to hold it.
-
-    A particle is held when its contact normals positively span the space. Particles in contact with none are rattlers.
-
-    Parameters
-    ----------
-    packing
-        The packing.
-    gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching. The default admits the
-        rounding of crystals and of exact hard-particle packings.
-    contacts
-        The contacts to judge by instead of those within `gap_tolerance`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is of the wrong kind, or the contacts belong to another number of particles.
-
-    Examples
-    --------
-    >>> import packmech as pm
-    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3))
-    >>> int(find_rattlers(crystal).sum())
-    0
-    >>> apart = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=-1e-6)
-    >>> int(find_rattlers(apart).sum()), int(find_rattlers(apart, gap_tolerance=1e-5).sum())
-    (9, 0)
-
-    """
-    instance("packing", packing, Packing)
-    without_links("packing", packing)
-    if contacts is None:
-        contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
-    check_contacts(packing, contacts)
-    return loose_particles(contacts)
-
-
-def remove_rattlers(
-    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
-) -> tuple[Packing, NDArray[np.int64]]:
-    """Return the packing without its rattlers, and the (N',) numbers that its particles had before.
-
-    Parameters
-    ----------
-    packing, gap_tolerance, contacts
-        As in `find_rattlers`.
-
-    Raises
-    ------
-    ValueError
-        If every particle rattles, so that nothing is left.
-
-    Examples
-    --------
-    >>> import packmech as pm
-    >>> crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2))
-    >>> backbone, index_n = remove_rattlers(crystal)
-    >>> backbone == crystal, index_n.tolist()
-    (True, [0, 1, 2, 3, 4, 5, 6, 7])
-
-    """
-    loose = find_rattlers(packing, gap_tolerance=gap_tolerance, contacts=contacts)
-    kept = np.flatnonzero(~loose)
-    if not len(kept):
-        raise ValueError(f"packing must have particles that do not rattle, got {packing.particles} rattlers")
-    return packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept]), kept
 
 
 def check_contacts(packing: Packing, contacts: Contacts) -> None:

@@ -8,11 +8,11 @@ from functools import cache, partial
 import numpy as np
 
 from packmech.box import Box
-from packmech.contacts.rattlers import find_rattlers
 from packmech.dynamics.jam import jam
 from packmech.effects import Harmonic, Repulsion
 from packmech.generate import lattice_packing, random_packing
 from packmech.hard_cases.case import HardCase
+from packmech.measure.rattlers import find_rattlers
 from packmech.mechanics.elasticity import elastic_moduli
 from packmech.mechanics.jamming import classify_jamming
 from packmech.outcome import Run

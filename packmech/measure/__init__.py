@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from packmech.measure.counting import coordination_number, packing_fraction
 from packmech.measure.link_tension import link_tension
+from packmech.measure.rattlers import find_rattlers, remove_rattlers
 from packmech.measure.stress import (
     contact_stress,
     energy,
@@ -18,11 +19,13 @@ __all__ = [
     "contact_stress",
     "coordination_number",
     "energy",
+    "find_rattlers",
     "force_balance",
     "forces",
     "link_tension",
     "packing_fraction",
     "pressure",
+    "remove_rattlers",
     "stress_tensor",
     "sum_forces",
 ]

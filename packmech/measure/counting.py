@@ -49,7 +49,7 @@ def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattler
 
     """
     from packmech.check import one_of
-    from packmech.contacts.rattlers import find_rattlers
+    from packmech.measure.rattlers import find_rattlers
 
     instance("packing", packing, Packing)
     one_of("rattlers", rattlers, ("remove", "keep"))

@@ -83,7 +83,7 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
     """
     count = cone.opening.shape[0]
     if cone.unknowns == cone.dimension:
-        return Finding(True, _VACUOUS, np.inf, 1.0, np.ones(count + cone.volume_rows))
+        return Finding(True, _VACUOUS, np.inf, 1.0, np.ones(count + cone.bound_rows))
     start = time.process_time()
     softest, motion = cone.softest()
     status = "shift-invert Lanczos on rows^T rows"
@@ -130,7 +130,7 @@ def _checked(
         if smallest > LOADED and balance <= BALANCE and pressing:
             reason = f"full rank, and contact forces in balance with smallest over mean {smallest:.2e}"
             return Finding(True, reason, softest, smallest, weight, balance=balance, solves=solves)
-    if motion is not None and closes_nothing(cone, motion := cone.keeping_volume(motion)):
+    if motion is not None and closes_nothing(cone, motion := cone.keeping_rules(motion)):
         if smallest == -np.inf:
             reason = "contacts push in no balanced way (no state of self stress without tension)"
         else:
@@ -153,7 +153,7 @@ def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
         (n,) a motion.
 
     """
-    stretch = cone.opening @ cone.keeping_volume(motion)
+    stretch = cone.opening @ cone.keeping_rules(motion)
     opening = float(stretch.mean()) if len(stretch) else 0.0
     # an opening that is rounding of the motion is none
     size = float(np.abs(motion).max(initial=0.0))

@@ -13,6 +13,7 @@ from packmech.contacts import Contacts
 from packmech.mechanics.judging import Judged
 from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer
+from packmech.packing import Packing
 
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
 # condition is P N^2 << 1; 53 of 60 packings had no surplus contact at 0.04, 13 of 20 at 0.7, none at 10.)
@@ -81,6 +82,13 @@ def settle(
         collectively = _settled(collectively, touching, kept[0], reason)
         strictly = _settled(strictly, touching, kept[1], reason)
     return _consistent(collectively, strictly)
+
+
+def undecided(packing: Packing, answer: Answer) -> Answer:
+    """Return the answer, ambiguous where a motion that links admit is blocked at second order, by the forces."""
+    if packing.links is None or answer.verdict != NOT_JAMMED or not answer.stable:
+        return answer
+    return _left_open(answer, f"not jammed to first order, but held by the forces at second order; {answer.reason}")
 
 
 def _left_open(answer: Answer, reason: str) -> Answer:

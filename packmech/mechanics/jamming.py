@@ -13,15 +13,16 @@ from packmech.check import instance, integer, one_of, real
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_contacts
+from packmech.measure.rattlers import without
 from packmech.mechanics.certificates import Finding, certify, yield_to_loads
-from packmech.mechanics.doubt import off_plateau, settle, unrest
+from packmech.mechanics.doubt import off_plateau, settle, undecided, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
 from packmech.mechanics.motions import MotionCone, motion_cone, unjamming_motion
 from packmech.mechanics.programs import SOLVERS
-from packmech.mechanics.stability import is_stable
-from packmech.mechanics.touching import LEAST_GAP, Touching, backbone_contacts, check_rest, find_touching
+from packmech.mechanics.stability import is_firm, is_stable
+from packmech.mechanics.touching import LEAST_GAP, Touching, backbone_of, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 METHODS = ("certificate", "loads")
@@ -49,6 +50,10 @@ def classify_jamming(
     it. Motions are judged to first order, which decides for discs and spheres. Particles whose contacts can carry no
     force are taken out too if the others are jammed by themselves.
 
+    With rigid links motions keep these, and the certificate holds their forces, of either sign, beside those of the
+    contacts. There a first-order motion may be blocked at second order: where the Hessian says so (`prestress_stable`,
+    of the backbone) the answer is ambiguous, and `first_order_jammed` tells the first order apart.
+
     Parameters
     ----------
     packing
@@ -60,7 +65,8 @@ def classify_jamming(
         "clarabel", "cvxpy" (the same programs as they read on paper) or "highs" (simplex; loads in a box). Where an
         interior-point method gives no answer that passes its check, simplex decides up to N = 1000.
     volume
-        "nonincreasing" or "fixed": what the strain may do to the volume. The same for discs and spheres.
+        "nonincreasing" or "fixed": what the strain may do to the volume. The same for discs and spheres; clusters that
+        are not convex might interlock.
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts as touching. By default
         max(7 x mean relative overlap, 1e-9). Where a tenth or ten times that tolerance gives another number of excess
@@ -101,7 +107,6 @@ def classify_jamming(
     if isinstance(packing, Scene):
         packing = packing.packing
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     one_of("method", method, METHODS)
     one_of("solver", solver, SOLVERS)
     one_of("volume", volume, VOLUMES)
@@ -123,12 +128,12 @@ def classify_jamming(
 
     def part(cone: MotionCone, finding: Finding, network: Contacts) -> Contacts | None:
         if method == "certificate":
-            return carrying_contacts(cone, network, solver, tolerance)
+            return carrying_contacts(packing, cone, network, solver, tolerance)
         return standing_contacts(cone, network, finding)
 
     def jams(contacts: Contacts, strain: bool) -> bool | None:
-        network = backbone_contacts(contacts)
-        cone = motion_cone(packing, network, strain=strain, volume=volume)
+        network, kept = backbone_of(packing, contacts)
+        cone = motion_cone(packing, network, strain=strain, volume=volume, kept_n=kept)
         return decide(cone).jammed if len(network) else False
 
     with single_thread():
@@ -143,10 +148,14 @@ def classify_jamming(
         collectively, strictly = (
             _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )
+        rattlers = np.ones(packing.particles, dtype=bool)
+        if len(judged.network):
+            rattlers[judged.collective[0].kept_n] = False
         if scene is not None and rest is not None and rest.at_rest:
             closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
-            collectively = replace(collectively, stable=is_stable(scene, strain=False, gap_tolerance=closed))
-            strictly = replace(strictly, stable=is_stable(scene, strain=True, gap_tolerance=closed))
+            collectively = replace(collectively, stable=_stable(scene, rattlers, strain=False, gap_tolerance=closed))
+            strictly = replace(strictly, stable=_stable(scene, rattlers, strain=True, gap_tolerance=closed))
+            collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
         collectively, strictly = settle(collectively, strictly, touching, rest, jams, judge)
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
@@ -154,8 +163,6 @@ def classify_jamming(
     doubt = unrest(rest, touching) or (off_plateau(touching) if emptied else "")
     if doubt:
         local, local_reason = AMBIGUOUS, doubt
-    rattlers = np.ones(packing.particles, dtype=bool)
-    rattlers[np.concatenate([judged.network.i_c, judged.network.j_c])] = False
     return Verdict(
         local,
         local_reason,
@@ -169,7 +176,18 @@ def classify_jamming(
         solver,
         volume,
         time.process_time() - start,
+        None if packing.links is None else packing.links.clusters(packing.particles),
     )
+
+
+def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: bool, gap_tolerance: float) -> bool:
+    """Return whether the Hessian is positive, in packings with links on the backbone as it was judged."""
+    if scene.packing.links is None:
+        return is_stable(scene, strain=strain, gap_tolerance=gap_tolerance)
+    if rattling_n.all():
+        return False
+    backbone, _ = without(scene.packing, rattling_n)
+    return is_firm(scene.replace(packing=backbone), strain=strain, gap_tolerance=gap_tolerance)
 
 
 def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], count: int) -> Answer:
@@ -177,24 +195,33 @@ def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], c
     # without a backbone there is nothing to count
     independent = cone.unknowns - cone.dimension if count else 0
     floppy = 0 if finding.jammed or not independent else cone.floppy_modes()
-    states = count + cone.volume_rows - (independent - floppy) if count else 0
+    states = count + cone.bound_rows - (independent - floppy) if count else 0
     return Answer(
         verdict=AMBIGUOUS if finding.jammed is None else JAMMED if finding.jammed else NOT_JAMMED,
         reason=finding.reason,
         first_order_jammed=finding.jammed,
-        isostatic_contacts=independent + 1 - cone.volume_rows if count else 0,
+        isostatic_contacts=independent + 1 - cone.bound_rows if count else 0,
         states_of_self_stress=states,
         floppy_modes=floppy,
         smallest_singular_value=cone.softest()[0] if finding.implied and method == "certificate" else finding.softest,
         smallest_force=finding.smallest_force,
         contact_force_c=_forces(finding.weight, count),
+        link_tension_l=_tensions(cone, finding.weight, count),
         balance=finding.balance,
         unjamming_motion=None
         if finding.motion is None
-        else unjamming_motion(packing, cone, cone.keeping_volume(finding.motion)),
+        else unjamming_motion(packing, cone, cone.keeping_rules(finding.motion)),
         solves=finding.solves,
     )
 
 
 def _forces(weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
     return None if weight is None else weight[:count]
+
+
+def _tensions(cone: MotionCone, weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
+    if weight is None or cone.links is None:
+        return None
+    # a contact's weight pushes
+    tension: NDArray[np.float64] = -(cone.links.share.T @ weight[count : count + cone.link_rows])
+    return tension

@@ -12,7 +12,8 @@ from packmech.contacts import Contacts
 from packmech.mechanics.certificates import Finding, closes_nothing
 from packmech.mechanics.motions import MotionCone, motion_cone
 from packmech.mechanics.programs import open_all
-from packmech.mechanics.touching import backbone_contacts
+from packmech.mechanics.rattling import moving_apart
+from packmech.mechanics.touching import backbone_of
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 
@@ -59,17 +60,17 @@ def judge_network(
         Which contacts of a network that is not jammed may be jammed by themselves; None for unknown.
 
     """
-    network = backbone_contacts(contacts)
+    network, kept = backbone_of(packing, contacts)
     if not len(network):
         loose = motion_cone(packing, contacts, strain=False)
         nothing = (loose, Finding(False, EMPTY, motion=_loosest(loose)))
         return Judged(network, nothing, nothing)
-    fixed = motion_cone(packing, network, strain=False)
-    free = motion_cone(packing, network, strain=True, volume=volume)
+    fixed = motion_cone(packing, network, strain=False, kept_n=kept)
+    free = motion_cone(packing, network, strain=True, volume=volume, kept_n=kept)
     strict = decide(free)
     if strict.jammed:
         # a motion in the fixed box is one of those that were excluded
-        count = len(network)
+        count = len(network) + fixed.link_rows
         weight = None if strict.weight is None else strict.weight[:count]
         reason = f"strictly jammed, so collectively; {strict.reason}"
         collective = replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
@@ -92,12 +93,21 @@ def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
     return motion if closes_nothing(cone, motion) else None
 
 
-def carrying_contacts(cone: MotionCone, network: Contacts, solver: str, tolerance: float) -> Contacts | None:
-    """Return the contacts of the network that can carry force, or None when no solver could tell."""
+def carrying_contacts(
+    packing: Packing, cone: MotionCone, network: Contacts, solver: str, tolerance: float
+) -> Contacts | None:
+    """Return the contacts of the network that can carry force, or None when no solver could tell.
+
+    With rigid links, only those among the largest group of particles that these contacts and the links hold together.
+    """
     for name in dict.fromkeys((solver, "highs")):
         opened = open_all(cone, solver=name, tolerance=tolerance)
         if opened.solve.outcome is Outcome.CONVERGED:
-            return network.select(opened.carrying_c)
+            carrying = network.select(opened.carrying_c)
+            if packing.links is None or not len(carrying):
+                return carrying
+            apart = moving_apart(packing, carrying)
+            return carrying.select(~apart[carrying.i_c] & ~apart[carrying.j_c])
     return None
 
 

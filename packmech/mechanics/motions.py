@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.mechanics.factor import eigenvalues_below, factorize
+from packmech.mechanics.link_rules import LinkRules, RuleKeeper, follow_links, link_rules
 from packmech.mechanics.rigidity import rigidity_matrix
 from packmech.mechanics.strain import mandel_tensor, strain_components, trace_vector
 from packmech.packing import Packing
@@ -28,6 +29,8 @@ FLOPPY = 1e-10
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
+# the volume's row counts as held by others when less than this of it is left
+_HELD = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,8 @@ class MotionCone:
         Number of Cartesian axes; also the number of translations.
     strain_scale
         Length that a unit strain counts as [length]; 0 when the box is fixed.
+    links
+        What rigid links ask of the motions, their rows first among the held ones; None without links.
 
     """
 
@@ -55,6 +60,7 @@ class MotionCone:
     kept_n: NDArray[np.int64]
     dimension: int
     strain_scale: float
+    links: LinkRules | None = None
 
     @property
     def unknowns(self) -> int:
@@ -64,12 +70,17 @@ class MotionCone:
     @property
     def freedoms(self) -> int:
         """Number of independent motions: components less translations and held combinations."""
-        return self.unknowns - self.dimension - self.volume_rows
+        return self.unknowns - self.dimension - self.bound_rows
 
     @property
-    def volume_rows(self) -> int:
-        """1 when the box may change shape, for its volume; 0 in a fixed box."""
+    def bound_rows(self) -> int:
+        """Number of rows besides the contacts: links, and 1 for the volume when the box may change shape."""
         return int(self.held.shape[0] + self.one_sided.shape[0])
+
+    @property
+    def link_rows(self) -> int:
+        """Number of independent rows of rigid links on displacements."""
+        return 0 if self.links is None else int(self.links.position.shape[0])
 
     @functools.cached_property
     def rows(self) -> sp.csr_array:
@@ -83,11 +94,22 @@ class MotionCone:
         displacement -= displacement.mean(axis=0)
         return result
 
-    def keeping_volume(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the motion less the uniform strain by which it breaks the rule for the volume."""
+    def keeping_rules(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the motion less what breaks the rules: a uniform strain for the volume, what would stretch links."""
+        if self._keeper is not None:
+            return self._keeper.keep(motion)
         # unit rows on the strains alone
         change = np.concatenate([self.held @ motion, np.minimum(self.one_sided @ motion, 0.0)])
         return np.asarray(motion - sp.vstack([self.held, self.one_sided]).T @ change)
+
+    @functools.cached_property
+    def _keeper(self) -> RuleKeeper | None:
+        if self.links is None:
+            return None
+        moving = len(self.kept_n) * self.dimension
+        strain = self.links.strain / self.strain_scale if self.strain_scale else self.links.strain[:, :0]
+        held = self.held[self.link_rows :, moving:].toarray()
+        return RuleKeeper(self.links.position, strain, held, self.one_sided[:, moving:].toarray())
 
     @functools.cached_property
     def _gram(self) -> sp.csr_array:
@@ -178,8 +200,15 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return vector / length if length > 0 else vector
 
 
-def motion_cone(packing: Packing, contacts: Contacts, *, strain: bool, volume: str = "nonincreasing") -> MotionCone:
-    """Return the cone of motions that the contacts admit; particles without contacts are left out.
+def motion_cone(
+    packing: Packing,
+    contacts: Contacts,
+    *,
+    strain: bool,
+    volume: str = "nonincreasing",
+    kept_n: NDArray[np.int64] | None = None,
+) -> MotionCone:
+    """Return the cone of motions that the contacts, and links if there are any, admit.
 
     Parameters
     ----------
@@ -191,22 +220,42 @@ def motion_cone(packing: Packing, contacts: Contacts, *, strain: bool, volume: s
         Whether the box may change shape.
     volume
         "nonincreasing" or "fixed": what its volume may do then, to first order.
+    kept_n
+        (N',) numbers of the particles that move, increasing; those with contacts, and in packings with links all that
+        belong to their clusters, if not given.
 
     """
     d = packing.dimension
-    kept = np.unique(np.concatenate([contacts.i_c, contacts.j_c]))
+    kept = _touched(packing, contacts) if kept_n is None else kept_n
     matrix = rigidity_matrix(packing, strain, contacts=contacts)
     moving = (kept[:, None] * d + np.arange(d)).ravel()
     position = matrix[:, moving]
+    rules = None if packing.links is None else link_rules(packing, kept)
     if not strain:
         none = sp.csr_array((0, len(moving)))
-        return MotionCone(position, none, none, kept, d, 0.0)
+        return MotionCone(position, none if rules is None else rules.position, none, kept, d, 0.0, rules)
     scale = float(packing.box.volume ** (1.0 / d))
     opening = sp.csr_array(sp.hstack([position, matrix[:, packing.particles * d :] / scale], format="csr"))
     row = np.concatenate([np.zeros(len(moving)), -trace_vector(d) / np.sqrt(d)])
     grow, none = sp.csr_array(row[None, :]), sp.csr_array((0, len(row)))
     held, one_sided = (grow, none) if volume == "fixed" else (none, grow)
-    return MotionCone(opening, held, one_sided, kept, d, scale)
+    if rules is not None:
+        linked = sp.hstack([rules.position, sp.csr_array(rules.strain / scale)])
+        # a volume that the links hold by themselves needs no rule
+        outside = row[len(moving) :] - rules.stiff.T @ (rules.stiff @ row[len(moving) :])
+        if outside @ outside < _HELD**2:
+            held = one_sided = none
+        stiff = sp.hstack([sp.csr_array((len(rules.stiff), len(moving))), sp.csr_array(rules.stiff)])
+        held = sp.csr_array(sp.vstack([linked, stiff, held], format="csr"))
+    return MotionCone(opening, held, one_sided, kept, d, scale, rules)
+
+
+def _touched(packing: Packing, contacts: Contacts) -> NDArray[np.int64]:
+    touched = np.unique(np.concatenate([contacts.i_c, contacts.j_c]))
+    if packing.links is None:
+        return touched
+    cluster = packing.links.clusters(packing.particles)
+    return np.flatnonzero(np.isin(cluster, cluster[touched]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +266,7 @@ class UnjammingMotion:
     ----------
     displacement_nd
         (N, d) displacements, without translation; the largest of them, or strain_scale times the largest strain, is one
-        reference diameter [length]. Rattlers stay.
+        reference diameter [length]. Rattlers stay, or follow their links.
     strain_dd
         (d, d) symmetric strain of the box [1]; zero in a fixed box.
     closing, opening
@@ -233,6 +282,8 @@ class UnjammingMotion:
     def moved(self, packing: Packing, amplitude: float) -> Packing:
         """Return the packing moved along the motion: x -> (1 + a strain)(x + a displacement), the box strained alike.
 
+        Rigid links get their lengths back.
+
         Parameters
         ----------
         packing
@@ -243,7 +294,12 @@ class UnjammingMotion:
         """
         change = np.eye(packing.dimension) + amplitude * self.strain_dd
         position = (packing.position_nd + amplitude * self.displacement_nd) @ change.T
-        return packing.replace(position_nd=position, box=packing.box.strained(amplitude * self.strain_dd))
+        moved = packing.replace(position_nd=position, box=packing.box.strained(amplitude * self.strain_dd))
+        if moved.links is None:
+            return moved
+        from packmech.mechanics.reaffixing import reaffix_links
+
+        return reaffix_links(moved).packing
 
 
 def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.float64]) -> UnjammingMotion:
@@ -256,6 +312,8 @@ def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.floa
     strain = np.zeros(strain_components(d))
     if cone.strain_scale:
         strain = motion[moving:] / cone.strain_scale
+    if packing.links is not None:
+        follow_links(packing, cone.kept_n, displacement, strain)
     size = max(np.sqrt((displacement**2).sum(axis=1)).max(), cone.strain_scale * np.abs(strain).max())
     factor = packing.reference_diameter / size if size > 0 else 0.0
     stretch = factor * (cone.opening @ motion)

@@ -66,7 +66,7 @@ def largest_smallest_force(cone: MotionCone, *, solver: str = "clarabel", tolera
 
         return largest_smallest_force_readable(cone, tolerance)
     d, count = cone.dimension, cone.opening.shape[0]
-    extra = cone.volume_rows
+    extra = cone.bound_rows
     balance = sp.csr_array(cone.rows.T)[d:]
     # s = w + t with w >= 0
     together = np.asarray(cone.opening.T @ np.ones(count))[d:]
@@ -169,7 +169,7 @@ def open_all(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1
 def _openings(cone: MotionCone, found: Solution, free: int) -> Openings:
     count = cone.opening.shape[0]
     if found.solve.outcome is not Outcome.CONVERGED:
-        empty = np.zeros(count + cone.volume_rows)
+        empty = np.zeros(count + cone.bound_rows)
         return Openings(np.zeros(count, dtype=bool), empty, np.zeros(cone.unknowns), found.solve)
     force, one_sided = found.below_multiplier[:count], found.below_multiplier[count:]
     weight = np.concatenate([force, -found.equal_multiplier, one_sided])

@@ -136,6 +136,11 @@ def _pushed(contacts: Contacts, links: LinkGradients) -> NDArray[np.bool_]:
     return pushed
 
 
+def moving_apart(packing: Packing, backbone: Contacts) -> NDArray[np.bool_]:
+    """Return who moves differently from the largest group of particles that contacts and links hold together."""
+    return _moving(backbone, link_gradients(packing))
+
+
 def _moving(backbone: Contacts, links: LinkGradients) -> NDArray[np.bool_]:
     """Return who moves differently from the most particles in a generic motion that changes no contact and no link."""
     particles, dimension = backbone.particles, backbone.dimension

@@ -102,7 +102,7 @@ def largest_smallest_force_readable(cone: MotionCone, tolerance: float) -> Force
     problem = cp.Problem(cp.Maximize(smallest), [balance, force >= smallest, cp.sum(force) == count, one_sided >= 0])
     solve = _solved(problem, tolerance)
     if solve.outcome is not Outcome.CONVERGED:
-        none = np.zeros(count + cone.volume_rows)
+        none = np.zeros(count + cone.bound_rows)
         return ForceBalance(-np.inf if solve.outcome is Outcome.INFEASIBLE else np.nan, none, None, solve)
     weight = np.concatenate([part.value for part in (force, held, one_sided) if part.size])
     motion = cone.without_translations(np.concatenate([np.zeros(d), np.asarray(balance.dual_value)]))
@@ -129,10 +129,11 @@ def open_all_readable(cone: MotionCone, tolerance: float) -> Openings:
     problem = cp.Problem(cp.Maximize(cp.sum(opened)), [contact, opened >= 0, opened <= 1, *rules])
     solve = _solved(problem, tolerance)
     if solve.outcome is not Outcome.CONVERGED:
-        none = np.zeros(count + cone.volume_rows)
+        none = np.zeros(count + cone.bound_rows)
         return Openings(np.zeros(count, dtype=bool), none, np.zeros(cone.unknowns), solve)
-    volume = [np.ravel(rule.dual_value) for rule in rules[1:]]
-    sign = -1.0 if cone.held.shape[0] else 1.0
+    others = [np.ravel(rule.dual_value) for rule in rules[1:]]
+    if cone.held.shape[0]:
+        others[0] = -others[0]
     force = np.asarray(contact.dual_value)
-    weight = np.concatenate([force, *(sign * part for part in volume)])
+    weight = np.concatenate([force, *others])
     return Openings(force > 0.5, weight, np.asarray(y.value), solve)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from packmech.contacts.rattlers import remove_rattlers
+from packmech.measure.rattlers import remove_rattlers
 from packmech.mechanics.factor import NotDefinite, factorize
 from packmech.mechanics.hessian import bordered, closed_terms, hessian, scene_sums, volume_curvature_term
 from packmech.mechanics.link_modes import weighted_rows
@@ -38,7 +38,7 @@ def is_stable(scene: Scene, *, strain: bool, gap_tolerance: float = 0.0) -> bool
 
     """
     if scene.packing.links is not None:
-        return _is_stable_with_links(scene, strain, gap_tolerance)
+        return _is_stable_with_links(scene, strain, gap_tolerance, allowed=1.0)
     try:
         packing, _ = remove_rattlers(scene.packing, gap_tolerance=gap_tolerance)
     except ValueError:
@@ -60,7 +60,22 @@ def is_stable(scene: Scene, *, strain: bool, gap_tolerance: float = 0.0) -> bool
     return True
 
 
-def _is_stable_with_links(scene: Scene, strain: bool, gap_tolerance: float) -> bool:
+def is_firm(scene: Scene, *, strain: bool, gap_tolerance: float = 0.0) -> bool:
+    """Return whether the exact Hessian is positive on all motions but translations, free turns of parts not excepted.
+
+    Parameters
+    ----------
+    scene, strain, gap_tolerance
+        As in `is_stable`; with links only clusters that are loose as a whole are taken out.
+
+    """
+    if scene.packing.links is None:
+        return is_stable(scene, strain=strain, gap_tolerance=gap_tolerance)
+    return _is_stable_with_links(scene, strain, gap_tolerance, allowed=-1.0)
+
+
+def _is_stable_with_links(scene: Scene, strain: bool, gap_tolerance: float, allowed: float) -> bool:
+    """Return whether no motion is unstable, those softer than counts as zero being `allowed` (1) or not (-1)."""
     contacts, index, links = held_network(scene.packing, gap_tolerance=gap_tolerance)
     if not len(index) or not len(contacts):
         return False
@@ -79,4 +94,5 @@ def _is_stable_with_links(scene: Scene, strain: bool, gap_tolerance: float) -> b
         rows = sp.csr_array((0, pinned.shape[0]))
     else:
         rows = weighted_rows(links, np.ones(len(index) * d), admitted, scale)[:, d:]
-    return negative_motions(linked_system(pinned, sp.csr_array(rows)), soft_shift(pinned), d) == 0
+    system = linked_system(pinned, sp.csr_array(rows))
+    return negative_motions(system, sp.dia_array(allowed * soft_shift(pinned)), d) == 0

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import loose_particles
 from packmech.effects import Harmonic, Repulsion, contact_terms
+from packmech.measure.link_tension import link_gradients
+from packmech.measure.rattlers import loose_in
 from packmech.measure.stress import sum_forces
+from packmech.mechanics.link_rules import link_rules
 from packmech.packing import Packing
 
 # gap tolerance in mean relative overlaps, and the least one: rounding of exact crystals and hard-particle packings
@@ -31,7 +35,8 @@ class GapLevel:
     contacts, particles
         Counts after rattlers were taken out, and with them their contacts.
     excess
-        Contacts beyond the fewest that can jam these particles in a fixed box, d N' - d + 1.
+        Contacts beyond the fewest that can jam these particles in a fixed box, d N' - N_l' - d + 1 with N_l' rigid
+        links that do not depend on each other.
 
     """
 
@@ -86,6 +91,26 @@ def backbone_contacts(contacts: Contacts) -> Contacts:
     return contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c])
 
 
+def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray[np.int64]]:
+    """Return the contacts between particles that do not rattle, and the numbers of these particles.
+
+    With rigid links the particles are held by them too, and need no contacts of their own.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    contacts
+        Its contacts, those of rattlers included.
+
+    """
+    if packing.links is None:
+        network = backbone_contacts(contacts)
+        return network, np.unique(np.concatenate([network.i_c, network.j_c]))
+    loose = loose_in(packing, contacts)
+    return contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c]), np.flatnonzero(~loose)
+
+
 def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
     """Return the contacts within a gap tolerance; by default max(7 x mean relative overlap, 1e-9).
 
@@ -107,9 +132,12 @@ def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
     d = packing.dimension
     levels = []
     for step in steps:
-        network = backbone_contacts(widest.select(gap <= step))
-        particles = len(np.unique(np.concatenate([network.i_c, network.j_c])))
-        levels.append(GapLevel(step, len(network), particles, len(network) - (d * particles - d + 1)))
+        network, kept = backbone_of(packing, widest.select(gap <= step))
+        particles = len(kept)
+        fewest = d * particles - d + 1
+        if packing.links is not None and particles:
+            fewest -= link_rules(packing, kept).position.shape[0]
+        levels.append(GapLevel(step, len(network), particles, len(network) - fewest))
     return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest)
 
 
@@ -144,6 +172,8 @@ class RestCheck:
 def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance: float) -> RestCheck:
     """Return how well the overlapping pairs balance, under the given effects or, failing those, a harmonic law.
 
+    Rigid links bear what they can of the net forces.
+
     Overlaps of the size of rounding errors push the floor, and so the limit, above any residual: a packing of hard
     particles passes.
 
@@ -172,6 +202,10 @@ def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance
     # diverging laws give infinite forces at coincident centers: the residual is no number then, and nothing is at rest
     with np.errstate(invalid="ignore", over="ignore"):
         net = sum_forces(contacts, -terms.first_c)
+        if packing.links is not None and np.isfinite(net).all():
+            links = link_gradients(packing)
+            # the multipliers balance minus the forces
+            net = net - (links.gradient_lx.T @ links.multipliers(-net.ravel())).reshape(net.shape)
         residual = float(np.sqrt((net**2).sum(axis=1)).max()) / mean
         floor = float(np.spacing(largest)) * float(np.abs(terms.second_c).mean()) / mean
     return RestCheck(residual, floor, max(rest_tolerance, FLOORS * floor), law)

@@ -28,26 +28,31 @@ class Answer:
         and this is not, when the contacts themselves are in doubt. For discs and spheres a first-order motion unjams.
     isostatic_contacts
         The fewest contacts that can hold this many backbone particles: d N' - d + 1 in a fixed box, d N' - d + d(d+1)/2
-        when it may deform.
+        when it may deform; less one for each rigid link between them that does not depend on others.
     states_of_self_stress
         Independent balanced contact forces: strain `none` for the collective question, `isochoric` for the strict one.
     floppy_modes
         Independent motions that change no contact (nor the volume), translations apart.
     smallest_singular_value
-        Of the rigidity matrix and the volume's row over the largest, translations removed [1]: the rank certificate.
+        Of the rigidity matrix and the rows of links and volume over the largest, translations removed [1]: the rank
+        certificate.
         Infinity when no motion is left to have one; NaN when the method did not ask.
     smallest_force
         Smallest over mean contact force of the certificate [1]; not positive, or minus infinity, when there is none.
     contact_force_c
         (C,) the certificate: contact forces of mean 1 in balance, all positive, on `Verdict.network`; None unless
         jammed, and when the method gives none.
+    link_tension_l
+        (L,) what the rigid links bear in it, tension positive, of either sign [mean contact force]; 0 where a link
+        depends on others. None without links or without a certificate.
     balance
         Largest component of the net forces of the certificate [mean contact force].
     unjamming_motion
         A motion that closes no contact; None unless not jammed.
     stable
         Whether the energy's Hessian, contact forces included, is positive on all motions but translations: at fixed box
-        for the collective question, at fixed volume for the strict one. None without a law, or away from rest.
+        for the collective question, at fixed volume for the strict one. None without a law, or away from rest. With
+        rigid links it is asked of the backbone as judged, on the motions that the links admit.
     solves
         What each solver achieved and took.
 
@@ -62,10 +67,15 @@ class Answer:
     smallest_singular_value: float = np.nan
     smallest_force: float = np.nan
     contact_force_c: NDArray[np.float64] | None = None
+    link_tension_l: NDArray[np.float64] | None = None
     balance: float = 0.0
     unjamming_motion: UnjammingMotion | None = None
     stable: bool | None = None
     solves: tuple[Solve, ...] = ()
+
+    def __str__(self) -> str:
+        """Return the verdict with its reason in short: not jammed (empty backbone)."""
+        return f"{self.verdict} ({self.reason.partition(':')[0].partition(';')[0]})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +103,8 @@ class Verdict:
         As asked for.
     seconds
         CPU time.
+    cluster_n
+        (N,) number of each particle's cluster; None without rigid links.
 
     """
 
@@ -108,6 +120,7 @@ class Verdict:
     solver: str
     volume: str
     seconds: float
+    cluster_n: NDArray[np.int64] | None = None
 
     @property
     def collective(self) -> str:
@@ -123,6 +136,25 @@ class Verdict:
     def backbone(self) -> NDArray[np.bool_]:
         """The (N,) particles that do not rattle."""
         return ~self.rattlers
+
+    @property
+    def rattling_clusters(self) -> NDArray[np.bool_]:
+        """The (N,) particles of clusters that rattle as a whole; a single particle is one."""
+        if self.cluster_n is None:
+            return self.rattlers
+        held = np.bincount(self.cluster_n, ~self.rattlers) > 0
+        return np.asarray(~held[self.cluster_n])
+
+    @property
+    def backbone_links(self) -> int:
+        """Number of rigid links that hold the backbone and do not depend on others."""
+        particles, d = int(self.backbone.sum()), self.network.dimension
+        return d * particles - d + 1 - self.collectively.isostatic_contacts if particles else 0
+
+    @property
+    def danglers(self) -> NDArray[np.bool_]:
+        """The (N,) rattlers that touch nothing."""
+        return np.asarray(self.rattlers & (self.touching.contacts.count_n() == 0))
 
     @property
     def _strongest(self) -> Answer:

@@ -1,0 +1,137 @@
+"""Rattlers: particles that move freely between those that do not."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.compiled import single_thread
+from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.excluded import rigid_clusters
+from packmech.contacts.rattlers import check_contacts, loose_particles
+from packmech.links import Links, image_offsets
+from packmech.packing import Packing
+
+
+def loose_in(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
+    """Return, for each particle, whether the contacts, and links if there are any, leave it free."""
+    if packing.links is None:
+        return loose_particles(contacts)
+    from packmech.measure.loose_beads import loose_beads
+
+    with single_thread():
+        return loose_beads(packing, contacts)
+
+
+def find_rattlers(
+    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
+) -> NDArray[np.bool_]:
+    """Return, for each particle, whether it rattles: its contacts with particles that do not rattle fail to hold it.
+
+    A particle is held when its contact normals positively span the space. Particles in contact with none are rattlers.
+    With rigid links it is held if no motion that its cluster's links admit moves it while its contacts stay closed:
+    a bead without contacts may be held by its links, and a loose end of a chain rattles while the rest is held.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching. The default admits the
+        rounding of crystals and of exact hard-particle packings.
+    contacts
+        The contacts to judge by instead of those within `gap_tolerance`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, or the contacts belong to another number of particles.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3))
+    >>> int(find_rattlers(crystal).sum())
+    0
+    >>> apart = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=-1e-6)
+    >>> int(find_rattlers(apart).sum()), int(find_rattlers(apart, gap_tolerance=1e-5).sum())
+    (9, 0)
+
+    """
+    instance("packing", packing, Packing)
+    if contacts is None:
+        contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    check_contacts(packing, contacts)
+    return loose_in(packing, contacts)
+
+
+def remove_rattlers(
+    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
+) -> tuple[Packing, NDArray[np.int64]]:
+    """Return the packing without its rattlers, and the (N',) numbers that its particles had before.
+
+    Clusters are cut where only a part of them rattles: links between particles that are left stay, others go.
+
+    Parameters
+    ----------
+    packing, gap_tolerance, contacts
+        As in `find_rattlers`.
+
+    Raises
+    ------
+    ValueError
+        If every particle rattles, so that nothing is left.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2))
+    >>> backbone, index_n = remove_rattlers(crystal)
+    >>> backbone == crystal, index_n.tolist()
+    (True, [0, 1, 2, 3, 4, 5, 6, 7])
+
+    """
+    loose = find_rattlers(packing, gap_tolerance=gap_tolerance, contacts=contacts)
+    if loose.all():
+        raise ValueError(f"packing must have particles that do not rattle, got {packing.particles} rattlers")
+    return without(packing, loose)
+
+
+def without(packing: Packing, loose_n: NDArray[np.bool_]) -> tuple[Packing, NDArray[np.int64]]:
+    """Return the packing without the named particles and their links, and the numbers that the others had before."""
+    kept = np.flatnonzero(~loose_n)
+    links = None
+    if packing.links is not None and len(kept):
+        whole = _with_inner_links(packing, packing.links, loose_n)
+        links = whole.numbered(np.where(loose_n, -1, np.cumsum(~loose_n) - 1))
+    return packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept], links=links), kept
+
+
+def _with_inner_links(packing: Packing, links: Links, loose_n: NDArray[np.bool_]) -> Links:
+    """Return the links, and shape links for the distances that a rigid cluster held by particles that are taken out."""
+    partly = np.flatnonzero(loose_n & rigid_clusters(packing))
+    cluster = links.clusters(packing.particles)
+    offset, _ = image_offsets(links, packing.particles)
+    known = set(zip(links.i_l.tolist(), links.j_l.tolist(), strict=True))
+    pairs = [
+        pair
+        for c in np.unique(cluster[partly])
+        for pair in itertools.combinations(np.flatnonzero((cluster == c) & ~loose_n).tolist(), 2)
+        if pair not in known
+    ]
+    if not pairs:
+        return links
+    i, j = np.array(pairs).T
+    image = offset[j] - offset[i]
+    vector = packing.position_nd[j] - packing.position_nd[i] + image @ packing.box.lattice_dd.T
+    assert links.shape_l is not None
+    return Links(
+        np.concatenate([links.i_l, i]),
+        np.concatenate([links.j_l, j]),
+        np.concatenate([links.image_ld, image]),
+        np.concatenate([links.length_l, np.sqrt((vector**2).sum(axis=1))]),
+        np.concatenate([links.shape_l, np.ones(len(i), dtype=bool)]),
+    )
