@@ -20,6 +20,8 @@ from packmech.mechanics.factor import Factorization, Inertia, NotDefinite
 
 _REFINEMENTS = 3
 _SINGULAR = "matrix must be nonsingular on the motions that the links admit, got a zero pivot"
+# a link whose pivot is below this [stiffness] hangs on others to rounding
+_DEPENDENT = 1e-14
 
 
 def particle_order(matrix: sp.csr_array, dimension: int) -> NDArray[np.int64]:
@@ -101,6 +103,8 @@ def factor_saddle(
     if not np.array_equal(factor.perm_r, factor.perm_c):
         raise NotDefinite(_SINGULAR)
     pivot = factor.U.diagonal()
+    if count and np.abs(pivot[order >= size]).min() < _DEPENDENT * stiffness:
+        raise NotDefinite(_SINGULAR)
     inertia = Inertia(int((pivot > 0).sum()), int((pivot < 0).sum()), int((pivot == 0).sum()))
 
     def once(right: NDArray[np.float64]) -> NDArray[np.float64]:
