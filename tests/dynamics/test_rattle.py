@@ -87,6 +87,21 @@ def test_stress_of_a_rotor_is_tension_along_the_link_and_kinetic_stress_across_i
     assert np.allclose(trace.kinetic_stress_tdd, expected, rtol=0, atol=1e-13 * size)
 
 
+def test_link_forces_are_what_mass_times_acceleration_asks_for():
+    scene, velocity, mass = tumbling_chain(6, 3)
+    apart = []
+    for dt in (1 / 64, 1 / 128, 1 / 256):
+        two, one = (pm.simulate(scene, steps=n, dt=dt, velocity_nd=velocity, mass_n=mass) for n in (2, 1))
+        acceleration = (two.velocity_nd - velocity) / (2.0 * dt)
+        vector = np.diff(one.packing.position_nd, axis=0)
+        pull = np.zeros((6, 3))
+        pull[:-1] += one.tension_l[:, None] * vector
+        pull[1:] -= one.tension_l[:, None] * vector
+        apart.append(np.abs(mass[:, None] * acceleration - pull).max())
+    assert np.allclose(np.divide(apart[:-1], apart[1:]), 4.0, atol=0.2)
+    assert apart[-1] < 1e-3
+
+
 @pytest.mark.parametrize(("beads", "dimension"), [(2, 3), (3, 2), (3, 3), (6, 2)])
 def test_free_chains_converge_with_order_two(beads, dimension):
     scene, velocity, mass = tumbling_chain(beads, dimension)

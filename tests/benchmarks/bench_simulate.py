@@ -1,0 +1,77 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""What one step of time costs: against the pass over the forces alone, and what links add.
+
+Run with one thread: OMP_NUM_THREADS=1 python tests/benchmarks/bench_simulate.py
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from calibration import calibrate
+
+import packmech as pm
+from packmech.dynamics.kernels import force_pass
+from packmech.dynamics.motion import Motion
+from packmech.dynamics.program import build_program
+from packmech.dynamics.verlet import VelocityVerlet
+
+REPULSION = (pm.Repulsion(),)
+DAMPED = (pm.Repulsion(), pm.ContactDamping(0.1))
+
+
+def cost(scene, steps):
+    """Return CPU ns a particle and step of a run, the same of the force pass alone, and contacts a particle."""
+    n = scene.packing.particles
+    program = build_program(scene)
+    motion = Motion(program, scene.effects, np.ones(n), None, 0.05)
+    motion.affix()
+    motion.set_velocities(motion.thermal_velocities(1e-4, np.random.default_rng(1)))
+    method = VelocityVerlet()
+    motion.follow(method, 2)
+    best = [np.inf, np.inf]
+    for _ in range(3):
+        began, before = time.process_time(), motion.steps
+        while motion.steps < before + steps:
+            motion.follow(method, before + steps - motion.steps)
+        best[0] = min(best[0], (time.process_time() - began) / steps)
+        began = time.process_time()
+        for _ in range(steps):
+            program.force_nd[:] = 0.0
+            force_pass(scene.effects, program.axes, program.row, program.force_nd, program.velocity_nd, program.pairs)
+        best[1] = min(best[1], (time.process_time() - began) / steps)
+    return best[0] / n * 1e9, best[1] / n * 1e9, motion.see().contacts / n
+
+
+def relaxed(packing, effects):
+    """Return a scene near a minimum of the energy."""
+    at_rest = pm.quench(pm.Scene(packing, REPULSION), force_tolerance=1e-3).packing
+    return pm.Scene(at_rest, effects)
+
+
+def main():
+    """Print the table."""
+    calibrate()
+    print(
+        "scene                                      contacts/N   ns/particle-step   of the force pass   ns/contact-step"
+    )
+    sizes = pm.Bidisperse(ratio=1.4)
+    cases = []
+    for n, d, fraction in ((1_000, 2, 0.95), (10_000, 2, 0.95), (10_000, 3, 0.7)):
+        packing = pm.random_packing(n, dimension=d, sizes=sizes, packing_fraction=fraction, seed=1)
+        cases.append((f"{n} particles, {d}D", relaxed(packing, REPULSION)))
+    cases.append(("10000 particles, 2D, dashpots", cases[1][1].replace(effects=DAMPED)))
+    for name, shape in (("dimers", pm.Dimer()), ("rigid trimers", pm.Trimer())):
+        packing = pm.cluster_packing(1_000, shape=shape, dimension=2, packing_fraction=0.85, seed=1)
+        cases.append((f"1000 {name}, 2D", relaxed(packing, REPULSION)))
+    chains = pm.chain_packing(50, beads=200, dimension=2, packing_fraction=0.6, seed=1)
+    cases.append(("50 chains of 200, 2D", relaxed(chains, REPULSION)))
+    for name, scene in cases:
+        whole, alone, contacts = cost(scene, max(100, 2_000_000 // scene.packing.particles))
+        row = f"{contacts:8.2f} {whole:16.1f} {whole / alone:19.2f}"
+        print(f"{name:40s} {row} {whole / max(contacts, 1e-9):18.1f}")
+
+
+if __name__ == "__main__":
+    main()
