@@ -165,18 +165,20 @@ def look(effects, axes, row, velocity_nd, pairs):
                 v[a] += pairs.shift_kd[pairs.crossing_k_p[p - within], a]
             square += v[a] * v[a]
         sigma = row[i, 3] + row[j, 3]
-        if square < sigma * sigma and square > 0.0:
+        if square < sigma * sigma:
             r = math.sqrt(square)
+            # coincident centers have an energy, but no branch vector and so no stress
+            inverse = 1.0 / r if r > 0.0 else 0.0
             rate = 0.0
             for a in range(len(axes)):
-                rate += (velocity_nd[j, a] - velocity_nd[i, a]) * v[a] / r
+                rate += (velocity_nd[j, a] - velocity_nd[i, a]) * v[a] * inverse
             first = 0.0
             for one in literal_unroll(effects):
                 energy += pair_energy(one, r, sigma)
                 first += pair_first(one, r, sigma, rate)
             for a in range(3):
                 for b in range(3):
-                    virial[a, b] += first / r * v[a] * v[b]
+                    virial[a, b] += first * inverse * v[a] * v[b]
     return Look(energy, virial)
 
 

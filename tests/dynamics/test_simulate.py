@@ -213,6 +213,25 @@ def test_one_over_the_stability_limit_of_a_pair_grows_and_one_below_does_not():
     assert above.outcome is pm.Outcome.STEP_TOO_LONG
 
 
+def test_coincident_particles_part_and_turn_their_energy_into_motion():
+    run = pm.simulate(pair_scene(0.0, *REPULSION), duration=8.0, trace_every=1)
+    assert run.trace.energy_t[0] == 0.5 and run.trace.energy_t[-1] == 0.0
+    assert run.trace.kinetic_t[-1] == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [10.0, 1000.0])
+def test_broad_mixtures_stay_stable_at_the_chosen_step(ratio):
+    packing = pm.random_packing(30, dimension=2, sizes=pm.Bidisperse(ratio=ratio), packing_fraction=0.7, seed=1)
+    run = pm.simulate(pm.Scene(packing, REPULSION), steps=3000)
+    assert abs(run.energy_drift) < 1e-3
+
+
+def test_one_particle_flies_on():
+    packing = pm.Packing([[1.0, 1.0, 1.0]], [0.5], pm.Box.cubic(4.0, 3))
+    run = pm.simulate(pm.Scene(packing, REPULSION), steps=4000, dt=0.01, velocity_nd=[[1.0, 2.0, -3.0]])
+    assert run.packing.position_nd == pytest.approx(np.array([[41.0, 81.0, -119.0]]), rel=1e-12)
+
+
 def test_time_limit_interrupts(jammed):
     run = pm.simulate(pm.Scene(jammed, REPULSION), steps=10**9, temperature=1e-4, seed=1, time_limit=0.1, check=False)
     assert run.outcome is pm.Outcome.INTERRUPTED
