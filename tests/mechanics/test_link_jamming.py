@@ -1,5 +1,6 @@
 """Facts about the verdict on packings with rigid links."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -9,6 +10,9 @@ from scipy.optimize import linprog
 
 import packmech as pm
 from packmech.measure.link_tension import distance_gradients, link_gradients
+from packmech.mechanics.doubt import undecided
+from packmech.mechanics.link_rules import link_rules
+from packmech.mechanics.motions import motion_cone
 
 YES, NO = "jammed", "not jammed"
 WAYS = [
@@ -207,8 +211,6 @@ def test_strict_question_of_a_packing_made_in_a_fixed_box_is_answered_by_a_shear
 
 def test_links_around_the_box_forbid_strains(linked):
     """A taut chain of beads along x, and discs beside it: no motion of the cone stretches the box along x."""
-    from packmech.mechanics.motions import motion_cone
-
     links = pm.Links([0, 1, 0], [1, 2, 2], [[0, 0], [0, 0], [-1, 0]], [1.0, 1.0, 1.0])
     place = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.5, 0.9]]
     packing = pm.Packing(place, [0.45, 0.45, 0.45, 0.59], pm.Box([[3.0, 0.0], [0.0, 3.0]]), links)
@@ -223,8 +225,6 @@ def test_links_around_the_box_forbid_strains(linked):
 
 def test_rattlers_between_held_beads_ask_what_their_links_ask():
     """A taut string of two links through a bead without contacts holds its ends as one link would."""
-    from packmech.mechanics.link_rules import link_rules
-
     box = pm.Box.cubic(9.0, 2)
     string = pm.Packing([[0, 0], [1, 0], [2, 0]], [0.1] * 3, box, pm.Links([0, 1], [1, 2], [[0, 0]] * 2, [1.0, 1.0]))
     rules = link_rules(string, np.array([0, 2]))
@@ -232,6 +232,61 @@ def test_rattlers_between_held_beads_ask_what_their_links_ask():
     assert rules.position.shape[0] == 1 and np.allclose(row, [-1.0, 0.0, 1.0, 0.0], atol=1e-15)
     bent = string.replace(position_nd=[[0, 0], [0.8, 0.6], [1.6, 0.0]])
     assert link_rules(bent, np.array([0, 2])).position.shape[0] == 0
+
+
+def test_a_motion_that_forces_block_at_second_order_is_left_open(linked):
+    scene, _ = linked("jammed_trimer_fixedbox")
+    answer = pm.classify_jamming(scene).strictly
+    assert (answer.verdict, answer.stable) == (NO, False) and undecided(scene.packing, answer) is answer
+    blocked = undecided(scene.packing, dataclasses.replace(answer, stable=True))
+    assert (blocked.verdict, blocked.first_order_jammed) == ("ambiguous", False)
+    assert "held by the forces at second order" in blocked.reason
+    free = pm.lattice_packing("square", (3, 3))
+    assert undecided(free, dataclasses.replace(answer, stable=True)).verdict == NO
+
+
+def crystal_with_string(sag):
+    """Return a crystal in which two discs hang on a string through a vacancy between them, and its contacts.
+
+    The contacts that would push the two towards each other are left out: the string must pull instead.
+    """
+    crystal = pm.lattice_packing("triangular", (6, 6))
+    place = crystal.position_nd.copy()
+    around = pm.find_contacts(crystal, gap_tolerance=1e-9)
+    flat = np.abs(around.normal_cd[:, 1]) < 1e-9
+    middle = 14
+    sides = [(i, n) for i, j, n in zip(around.i_c, around.j_c, around.normal_cd, strict=True) if j == middle]
+    sides += [(j, -n) for i, j, n in zip(around.i_c, around.j_c, around.normal_cd, strict=True) if i == middle]
+    (a, toward), (c, _) = [(int(k), n) for k, n in sides if abs(n[1]) < 1e-9]
+    assert flat.any() and not around.image_cd[(around.i_c == middle) | (around.j_c == middle)].any()
+    place[middle, 1] += sag
+    radius = crystal.radius_n.copy()
+    radius[middle] *= 0.01
+    ends = np.array([[min(a, middle), max(a, middle)], [min(c, middle), max(c, middle)]])
+    length = np.linalg.norm(place[ends[:, 0]] - place[ends[:, 1]], axis=1)
+    packing = pm.Packing(place, radius, crystal.box, pm.Links(*ends.T, np.zeros((2, 2)), length))
+    contacts = pm.find_contacts(packing, gap_tolerance=1e-9)
+    outward = {a: -toward, c: toward}
+    keep = [
+        all(sign * n @ outward[k] < 0.1 for k, sign in ((i, 1.0), (j, -1.0)) if k in outward)
+        for i, j, n in zip(contacts.i_c.tolist(), contacts.j_c.tolist(), contacts.normal_cd, strict=True)
+    ]
+    return packing, contacts.select(np.array(keep)), (a, middle, c)
+
+
+@pytest.mark.parametrize(("method", "solver"), WAYS[:1] + WAYS[2:4])
+def test_taut_string_through_a_rattling_bead_holds_its_ends_and_a_slack_one_does_not(method, solver):
+    packing, contacts, (a, middle, c) = crystal_with_string(sag=0.0)
+    taut = pm.classify_jamming(packing, contacts=contacts, method=method, solver=solver)
+    assert taut.collective == YES and named(taut.rattlers) == [middle] == named(
+        pm.find_rattlers(packing, contacts=contacts)
+    )
+    if method == "certificate":
+        tension = taut.collectively.link_tension_l
+        assert tension.min() > 0.0 and tension[0] == pytest.approx(tension[1], rel=1e-9)
+    packing, contacts, _ = crystal_with_string(sag=0.1 * packing.radius_n.max())
+    slack = pm.classify_jamming(packing, contacts=contacts, method=method, solver=solver)
+    assert {a, middle, c} <= set(named(slack.rattlers))
 
 
 def test_verdict_does_not_depend_on_where_clusters_are_wrapped_or_how_they_are_turned(linked):
