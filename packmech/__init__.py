@@ -39,6 +39,7 @@ _PUBLIC = {
     "Links": "packmech.links",
     "QuenchDrive": "packmech.scene",
     "Scene": "packmech.scene",
+    "ShearStabilizeDrive": "packmech.scene",
     "list_scenes": "packmech.scene_file",
     "read_scene": "packmech.scene_file",
     "write_scene": "packmech.scene_file",

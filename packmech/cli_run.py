@@ -17,7 +17,7 @@ from packmech.packing import Packing
 from packmech.recording_film import trace_of
 from packmech.report import Report, examine
 from packmech.report_table import result_rows, summary_markdown
-from packmech.scene import JamDrive, QuenchDrive, Scene
+from packmech.scene import Drive, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -103,8 +103,9 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
             run = _drive(scene, tell, keep=outputs.record is not None)
             if outputs.out is not None:  # before the examination, which may be interrupted
                 _write_packing(scene, run.packing, outputs.out)
-            strain = scene.drive.strain if isinstance(scene.drive, JamDrive) else "fixed"
-            report = examine(scene.replace(packing=run.packing), strain=strain, modes=outputs.modes, told=tell)
+            report = examine(
+                scene.replace(packing=run.packing), strain=_strain(scene.drive), modes=outputs.modes, told=tell
+            )
         except KeyboardInterrupt as stop:
             return _interrupted(scene, getattr(stop, "run", run), outputs)
     _finish(name, scene, run, report, outputs, parameters)
@@ -112,6 +113,12 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
         console(error=True).print(f"packmech: {run.outcome.value} (residual {run.residual:.1e})")
         return FAILED
     return OK
+
+
+def _strain(drive: Drive | None) -> str:
+    if isinstance(drive, JamDrive):
+        return drive.strain
+    return "free" if isinstance(drive, ShearStabilizeDrive) else "fixed"
 
 
 def _interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
@@ -141,6 +148,14 @@ def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
             progress=watch,
             check=False,
         )
+    if isinstance(drive, ShearStabilizeDrive):
+        from packmech.dynamics.shear_stabilize import shear_stabilize
+
+        watch.keep(0, scene.packing)
+        run = shear_stabilize(
+            scene, pressure=drive.pressure, force_tolerance=drive.force_tolerance, progress=watch, check=False
+        )
+        return replace(run, trace=trace_of(scene, watch.step_t, watch.packing_t)) if keep else run
     from packmech.dynamics.jam import jam
 
     assert isinstance(drive, JamDrive)
@@ -166,11 +181,14 @@ class _Snapshots:
         self.tell(", ".join([stage, *words]))
         steps = int(figures.get("steps", 0))
         if "packing" in figures:
-            self._keep(self._before + steps, figures["packing"])
+            # a stage that does not count its steps shows one packing after the other
+            after = self.step_t[-1] + 1 if self.step_t and "steps" not in figures else 0
+            self.keep(max(self._before + steps, after), figures["packing"])
         if "seconds" in figures:  # a stage has ended; the next counts its own steps
             self._before += steps
 
-    def _keep(self, step: int, packing: Packing) -> None:
+    def keep(self, step: int, packing: Packing) -> None:
+        """Keep a packing, unless it is one too many or of no later step."""
         self._seen += 1
         if self._seen % self._every or (self.step_t and step <= self.step_t[-1]):
             return

@@ -1,4 +1,4 @@
-"""What a picture of a packing shows, as arrays: discs and their copies, force lines, the box, colors. Draws nothing."""
+"""What a picture of a packing shows, as arrays: discs and copies, force lines, links, box, colors. Draws nothing."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms
+from packmech.links import Links, number_by_first
+from packmech.measure.link_tension import link_gradients, tension_of
 from packmech.packing import Packing
 
 __all__ = ["Drawing", "arrow_scale", "box_outline", "draw_packing", "force_colors", "particle_colors"]
@@ -20,11 +22,19 @@ __all__ = ["Drawing", "arrow_scale", "box_outline", "draw_packing", "force_color
 BACKGROUND = (13, 17, 26)
 SMALL, LARGE, RATTLER = (62, 92, 128), (98, 140, 184), (214, 158, 58)
 WEAK_FORCE, STRONG_FORCE = (168, 58, 46), (255, 236, 170)
+# clusters in hues of their own, far from those of rattlers and forces; a link's line turns green where it pulls its
+# ends together and violet where it pushes them apart
+CLUSTERS = ((74, 118, 168), (58, 132, 128), (104, 98, 172), (92, 140, 92), (124, 104, 146), (110, 134, 158))
+IDLE_BOND, IDLE_SHAPE, TENSION, COMPRESSION = (222, 228, 236), (128, 140, 158), (64, 224, 160), (190, 104, 240)
 OUTLINE = (150, 160, 176)
 ARROW = (255, 214, 102)
 CURVE = (122, 174, 230)
 # a force line is this many diameters wide at the mean force, and no wider than at four times the mean
 LINE_WIDTH, WIDEST = 0.13, 4.0
+# beads of clusters in 3D where links are to be seen, over their radius
+BEAD = 0.4
+# a link that bears nothing is drawn as wide as this part of the mean force
+THINNEST = 0.35
 ARROW_RADIUS, OUTLINE_RADIUS = 0.08, 0.03
 
 
@@ -43,6 +53,11 @@ class Drawing:
         over the mean [1].
     outline_ed
         Polylines along the cell's edges [length].
+    bond_sed, bond_tension_s
+        (B, 2, d) ends of the lines of links that are bonds [length], two lines where a link crosses the cell's edge;
+        (B,) their forces over the mean contact force, tension positive [1]; 0 without effects.
+    shape_sed, shape_tension_s
+        The same for links that hold an angle or a shape.
 
     """
 
@@ -52,6 +67,10 @@ class Drawing:
     segment_sed: NDArray[np.float64]
     force_s: NDArray[np.float64]
     outline_ed: list[NDArray[np.float64]]
+    bond_sed: NDArray[np.float64]
+    bond_tension_s: NDArray[np.float64]
+    shape_sed: NDArray[np.float64]
+    shape_tension_s: NDArray[np.float64]
 
 
 def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
@@ -65,25 +84,55 @@ def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
     >>> drawing.segment_sed.shape, drawing.copy_of_k.tolist()    # one contact, across the edge: drawn at both sides
     ((2, 2, 2), [1])
     """
-    wrapped, _ = packing.box.wrap(packing.position_nd)
-    inside = packing.replace(position_nd=wrapped)
+    inside = packing.wrapped()
     contacts = find_contacts(inside)
     force_c = _relative_force(contacts, effects)
-    start_cd = wrapped[contacts.i_c]
-    end_cd = start_cd + contacts.vector_cd
-    crossing = np.any(contacts.image_cd != 0, axis=1)
-    far_cd = wrapped[contacts.j_c[crossing]]
-    here = np.stack([start_cd, end_cd], axis=1)
-    there = np.stack([far_cd - contacts.vector_cd[crossing], far_cd], axis=1)
+    segments, pair_s = _lines(inside.position_nd, contacts.i_c, contacts.j_c, contacts.image_cd, contacts.vector_cd)
     copy_center, copy_of = _copies(inside)
     return Drawing(
-        center_nd=wrapped,
-        copy_center_kd=copy_center,
-        copy_of_k=copy_of,
-        segment_sed=np.concatenate([here, there]),
-        force_s=np.concatenate([force_c, force_c[crossing]]),
-        outline_ed=box_outline(packing.box),
+        inside.position_nd,
+        copy_center,
+        copy_of,
+        segments,
+        force_c[pair_s],
+        box_outline(packing.box),
+        *_link_lines(inside, contacts, effects),
     )
+
+
+def _lines(
+    position_nd: NDArray[np.float64],
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    image_cd: NDArray[np.int64],
+    vector_cd: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return a line from i to j for each pair, and a second one that ends in j itself where that is an image of j."""
+    crossing = np.flatnonzero(np.any(image_cd != 0, axis=1))
+    start_cd, far_cd = position_nd[i_c], position_nd[j_c[crossing]]
+    here = np.stack([start_cd, start_cd + vector_cd], axis=1)
+    there = np.stack([far_cd - vector_cd[crossing], far_cd], axis=1)
+    return np.concatenate([here, there]), np.concatenate([np.arange(len(i_c)), crossing])
+
+
+def _link_lines(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
+    """Return lines and tensions of the bonds, then those of the links that hold shapes."""
+    links = packing.links
+    if links is None:
+        none = np.zeros((0, 2, packing.dimension)), np.zeros(0)
+        return (*none, *none)
+    assert links.shape_l is not None
+    tension_l = np.zeros(len(links))
+    if effects and len(contacts):
+        first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
+        mean = float(np.abs(first_c).mean())
+        if mean > 0.0:
+            tension_l = tension_of(link_gradients(packing), contacts, first_c) / mean
+    vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
+    segments, link_s = _lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
+    shape_s = links.shape_l[link_s]
+    tension_s = tension_l[link_s]
+    return segments[~shape_s], tension_s[~shape_s], segments[shape_s], tension_s[shape_s]
 
 
 def box_outline(box: Box) -> list[NDArray[np.float64]]:
@@ -96,11 +145,17 @@ def box_outline(box: Box) -> list[NDArray[np.float64]]:
     return [loop, loop + c, *(np.array([corner, corner + c]) for corner in loop[:4])]
 
 
-def particle_colors(radius_n: NDArray[np.float64], rattler_n: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return (N, 3) colors: by size between two blues, rattlers in amber."""
+def particle_colors(
+    radius_n: NDArray[np.float64], rattler_n: NDArray[np.bool_], links: Links | None = None
+) -> NDArray[np.uint8]:
+    """Return (N, 3) colors: by size between two blues, linked clusters in hues of their own, rattlers in amber."""
     span = float(np.ptp(radius_n))
     share_n = (radius_n - radius_n.min()) / span if span > 0 else np.ones_like(radius_n)
     color_nc = _between(SMALL, LARGE, share_n)
+    if links is not None:
+        linked = np.union1d(links.i_l, links.j_l)
+        hue = number_by_first(links.clusters(len(radius_n))[linked]) % len(CLUSTERS)
+        color_nc[linked] = np.array(CLUSTERS, dtype=np.uint8)[hue]
     color_nc[rattler_n] = RATTLER
     return color_nc
 
@@ -119,6 +174,22 @@ def force_colors(force_s: NDArray[np.float64]) -> NDArray[np.uint8]:
 def force_radii(force_s: NDArray[np.float64], diameter: float, dimension: int) -> NDArray[np.float64]:
     """Return half the width of each force line [length]: proportional to the force, thinner in 3D."""
     return LINE_WIDTH / dimension * diameter * np.minimum(force_s, WIDEST)
+
+
+def tension_colors(tension_s: NDArray[np.float64], *, shape: bool) -> NDArray[np.uint8]:
+    """Return (S, 3) colors of links: gray without force, green in tension, violet in compression, full at 2 means."""
+    idle = IDLE_SHAPE if shape else IDLE_BOND
+    share_s = np.clip(np.abs(tension_s) / 2.0, 0.0, 1.0)
+    pulled, pushed = _between(idle, TENSION, share_s), _between(idle, COMPRESSION, share_s)
+    return np.where((tension_s >= 0.0)[:, None], pulled, pushed)
+
+
+def tension_radii(
+    tension_s: NDArray[np.float64], diameter: float, dimension: int, *, shape: bool
+) -> NDArray[np.float64]:
+    """Return half the width of each link's line [length]: that of a contact of its force, half that for shape links."""
+    width_s = force_radii(np.maximum(np.abs(tension_s), THINNEST), diameter, dimension)
+    return 0.5 * width_s if shape else width_s
 
 
 def arrow_scale(displacement_nd: NDArray[np.float64], diameter: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +39,9 @@ def record_packing(
     """Write one packing as a Rerun recording and return the absolute path.
 
     A scene's contact forces are drawn as lines as wide as the force, a bare packing's contacts as lines of one width;
-    rattlers have their own color. Positions and lattice are there twice: rounded for the picture, exact under `/state`.
+    rattlers have their own color. Rigid links are lines of their own, bonds apart from links that hold a shape, as wide
+    as their force and colored by its sign. Positions and lattice are there twice: rounded for the picture, exact under
+    `/state`.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ def _log_static(stream: rr.RecordingStream, film: Film, motions: list[Motion], s
     import rerun as rr
 
     packing, flat = film.final, film.final.dimension == 2
-    color_nc = drawing.particle_colors(packing.radius_n, film.rattler_n())
+    color_nc = drawing.particle_colors(packing.radius_n, film.rattler_n(), packing.links)
     points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
     if flat:  # the viewer's 2D axes point down
         stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
@@ -236,6 +238,16 @@ def _log_static(stream: rr.RecordingStream, film: Film, motions: list[Motion], s
     width = drawing.OUTLINE_RADIUS * packing.reference_diameter
     stream.log("world/box", strips.from_fields(radii=width, colors=drawing.OUTLINE), static=True)
     stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
+    links = packing.links
+    if links is not None:
+        if flat:
+            stream.log("world/links/shapes", rr.LineStrips2D.from_fields(draw_order=44.0), static=True)
+            stream.log("world/links/bonds", rr.LineStrips2D.from_fields(draw_order=46.0), static=True)
+        else:  # whole spheres would hide their links
+            beads = points.from_fields(radii=drawing.BEAD * packing.radius_n, colors=color_nc)
+            stream.log("world/links/beads", beads, static=True)
+        pairs = rr.AnyValues(i_l=links.i_l, j_l=links.j_l, length_l=links.length_l, shape_l=links.shape_l)
+        stream.log("state/links", pairs, static=True)
     arrows = rr.Arrows2D if flat else rr.Arrows3D
     center_nd = drawing.draw_packing(packing).center_nd
     last = int(film.step_f[-1])
@@ -273,7 +285,7 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
         points.columns(positions=np.concatenate([d.center_nd for d in drawing_f])),
         _counts(drawing_f, "center_nd"),
     )
-    color_nc = drawing.particle_colors(film.final.radius_n, film.rattler_n())
+    color_nc = drawing.particle_colors(film.final.radius_n, film.rattler_n(), film.final.links)
     owner_k = np.concatenate([d.copy_of_k for d in drawing_f])
     if flat:
         send(
@@ -295,6 +307,8 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
         ),
         _counts(drawing_f, "force_s"),
     )
+    if film.final.links is not None:
+        _send_links(packing_f, drawing_f, send)
     outline_k = [line for d in drawing_f for line in d.outline_ed]
     send("world/box", strips.columns(strips=outline_k), [len(d.outline_ed) for d in drawing_f])
     state = rr.AnyValues.columns(
@@ -303,6 +317,27 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
     send("state/position", state, [packing.position_nd.size for packing in packing_f])
     lattice = rr.AnyValues.columns(lattice_dd=np.concatenate([packing.box.lattice_dd.ravel() for packing in packing_f]))
     send("state/lattice", lattice, [packing.box.lattice_dd.size for packing in packing_f])
+
+
+def _send_links(packing_f: list[Packing], drawing_f: list[drawing.Drawing], send: Callable[..., None]) -> None:
+    """Send the lines of the links, bonds and shapes apart, and the images that the exact positions have them at."""
+    import rerun as rr
+
+    d, diameter = packing_f[0].dimension, packing_f[0].reference_diameter
+    if d == 3:
+        beads = rr.Points3D.columns(positions=np.concatenate([one.center_nd for one in drawing_f]))
+        send("world/links/beads", beads, _counts(drawing_f, "center_nd"))
+    strips = rr.LineStrips2D if d == 2 else rr.LineStrips3D
+    for path, name, shape in (("bonds", "bond", False), ("shapes", "shape", True)):
+        tension_s = np.concatenate([getattr(one, f"{name}_tension_s") for one in drawing_f])
+        columns = strips.columns(
+            strips=np.concatenate([getattr(one, f"{name}_sed") for one in drawing_f]),
+            radii=drawing.tension_radii(tension_s, diameter, d, shape=shape),
+            colors=drawing.tension_colors(tension_s, shape=shape),
+        )
+        send(f"world/links/{path}", columns, _counts(drawing_f, f"{name}_tension_s"))
+    image_f = [packing.links.image_ld.ravel() for packing in packing_f if packing.links is not None]
+    send("state/link_image", rr.AnyValues.columns(image_ld=np.concatenate(image_f)), [len(one) for one in image_f])
 
 
 def _counts(drawing_f: list[drawing.Drawing], name: str) -> list[int]:

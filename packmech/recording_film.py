@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.contacts import find_contacts
+from packmech.links import image_offsets
 from packmech.measure import energy, force_balance, pressure
 from packmech.measure.rattlers import find_rattlers
 from packmech.outcome import Run, Trace
@@ -41,8 +42,12 @@ class Film:
         return self.packing_f[-1]
 
     def rattler_n(self) -> NDArray[np.bool_]:
-        """Return which particles are rattlers in the last packing."""
-        return find_rattlers(self.final)
+        """Return which particles are rattlers in the last packing; with links, which move apart from its backbone."""
+        if self.final.links is None:
+            return find_rattlers(self.final)
+        from packmech.mechanics.rattling import find_rattling_clusters
+
+        return find_rattling_clusters(self.final).rattling_n
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +125,19 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
         pressure_t=np.array([pressure(one) for one in scenes]),
         contacts_t=np.array([len(find_contacts(one.packing)) for one in scenes], dtype=np.int64),
         max_force_t=np.array([force_balance(one)[0] for one in scenes]),
-        position_tnd=np.array([one.packing.position_nd for one in scenes]),
+        position_tnd=np.array([_in_images_of(scene.packing, one.packing) for one in scenes]),
         lattice_tdd=np.array([one.packing.box.lattice_dd for one in scenes]),
     )
+
+
+def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
+    """Return the positions moved by lattice vectors so that links have the images that they have in the start."""
+    if start.links is None or packing.links is None or start.links == packing.links:
+        return packing.position_nd
+    now, _ = image_offsets(packing.links, packing.particles)
+    before, _ = image_offsets(start.links, start.particles)
+    moved: NDArray[np.float64] = packing.position_nd + (now - before) @ packing.box.lattice_dd.T
+    return moved
 
 
 def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> list[Motion]:

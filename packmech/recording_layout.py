@@ -17,11 +17,17 @@ MARGIN = 0.04
 def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Blueprint:
     """Return the layout for a film, with only the panels that have something to show."""
     flat = film.final.dimension == 2
-    particles, forces = ["/world/particles/**"], ["/world/forces/**"]
+    particles, lines = ["/world/particles/**"], ["/world/forces/**"]
+    if film.final.links is not None:
+        lines = [*lines, "/world/links/**"]
+    pictures: list[rrb.Container | rrb.View]
     if flat:
-        pictures = [_world_view(film, "packing", [*particles, *forces])]
-    else:  # lines inside solid spheres are not seen, so they have a view of their own
-        pictures = [_world_view(film, "packing", particles), _world_view(film, "contact forces", forces)]
+        pictures = [_world_view(film, "packing", [*particles, *lines])]
+    else:  # lines inside solid spheres are not seen, so they have views of their own
+        pictures = [_world_view(film, "packing", particles), _world_view(film, "contact forces", ["/world/forces/**"])]
+        if film.final.links is not None:
+            sticks = _world_view(film, "links", ["/world/links/**"])
+            pictures = [pictures[0], rrb.Horizontal(sticks, pictures[1])]
     middle: list[rrb.Container | rrb.View] = []
     if motions:
         shown = ["/world/particles"] if flat else []
@@ -63,7 +69,10 @@ def _world_view(film: Film, name: str, shown: list[str]) -> rrb.View:
     corner_kd = np.concatenate([np.concatenate(drawing.box_outline(packing.box)) for packing in film.packing_f])
     low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)
     if film.final.dimension == 2:
-        pad = MARGIN * float(np.max(high - low)) + float(film.final.radius_n.max())
+        extent = float(np.max(high - low))
+        pad = MARGIN * extent + float(film.final.radius_n.max())
+        if film.final.links is not None:  # bonds across the edge end in a center outside
+            pad += min(float(film.final.links.length_l.max()), 0.1 * extent)
         # 2D views point down; /world is mirrored, and so are these bounds
         bounds = rrb.VisualBounds2D(x_range=[low[0] - pad, high[0] + pad], y_range=[-high[1] - pad, -low[1] + pad])
         return rrb.Spatial2DView(

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.compiled import compile_clock, compiling_noted
 from packmech.contacts import Contacts, find_contacts
 from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
+from packmech.measure.link_tension import link_gradients
 from packmech.measure.rattlers import find_rattlers
 from packmech.outcome import NotConverged, Stage
 from packmech.packing import Packing
@@ -107,8 +109,10 @@ def examine(
     return report
 
 
-def isostatic_contacts(particles: int, dimension: int, strain: str) -> int:
+def isostatic_contacts(particles: int, dimension: int, strain: str, links: int = 0) -> int:
     """Return the fewest contacts that jam this many backbone particles: d N' - d + 1, with strains d N' - d + d(d+1)/2.
+
+    Independent links between them each take the place of a contact.
 
     Examples
     --------
@@ -119,7 +123,7 @@ def isostatic_contacts(particles: int, dimension: int, strain: str) -> int:
     if particles == 0:
         return 0
     extra = 1 if strain == "fixed" else dimension * (dimension + 1) // 2
-    return dimension * particles - dimension + extra
+    return dimension * particles - dimension + extra - links
 
 
 @contextmanager
@@ -136,7 +140,12 @@ def _part(report: Report, name: str, told: Callable[[str], None]) -> Iterator[No
 
 def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     packing = scene.packing
-    rattler_n = find_rattlers(packing)
+    linked: dict[str, Any] = {}
+    held_links = 0
+    if packing.links is None:
+        rattler_n = find_rattlers(packing)
+    else:
+        rattler_n, held_links = _links(packing, linked)
     contacts = find_contacts(packing)
     held_c = ~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]
     backbone = packing.particles - int(rattler_n.sum())
@@ -152,10 +161,29 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "stress": (stress_tensor(scene) / unit).tolist(),
         "rattlers": packing.particles - backbone,
         "contacts": int(held_c.sum()),
-        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain),
+        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain, held_links),
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
+        **linked,
     }
+
+
+def _links(packing: Packing, numbers: dict[str, Any]) -> tuple[NDArray[np.bool_], int]:
+    """Return which particles move apart from the backbone, and how many links hold it; tell of the links."""
+    from packmech.contacts.crossing import crossing_links
+    from packmech.mechanics.rattling import find_rattling_clusters
+
+    links = packing.links
+    assert links is not None and links.shape_l is not None
+    rattling_n = find_rattling_clusters(packing).rattling_n
+    within = ~rattling_n[links.i_l] & ~rattling_n[links.j_l] & ~link_gradients(packing).dependent_l
+    numbers["links"] = len(links)
+    numbers["shape_links"] = int(links.shape_l.sum())
+    numbers["backbone_links"] = int(within.sum())
+    numbers["link_error"] = packing.link_error
+    if packing.dimension == 2:
+        numbers["crossing_links"] = len(crossing_links(packing))
+    return rattling_n, int(within.sum())
 
 
 def _carries_force(packing: Packing, contacts: Contacts) -> bool:

@@ -28,6 +28,8 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         _contacts(numbers),
         _rattlers(numbers),
     ]
+    if "links" in numbers:
+        rows.append(_links(numbers))
     if numbers.get("redundant_patches"):
         sizes = ", ".join(str(len(patch)) for patch in numbers["redundant_patches"])
         rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
@@ -60,7 +62,8 @@ def _contacts(numbers: Mapping[str, Any]) -> Row:
     extra = 1 if numbers["strain"] == "fixed" else d * (d + 1) // 2
     note = f"isostatic: {numbers['isostatic_contacts']}"
     if numbers["isostatic_contacts"]:
-        note += f" = {d}N'{extra - d:+d}, strain {numbers['strain']}"
+        less = " - L'" if "links" in numbers else ""
+        note += f" = {d}N'{extra - d:+d}{less}, strain {numbers['strain']}"
     if "states_of_self_stress" in numbers:
         states = numbers["states_of_self_stress"]
         note += f"; {states} state{'s' if states != 1 else ''} of self stress"
@@ -73,6 +76,14 @@ def _rattlers(numbers: Mapping[str, Any]) -> Row:
     if "danglers" in numbers:
         note += f"; {numbers['danglers']} touch nothing, {numbers['rattling_clusters']} clusters rattle as a whole"
     return ("rattlers", str(numbers["rattlers"]), note)
+
+
+def _links(numbers: Mapping[str, Any]) -> Row:
+    shapes = numbers["shape_links"]
+    note = f"{numbers['links'] - shapes} bonds, {shapes} hold shapes; lengths kept to {numbers['link_error']:.0e}"
+    if numbers.get("crossing_links"):
+        note += f"; {numbers['crossing_links']} pairs of bonds CROSS"
+    return ("links", str(numbers["links"]), note)
 
 
 def _answer(numbers: Mapping[str, Any], name: str, where: str) -> Row:

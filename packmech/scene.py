@@ -56,7 +56,23 @@ class JamDrive:
             )
 
 
-Drive = QuenchDrive | JamDrive
+@dataclass(frozen=True)
+class ShearStabilizeDrive:
+    """Relax positions and every strain together, to `force_tolerance` times the mean contact force and the pressure.
+
+    `pressure` [energy_scale / diameter^d] is what pm.shear_stabilize takes; None holds the volume.
+    """
+
+    pressure: float | None = None
+    force_tolerance: float = 1e-10
+
+    def __post_init__(self) -> None:
+        if self.pressure is not None:
+            positive("drive.pressure", self.pressure)
+        positive("drive.force_tolerance", self.force_tolerance)
+
+
+Drive = QuenchDrive | JamDrive | ShearStabilizeDrive
 
 
 def _record_or_none(name: str, value: Any) -> None:
@@ -94,7 +110,7 @@ class Scene:
     effects
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
-        What `packmech run` does with the scene: a QuenchDrive or a JamDrive.
+        What `packmech run` does with the scene: a QuenchDrive, a JamDrive or a ShearStabilizeDrive.
 
     Raises
     ------
@@ -128,8 +144,10 @@ class Scene:
                 raise TypeError(f"effects[{k}].law must be a law such as Harmonic(...), got {one.law!r}")
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(_plain(one) for one in self.effects))
-        if self.drive is not None and not isinstance(self.drive, QuenchDrive | JamDrive):
-            raise TypeError(f"drive must be a QuenchDrive, a JamDrive or None, got {self.drive!r}")
+        if self.drive is not None and not isinstance(self.drive, Drive):
+            raise TypeError(
+                f"drive must be a QuenchDrive, a JamDrive, a ShearStabilizeDrive or None, got {self.drive!r}"
+            )
 
     @property
     def energy_scale(self) -> float:

@@ -22,12 +22,14 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     strain = "free"
     method = { kind = "decompression", factor = 0.3 }             # optional: what pm.jam takes as its method
 
-The other drive is `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient".
+The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient", and
+`kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given).
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
 `chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
 `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
-`shape = { kind = "trimer", angle = 1.2 }`. An inline packing may have links: `link_pairs` of particles and
-`link_lengths`, with `link_images` where some are not zero and `link_shapes` where some hold a shape.
+`shape = { kind = "trimer", angle = 1.2 }`, or `angle = [1.1, 2.8]` for another one in every cluster. An inline
+packing may have links: `link_pairs` of particles and `link_lengths`, with `link_images` where some are not zero and
+`link_shapes` where some hold a shape.
 """
 
 from __future__ import annotations
@@ -135,7 +137,7 @@ _NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
 
 def _methods(drive: Any) -> dict[str, dict[str, type]]:
     """Return the records that may stand in the fields of a drive, by name, where it has any."""
-    if not isinstance(drive, dict) or "method" not in drive:
+    if not isinstance(drive, dict) or "method" not in drive or drive.get("kind") == "shear-stabilize":
         return {}
     from packmech.dynamics.jam_methods import JamMethod
     from packmech.dynamics.minimizers import MinimizeMethod

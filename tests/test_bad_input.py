@@ -104,7 +104,7 @@ BAD = {
     "Cluster.links": [3, "links", [[0, 2]], [[0, 0]], [[0, 1], [1, 0]], [[0, 0.5]], [[-1, 0]], [[NAN, 1]], []],
     "length": POSITIVE,
     "radii": [NAN, 0.0, -1.0, "r", None, (0.5,) * 20, (0.5, NAN), [[0.5]]],
-    "angle": [NAN, 0.0, np.pi, 4.0, -1.0, "1", None],
+    "angle": [NAN, 0.0, np.pi, 4.0, -1.0, "1", None, (1.0,), (2.0, 1.0), (0.0, 1.0), (1.0, 4.0), (1.0, NAN), ()],
     "beads": [*COUNT, None],
     "arms": [*COUNT, None],
     "arm_beads": [*COUNT, None],

@@ -23,6 +23,15 @@ class Shape(Protocol):
         ...
 
 
+@runtime_checkable
+class RandomShape(Protocol):
+    """A shape that is another one in every cluster of a packing."""
+
+    def drawn(self, rng: np.random.Generator) -> Shape:
+        """Return the shape of one cluster; every one has the same number of beads and links the same pairs."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Cluster:
     """Beads and the links between them: a shape given by hand.

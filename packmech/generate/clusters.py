@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import integer, one_of, positive
-from packmech.generate.cluster import Cluster, Shape
+from packmech.generate.cluster import Cluster, RandomShape, Shape
 from packmech.generate.random import box_for, generator_of, shape_of
 from packmech.generate.segments import Bonds
 from packmech.generate.sizes import Sizes
@@ -44,7 +44,7 @@ def cluster_packing(
         Number of clusters.
     shape
         ``Dimer``, ``Trimer``, ``RingCluster``, ``StarCluster``, ``LinearCluster``, or a ``Cluster`` of beads given by
-        hand.
+        hand. A ``Trimer`` with a range of angles has another angle in every cluster.
     dimension
         2 (discs) or 3 (spheres).
     packing_fraction
@@ -87,19 +87,22 @@ def cluster_packing(
     shape_dd = shape_of(box, dimension)
     one_of("crossing", crossing, CROSSING)
     tries = integer("tries", tries, at_least=1)
-    cluster = shape.cluster(dimension)
     avoid = dimension == 2 and crossing == "avoided"
-    own = cluster.crossing() if avoid else None
-    if own is not None:
-        raise ValueError(f"shape must have no bonds that cross unless crossing is 'allowed', got {own[0]} and {own[1]}")
-
     factor_k = np.ones(count) if sizes is None else 2.0 * sizes.radii(count, rng)
-    radius_n = np.outer(factor_k, cluster.radius_b).ravel()
+    cluster_k = _clusters(shape, count, dimension, rng)
+    for cluster in {id(cluster): cluster for cluster in cluster_k}.values() if avoid else ():
+        own = cluster.crossing()
+        if own is not None:
+            raise ValueError(
+                f"shape must have no bonds that cross unless crossing is 'allowed', got {own[0]} and {own[1]}"
+            )
+
+    radius_n = np.concatenate([factor * one.radius_b for factor, one in zip(factor_k, cluster_k, strict=True)])
     scaled = box_for(radius_n, packing_fraction, shape_dd)
-    bonds = _Bonds(cluster, factor_k, scaled) if avoid else None
-    centered_bd = cluster.position_bd - cluster.position_bd.mean(axis=0)
-    position = np.empty((count, *centered_bd.shape))
+    bonds = _Bonds(cluster_k, factor_k, scaled) if avoid else None
+    position = np.empty((count, *cluster_k[0].position_bd.shape))
     for k in range(count):
+        centered_bd = cluster_k[k].position_bd - cluster_k[k].position_bd.mean(axis=0)
         for _ in range(tries if avoid else 1):
             center = np.einsum("de,e->d", scaled.lattice_dd, rng.random(dimension))
             turned = np.einsum("de,be->bd", _rotation(dimension, rng), factor_k[k] * centered_bd)
@@ -111,29 +114,58 @@ def cluster_packing(
                 f"crossing must be 'allowed' where bonds find no room (or take a lower packing fraction, shorter links "
                 f"or more tries), got no place for cluster {k} in {tries} tries"
             )
-    packing = Packing(position.reshape(-1, dimension), radius_n, scaled, _links(cluster, factor_k))
+    packing = Packing(position.reshape(-1, dimension), radius_n, scaled, _links(cluster_k, factor_k))
     return packing.wrapped()
+
+
+def _clusters(shape: Shape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
+    """Return the cluster of every place: the same one, or each drawn by itself."""
+    if not isinstance(shape, RandomShape):
+        return [shape.cluster(dimension)] * count
+    found: dict[int, Cluster] = {}
+    shapes = [shape.drawn(rng) for _ in range(count)]
+    for one in shapes:
+        if id(one) not in found:
+            found[id(one)] = one.cluster(dimension)
+    cluster_k = [found[id(one)] for one in shapes]
+    first = cluster_k[0]
+    for cluster in cluster_k:
+        if cluster.position_bd.shape != first.position_bd.shape:
+            raise ValueError(
+                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after "
+                f"{len(first.radius_b)}"
+            )
+    return cluster_k
 
 
 class _Bonds:
     """The bonds of the clusters placed so far."""
 
-    def __init__(self, cluster: Cluster, factor_k: NDArray[np.float64], box: Box) -> None:
-        assert cluster.links is not None and cluster.shape_l is not None
-        self._pairs: list[list[int]] = cluster.links[~cluster.shape_l].tolist()
-        self._beads = len(cluster.radius_b)
-        longest = float(factor_k.max() * cluster.length_l[~cluster.shape_l].max(initial=0.0))
-        self._bonds = Bonds(box, max(1, len(factor_k) * len(self._pairs)), longest or 1.0)
+    def __init__(self, cluster_k: list[Cluster], factor_k: NDArray[np.float64], box: Box) -> None:
+        self._pairs_k = [_bond_pairs(cluster) for cluster in cluster_k]
+        self._beads = len(cluster_k[0].radius_b)
+        longest = max(
+            float(factor * one.length_l[~one.shape_l].max(initial=0.0))
+            for factor, one in zip(factor_k, cluster_k, strict=True)
+            if one.shape_l is not None
+        )
+        self._bonds = Bonds(box, max(1, sum(map(len, self._pairs_k))), longest or 1.0)
 
     def place(self, k: int, position_bd: NDArray[np.float64]) -> bool:
         """Place the bonds of cluster k, or none of them where one would cross another."""
         before, place = len(self._bonds), position_bd.tolist()
-        for i, j in self._pairs:
+        for i, j in self._pairs_k[k]:
             along = tuple(b - a for a, b in zip(place[i], place[j], strict=True))
             if not self._bonds.place(k * self._beads + i, k * self._beads + j, place[i], along):
                 self._bonds.take_back(before)
                 return False
         return True
+
+
+def _bond_pairs(cluster: Cluster) -> list[list[int]]:
+    assert cluster.links is not None and cluster.shape_l is not None
+    pairs: list[list[int]] = cluster.links[~cluster.shape_l].tolist()
+    return pairs
 
 
 def _rotation(dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -152,10 +184,14 @@ def _rotation(dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
     )
 
 
-def _links(cluster: Cluster, factor_k: NDArray[np.float64]) -> Links:
-    assert cluster.links is not None and cluster.shape_l is not None
-    count, beads = len(factor_k), len(cluster.radius_b)
-    pair = (cluster.links[None] + beads * np.arange(count)[:, None, None]).reshape(-1, 2)
-    image = np.zeros((len(pair), cluster.position_bd.shape[1]), dtype=np.int64)
-    length = np.outer(factor_k, cluster.length_l).ravel()
-    return Links(pair[:, 0], pair[:, 1], image, length, np.tile(cluster.shape_l, count))
+def _links(cluster_k: list[Cluster], factor_k: NDArray[np.float64]) -> Links:
+    beads, dimension = cluster_k[0].position_bd.shape
+    pairs, lengths, shapes = [], [], []
+    for k, (cluster, factor) in enumerate(zip(cluster_k, factor_k, strict=True)):
+        assert cluster.links is not None and cluster.shape_l is not None
+        pairs.append(cluster.links + beads * k)
+        lengths.append(factor * cluster.length_l)
+        shapes.append(cluster.shape_l)
+    pair = np.concatenate(pairs)
+    image = np.zeros((len(pair), dimension), dtype=np.int64)
+    return Links(pair[:, 0], pair[:, 1], image, np.concatenate(lengths), np.concatenate(shapes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -77,7 +77,8 @@ class Trimer:
         Length of the links from the middle bead to the others [length].
     angle
         Angle between them [rad], above 0 and below pi (three beads on a line are not held by links). At pi/3, an
-        equilateral triangle, all three links are bonds; else the third one holds the shape.
+        equilateral triangle, all three links are bonds; else the third one holds the shape. Two angles (low, high):
+        every cluster of a packing has one of its own, uniform between them.
     radii
         Radius of the beads, or one for each, the middle one second [length].
 
@@ -89,18 +90,29 @@ class Trimer:
     """
 
     length: float = 1.0
-    angle: float = math.pi / 3
+    angle: float | tuple[float, float] = math.pi / 3
     radii: Radii = 0.5
 
     def __post_init__(self) -> None:
         positive("length", self.length)
-        real("angle", self.angle, above=0.0, below=math.pi)
-        if abs(math.pi - self.angle) < 1e-6 or self.angle < 1e-6:
-            raise ValueError(f"angle must be at least 1e-6 away from 0 and pi, got {self.angle!r}")
+        if isinstance(self.angle, list | tuple):
+            if len(self.angle) != 2:
+                raise ValueError(f"angle must be one angle or two (low, high), got {len(self.angle)}")
+            object.__setattr__(self, "angle", (_bond_angle(self.angle[0]), _bond_angle(self.angle[1])))
+            if self.angle[0] >= self.angle[1]:
+                raise ValueError(f"angle must go from low to high, got {self.angle!r}")
+        else:
+            _bond_angle(self.angle)
         _radii(self.radii, 3)
+
+    def drawn(self, rng: np.random.Generator) -> Trimer:
+        """Return a trimer of one angle: itself, or with an angle drawn from its range."""
+        return replace(self, angle=float(rng.uniform(*self.angle))) if isinstance(self.angle, tuple) else self
 
     def cluster(self, dimension: int) -> Cluster:
         """Return the beads and links in two or three dimensions."""
+        if isinstance(self.angle, tuple):
+            raise ValueError(f"angle must be one angle for one cluster (see drawn), got {self.angle!r}")
         turn = [self.length * math.cos(self.angle), self.length * math.sin(self.angle)]
         place = _in_space([[self.length, 0.0], [0.0, 0.0], turn], _dimension(dimension))
         open_angle = abs(self.angle - math.pi / 3) > 1e-9
@@ -243,6 +255,13 @@ class LinearCluster:
         place = np.zeros((self.beads, _dimension(dimension)))
         place[:, 0] = self.length * np.arange(self.beads)
         return _joined(place, _radii(self.radii, self.beads), [(k, k + 1) for k in range(self.beads - 1)], False)
+
+
+def _bond_angle(angle: Any) -> float:
+    checked = real("angle", angle, above=0.0, below=math.pi)
+    if abs(math.pi - checked) < 1e-6 or checked < 1e-6:
+        raise ValueError(f"angle must be at least 1e-6 away from 0 and pi, got {angle!r}")
+    return checked
 
 
 def _switch(name: str, value: Any) -> None:

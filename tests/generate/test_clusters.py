@@ -213,3 +213,46 @@ def test_bonds_without_room_end_in_an_error_that_names_the_cluster():
         ValueError, match="^crossing must be 'allowed' where bonds find no room .* got no place for clus"
     ):
         pm.cluster_packing(60, pm.LinearCluster(20), dimension=2, packing_fraction=0.9, seed=1, tries=20)
+
+
+def test_a_range_of_angles_gives_every_trimer_its_own():
+    packing = packed(pm.Trimer(length=0.9, angle=(1.2, 2.6)), 3, count=40, sizes=pm.Bidisperse(ratio=1.4))
+    length = packing.links.length_l.reshape(40, 3)
+    bond = length[:, [0, 2]]
+    assert np.allclose(bond[:, 0], bond[:, 1], rtol=1e-14)
+    angle = 2.0 * np.arcsin(0.5 * length[:, 1] / bond[:, 0])
+    assert packing.links.shape_l.reshape(40, 3).tolist() == [[False, True, False]] * 40
+    assert len(np.unique(angle.round(12))) == 40
+    assert (angle > 1.2).all()
+    assert (angle < 2.6).all()
+    assert packing.link_error < 1e-14
+    assert rigid_clusters(packing).all()
+
+
+def test_angles_drawn_are_those_of_the_seed():
+    shape = pm.Trimer(angle=(1.2, 2.6))
+    assert packed(shape, 2, seed=4) == packed(shape, 2, seed=4)
+    assert packed(shape, 2, seed=4) != packed(shape, 2, seed=5)
+
+
+def test_bonds_of_trimers_with_angles_of_their_own_do_not_cross():
+    shape = pm.Trimer(angle=(1.1, 2.8))
+    packing = pm.cluster_packing(50, shape, dimension=2, packing_fraction=0.95, seed=2)
+    assert len(pm.crossing_links(packing)) == 0
+
+
+def test_a_range_of_angles_is_no_single_cluster():
+    with pytest.raises(ValueError, match=r"^angle must be one angle for one cluster .see drawn., got \(1.2, 2.6\)"):
+        pm.Trimer(angle=(1.2, 2.6)).cluster(2)
+
+
+def test_shapes_that_draw_clusters_of_different_size_are_refused():
+    class Fickle:
+        def cluster(self, dimension):
+            return pm.Dimer().cluster(dimension)
+
+        def drawn(self, rng):
+            return pm.LinearCluster(int(rng.integers(2, 5)))
+
+    with pytest.raises(ValueError, match="^shape must draw clusters of one number of beads, got"):
+        packed(Fickle(), 2, count=20)
