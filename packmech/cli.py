@@ -50,6 +50,9 @@ def parser() -> argparse.ArgumentParser:
     accuracy.add_argument("study", nargs="?", help="the study to run; all of them if not given")
     accuracy.add_argument("--out", type=Path, default=Path("accuracy"), help="folder to write to (default: accuracy)")
 
+    cement = _command(commands, "cement", "turn contacts into rigid links and follow the moduli; resumes what it finds")
+    _cement_options(cement)
+
     cases = _command(commands, "hard-cases", "measure every hard case against its bound; exit code 1 if one is outside")
     cases.add_argument("name", nargs="?", help="only cases whose name contains this")
     return root
@@ -89,6 +92,25 @@ def _outputs(command: argparse.ArgumentParser, *, record: str | None, out: bool,
         command.add_argument("--seed", type=int, help="another seed for the scene's random start")
 
 
+def _cement_options(command: argparse.ArgumentParser) -> None:
+    """Add the options of `packmech cement`."""
+    command.add_argument("--out", type=Path, default=Path("cementing"), help="folder to write to (default: cementing)")
+    command.add_argument(
+        "--particles", type=int, nargs="+", metavar="N", help="sizes of the packings (default: 64 128 256)"
+    )
+    command.add_argument("--packings", type=int, help="packings of each size (default: 10)")
+    command.add_argument("--orders", type=int, help="random orders of cementing of each packing (default: 20)")
+    command.add_argument(
+        "--full", action="store_true", help="the size of the source: N = 64 to 2048, 25 packings, 50 orders (days)"
+    )
+    command.add_argument("--seed", type=int, default=0, help="everything is drawn from it (default: 0)")
+    command.add_argument("--step", type=float, default=0.05, help="moduli are measured every so much n_l/N (0.05)")
+    command.add_argument(
+        "--freeze", default="angles", help='"angles" (default): bond angles; "clusters": whole clusters; "nothing"'
+    )
+    command.add_argument("--processes", type=int, default=1, help="how many share the work (default: 1)")
+
+
 def execute(given: argparse.Namespace) -> int:
     """Do what the command line says; return the exit code."""
     if given.command == "scenes":
@@ -99,6 +121,10 @@ def execute(given: argparse.Namespace) -> int:
         from packmech.cli_studies import run_studies
 
         return run_studies(given.study, given.out)
+    if given.command == "cement":
+        from packmech.cli_cement import run_cement
+
+        return run_cement(given)
     if given.command == "hard-cases":
         from packmech.cli_studies import run_hard_cases
 

@@ -18,10 +18,12 @@ NAN, INF = float("nan"), float("inf")
 
 # made by packmech for users to read, not by users
 RESULTS = {
-    "Answer", "Average", "ConstrainedForce", "ConstraintBasis", "Contacts", "Crossings", "FloppyModes",
-    "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome", "Rattling", "ReaffixedLinks",
+    "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
+    "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
+    "Rattling", "ReaffixedLinks",
     "Run",
-    "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WorkPrecision",
+    "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WeightedMean",
+    "WorkPrecision",
 }  # fmt: skip
 
 MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
@@ -112,6 +114,7 @@ BAD = {
     "shape": ["dimer", 3, None, pm.Dimer],
     "crossing": CHOICE,
     "tries": [*COUNT, None],
+    "largest_overlap": [-0.1, 1.0, np.nan, "deep"],
     "link_length": POSITIVE,
     "chain_packing.radii": [NAN, 0.0, -1.0, "r", (0.5,) * 20, (0.5, NAN), [[0.5]]],
     "angles": ["bent", None, NAN, 0.0, np.pi, -1.0, (1.0,) * 9, (1.0, NAN), (1.0, 4.0)],
@@ -234,6 +237,14 @@ BAD = {
     "mode_count": [-1, 2.5, "2", None],
     "parameters": TABLE,
     "results": TABLE,
+    # cementing
+    "order": [3, "all", [], [[0]], [0.5], [-1], [10**6], [0, 0], [NAN]],
+    "freeze": CHOICE,
+    "cementing_curve.particles": [64, "64", [], [0], [2.5], [16, 16], ["16"], None],
+    "packings": [*COUNT, None],
+    "orders": [*COUNT, None],
+    "processes": [*COUNT, None],
+    "folder": [3, 1.5],
 }  # fmt: skip
 
 
@@ -264,6 +275,13 @@ def good(name, folder):
         "quench": {"scene": scene(), "force_tolerance": 1e-6},
         "simulate": {"scene": scene(), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
+        "cementing_curve": {
+            "particles": [16],
+            "packings": 1,
+            "orders": 1,
+            "dimension": 2,
+            "sizes": pm.Bidisperse(ratio=1.4),
+        },
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
         "law": {"cls": type(pm.Harmonic())},
