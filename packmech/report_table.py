@@ -82,7 +82,8 @@ def _links(numbers: Mapping[str, Any]) -> Row:
     shapes = numbers["shape_links"]
     note = f"{numbers['links'] - shapes} bonds, {shapes} hold shapes; lengths kept to {numbers['link_error']:.0e}"
     if numbers.get("crossing_links"):
-        note += f"; {numbers['crossing_links']} pairs of bonds CROSS"
+        count = numbers["crossing_links"]
+        note += f"; {count} pair{'s' if count != 1 else ''} of bonds CROSS"
     return ("links", str(numbers["links"]), note)
 
 

@@ -22,6 +22,8 @@ MENU = 0.034
 
 def picture(recording: Path, target: Path, *, step: int | None, size: tuple[int, int], port: int = 9880) -> list[str]:
     """Save the picture; return what the views report: warnings and errors, none when all is well."""
+    if not recording.is_file():  # the viewer would show an empty window
+        raise FileNotFoundError(f"recording must name an existing file, got {str(recording)!r}")
     # the binary itself: `rerun` on the path is a wrapper that would leave the viewer running when closed
     viewer_path = Path(rerun_cli.__file__).parent / "rerun"
     viewer = ViewerClient.spawn(headless=True, port=port, executable_path=str(viewer_path), hide_welcome_screen=True)
