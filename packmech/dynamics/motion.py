@@ -16,7 +16,7 @@ from packmech.dynamics.program import Program
 from packmech.dynamics.rattle import ERROR, Rattle, make_rattle
 from packmech.dynamics.verlet import look, start_forces
 from packmech.effects import pair_first, pair_second
-from packmech.mechanics.link_system import move_links, project_links, reaffix_links, refill_links
+from packmech.mechanics.link_calls import move_links, project_links, reaffix_links, refill_links
 from packmech.scene import Scene
 
 # overlaps [1] at which the stiffness of a contact is looked up

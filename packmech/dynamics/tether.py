@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.dynamics.joints import NEWTON, TIGHT, workable_links
 from packmech.links import image_offsets
-from packmech.mechanics.link_system import make_link_system, project_links, reaffix_links, refill_links
+from packmech.mechanics.link_calls import project_links, reaffix_links, refill_links
+from packmech.mechanics.link_system import make_link_system
 from packmech.packing import Packing
 
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import integer, one_of, positive
+from packmech.check import integer, one_of, positive, real
 from packmech.generate.cluster import Cluster, RandomShape, Shape
 from packmech.generate.random import box_for, generator_of, shape_of
+from packmech.generate.room import Room
 from packmech.generate.segments import Bonds
 from packmech.generate.sizes import Sizes
 from packmech.links import Links
@@ -30,6 +31,7 @@ def cluster_packing(
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
     crossing: str = "avoided",
+    largest_overlap: float | None = None,
     tries: int = 1000,
 ) -> Packing:
     """Return clusters of one shape at independent uniform places and orientations, at the packing fraction asked for.
@@ -60,6 +62,10 @@ def cluster_packing(
         Square or cubic when nothing is said.
     crossing
         ``"avoided"`` or ``"allowed"``: whether bonds may cross in two dimensions.
+    largest_overlap
+        Largest overlap of beads of different clusters, relative to the sum of their radii [1]; any when nothing is
+        said. Where beads lie deep in each other a quench may push bonds through each other; at low packing fractions
+        a small number here keeps them apart for good.
     tries
         Number of places tried for a cluster before giving up.
 
@@ -86,6 +92,8 @@ def cluster_packing(
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
     one_of("crossing", crossing, CROSSING)
+    if largest_overlap is not None:
+        largest_overlap = real("largest_overlap", largest_overlap, at_least=0.0, below=1.0)
     tries = integer("tries", tries, at_least=1)
     avoid = dimension == 2 and crossing == "avoided"
     factor_k = np.ones(count) if sizes is None else 2.0 * sizes.radii(count, rng)
@@ -100,20 +108,23 @@ def cluster_packing(
     radius_n = np.concatenate([factor * one.radius_b for factor, one in zip(factor_k, cluster_k, strict=True)])
     scaled = box_for(radius_n, packing_fraction, shape_dd)
     bonds = _Bonds(cluster_k, factor_k, scaled) if avoid else None
+    room = None if largest_overlap is None else Room(scaled, radius_n, largest_overlap)
     position = np.empty((count, *cluster_k[0].position_bd.shape))
     for k in range(count):
         centered_bd = cluster_k[k].position_bd - cluster_k[k].position_bd.mean(axis=0)
-        for _ in range(tries if avoid else 1):
+        for _ in range(tries if avoid or room is not None else 1):
             center = np.einsum("de,e->d", scaled.lattice_dd, rng.random(dimension))
             turned = np.einsum("de,be->bd", _rotation(dimension, rng), factor_k[k] * centered_bd)
             position[k] = center + turned
-            if bonds is None or bonds.place(k, position[k]):
+            if (room is None or room.has(position[k])) and (bonds is None or bonds.place(k, position[k])):
                 break
         else:
             raise ValueError(
-                f"crossing must be 'allowed' where bonds find no room (or take a lower packing fraction, shorter links "
-                f"or more tries), got no place for cluster {k} in {tries} tries"
+                f"crossing must be 'allowed' where bonds find no room (or take a lower packing fraction, shorter "
+                f"links, a larger largest_overlap or more tries), got no place for cluster {k} in {tries} tries"
             )
+        if room is not None:
+            room.take(position[k])
     packing = Packing(position.reshape(-1, dimension), radius_n, scaled, _links(cluster_k, factor_k))
     return packing.wrapped()
 

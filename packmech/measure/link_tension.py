@@ -19,8 +19,9 @@ from packmech.scene import Scene
 
 # a link whose gradient lies, to this sine, in the span of others of its cluster depends on them
 DEPENDENT = 1e-8
-# pivots (squares of that sine) below this are looked at again without squaring
-_SMALL_PIVOT = 1e-9
+# pivots (squares of that sine) below this are looked at again without squaring: where the dependence is small on its
+# last link, that link's pivot keeps little of it
+_SMALL_PIVOT = 1e-5
 _NUDGE = 1e-14
 _REFINEMENTS = 3
 

@@ -16,18 +16,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.compiled import device, kernel
+from packmech.compiled import device
 from packmech.links import Links
 from packmech.mechanics.link_order import elimination_order
 
 # a link whose gradient lies, to this square of the sine, in the span of the links before it, takes no part in solves
 DEPENDENT = 1e-12
 # rates of links below this many units of rounding of the largest force are zero
-_AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
+AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
 # a pass gains the digits that rounding leaves in the factor of A: nearly all of them, but few for long stiff chains
+MOST_PASSES = 12
 # relative errors below this only fall, as long as rounding lets them
 _NEARLY = 1e-7
-_MOST_PASSES = 12
 
 
 class LinkSystem(NamedTuple):
@@ -109,7 +109,7 @@ def make_link_system(
     >>> chain = Links([0, 1], [1, 2], [[0, 0]] * 2, [1.0, 1.0])
     >>> system = make_link_system(chain, 3, 2)
     >>> position = np.array([[0.0, 0.0], [1.1, 0.0], [1.1, 1.0]])
-    >>> iterations, error, _ = reaffix_links(system, position, 9.0 * np.eye(2), 1e-14, 9)
+    >>> iterations, error, _ = reaffix(system, position, 9.0 * np.eye(2), 1e-14, 9)
     >>> bool(error < 1e-14), bool(np.allclose(np.linalg.norm(np.diff(position, axis=0), axis=1), 1.0))
     (True, True)
 
@@ -255,7 +255,7 @@ def refill(system, position, lattice):
 
 
 @device
-def _rates(system, vector_nd, of_force):
+def rates(system, vector_nd, of_force):
     """Set multiplier = Omega^T v, or Omega^T W F of a force; return the largest."""
     axes, normal, weight = system.axes, system.normal_rd, system.inverse_mass_n
     d = len(axes)
@@ -274,7 +274,7 @@ def _rates(system, vector_nd, of_force):
 
 
 @device
-def _push(system, value_r, vector_nd, of_force):
+def push(system, value_r, vector_nd, of_force):
     """Take Omega value from a force, or W Omega value from a velocity or from positions."""
     axes, normal, weight = system.axes, system.normal_rd, system.inverse_mass_n
     d = len(axes)
@@ -288,7 +288,8 @@ def _push(system, value_r, vector_nd, of_force):
 
 
 @device
-def _project(system, vector_nd, out_nd, multiplier_l, of_force):
+def project_vector(system, vector_nd, out_nd, multiplier_l, of_force):
+    """Take out what the links bear of a force, or what would stretch them of a velocity; see the two below."""
     d = len(system.axes)
     largest = 0.0
     for i in range(vector_nd.shape[0]):
@@ -301,16 +302,16 @@ def _project(system, vector_nd, out_nd, multiplier_l, of_force):
     order = system.order_r
     for r in range(order.shape[0]):
         multiplier_l[order[r]] = 0.0
-    rate = _rates(system, out_nd, of_force)
+    rate = rates(system, out_nd, of_force)
     # each further pass takes the rounding of the one before out; where A is well conditioned one is enough
-    for _ in range(_MOST_PASSES):
-        if not rate > _AT_ROUNDING * largest:
+    for _ in range(MOST_PASSES):
+        if not rate > AT_ROUNDING * largest:
             break
         solve_links(system, system.multiplier_r)
         for r in range(order.shape[0]):
             multiplier_l[order[r]] += system.multiplier_r[r]
-        _push(system, system.multiplier_r, out_nd, of_force)
-        rate = _rates(system, out_nd, of_force)
+        push(system, system.multiplier_r, out_nd, of_force)
+        rate = rates(system, out_nd, of_force)
     return rate
 
 
@@ -322,13 +323,20 @@ def project_force(system, force_nd, out_nd, multiplier_l):
     lambda n on i, so that lambda > 0 is tension. Needs `refill` at this configuration; out may be the force itself. No
     link should depend on others: what is left of the largest rate tells when rounding won.
     """
-    return _project(system, force_nd, out_nd, multiplier_l, True)
+    return project_vector(system, force_nd, out_nd, multiplier_l, True)
 
 
 @device
 def project_velocity(system, velocity_nd, out_nd, multiplier_l):
     """Set out = v - W Omega lambda, which changes no link's length; return its largest rate of a link."""
-    return _project(system, velocity_nd, out_nd, multiplier_l, False)
+    return project_vector(system, velocity_nd, out_nd, multiplier_l, False)
+
+
+@device
+def _copy(d, source, target):
+    for i in range(source.shape[0]):
+        for a in range(d):
+            target[i, a] = source[i, a]
 
 
 @device
@@ -345,62 +353,18 @@ def reaffix(system, position, lattice, tolerance, most_iterations):
     iterations = 0
     while not worst <= tolerance and iterations < most_iterations:
         pivot, _ = factorize_links(system)
-        for i in range(spare.shape[0]):
-            for a in range(d):
-                spare[i, a] = position[i, a]
+        _copy(d, position, spare)
         smallest = min(smallest, pivot)
         for r in range(system.error_r.shape[0]):
             system.multiplier_r[r] = system.error_r[r]
         solve_links(system, system.multiplier_r)
-        _push(system, system.multiplier_r, position, False)
+        push(system, system.multiplier_r, position, False)
         before = worst
         worst = measure(system, position, lattice)
         iterations += 1
         if before < _NEARLY and not worst < before:
             # no digits are left: where A is ill-conditioned another step would lose those that there are
-            for i in range(spare.shape[0]):
-                for a in range(d):
-                    position[i, a] = spare[i, a]
+            _copy(d, spare, position)
             worst = measure(system, position, lattice)
             break
     return iterations, worst, smallest
-
-
-@kernel
-def refill_links(system, position, lattice):
-    """Call `refill` from Python."""
-    return refill(system, position, lattice)
-
-
-@kernel
-def project_links(system, vector_nd, out_nd, multiplier_l, of_force):
-    """Call `project_force` (or `project_velocity`) from Python."""
-    return _project(system, vector_nd, out_nd, multiplier_l, of_force)
-
-
-@kernel
-def reaffix_links(system, position, lattice, tolerance, most_iterations):
-    """Call `reaffix` from Python."""
-    return reaffix(system, position, lattice, tolerance, most_iterations)
-
-
-@kernel
-def move_links(system, rate_l, motion_nd, multiplier_l):
-    """Set motion = Omega multiplier, multiplier = A^-1 rate: for equal masses the shortest motion with these rates."""
-    order, value = system.order_r, system.multiplier_r
-    motion_nd[:] = 0.0
-    multiplier_l[:] = 0.0
-    # each further pass takes the rounding of the one before out
-    for _ in range(_MOST_PASSES):
-        _rates(system, motion_nd, True)
-        rest, largest = 0.0, 0.0
-        for r in range(order.shape[0]):
-            value[r] -= rate_l[order[r]]
-            rest = max(rest, abs(value[r]))
-            largest = max(largest, abs(rate_l[order[r]]))
-        if not rest > _AT_ROUNDING * largest:
-            break
-        solve_links(system, value)
-        for r in range(order.shape[0]):
-            multiplier_l[order[r]] -= value[r]
-        _push(system, value, motion_nd, True)

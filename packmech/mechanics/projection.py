@@ -22,7 +22,8 @@ from packmech.compiled import single_thread
 from packmech.mechanics.constraint_basis import METHODS as BASES
 from packmech.mechanics.constraint_basis import Block, ConstraintBasis, constraint_basis
 from packmech.mechanics.constraints import link_vectors, scale_of_strain, strain_rows
-from packmech.mechanics.link_system import make_link_system, move_links, project_links, refill_links
+from packmech.mechanics.link_calls import move_links, project_links, refill_links
+from packmech.mechanics.link_system import make_link_system
 from packmech.mechanics.strain import isochoric_basis, strain_components, trace_vector
 from packmech.packing import Packing
 

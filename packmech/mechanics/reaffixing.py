@@ -15,8 +15,9 @@ from packmech.links import Links
 from packmech.mechanics.constraint_basis import RANK, cluster_blocks
 from packmech.mechanics.constraints import link_vectors, position_rows
 from packmech.mechanics.counting import BASIS_LIMIT
-from packmech.mechanics.link_system import make_link_system, refill_links
-from packmech.mechanics.link_system import reaffix_links as newton_links
+from packmech.mechanics.link_calls import reaffix_links as newton_links
+from packmech.mechanics.link_calls import refill_links
+from packmech.mechanics.link_system import make_link_system
 from packmech.mechanics.redundant_links import SINE, DegenerateLink, check_consistent, dependence
 from packmech.outcome import NotConverged, Outcome, Run
 from packmech.packing import Packing
@@ -148,9 +149,10 @@ def reaffix_links(
     outcome = Outcome.CONVERGED if residual[-1] <= tolerance else Outcome.STALLED
     degenerate: tuple[DegenerateLink, ...] = ()
     rank = len(system.order_r)
+    if residual[-1] <= max(_CLOSE, tolerance):
+        packing = packing.replace(position_nd=place)
     # from farther off than that, where the steps went tells nothing about the links
     if residual[-1] < _CLOSE:
-        packing = packing.replace(position_nd=place)
         # near a degenerate shape the error falls by a constant factor, and the shape is met to its square root only
         slow = len(residual) > _QUADRATIC and residual[-1] > 0.05 * residual[-2]
         if slow or refill_links(system, place, lattice)[0] < _SUSPECT:

@@ -22,7 +22,8 @@ from packmech.compiled import single_thread
 from packmech.links import Links, image_offsets
 from packmech.mechanics.constraints import link_vectors, position_rows, strain_rows
 from packmech.mechanics.counting import BASIS_LIMIT
-from packmech.mechanics.link_system import make_link_system, reaffix_links
+from packmech.mechanics.link_calls import reaffix_links
+from packmech.mechanics.link_system import make_link_system
 from packmech.packing import Packing
 
 # sine between a link and the span of others below which it depends on them: a collinear trimer within rounding of its

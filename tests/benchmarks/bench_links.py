@@ -15,7 +15,8 @@ import numpy as np
 from calibration import calibrate, cpu_seconds
 
 import packmech as pm
-from packmech.mechanics.link_system import make_link_system, project_links, reaffix_links, refill_links
+from packmech.mechanics.link_calls import project_links, reaffix_links, refill_links
+from packmech.mechanics.link_system import make_link_system
 
 GOAL = {"basis": 0.6, "projection": 1e-3, "re-affixing": 50e-3, "largest array": 200e6, "dense ratio": 300.0}
 

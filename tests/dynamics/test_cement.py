@@ -258,3 +258,13 @@ def test_the_command_writes_curve_thresholds_words_and_figure_and_resumes(tmp_pa
     assert execute(parser().parse_args(words)) == 0
     assert (tmp_path / "curve.csv").read_text() == first
     assert len((tmp_path / "thresholds.csv").read_text().splitlines()) == 3
+
+
+def test_a_link_that_hangs_on_others_by_a_hair_is_found_as_dependent():
+    # the dependence is small on the last link of its cluster: one squared pivot alone does not show it
+    packing = pm.random_packing(24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.6, seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-7).packing)
+    curve = pm.cement(scene, seed=2, freeze="clusters")
+    moduli = pm.elastic_moduli(scene.replace(packing=curve.packing_at(20)))
+    assert len(moduli.stiff_directions) == curve.stiff_k[20] == 1

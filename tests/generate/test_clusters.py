@@ -256,3 +256,25 @@ def test_shapes_that_draw_clusters_of_different_size_are_refused():
 
     with pytest.raises(ValueError, match="^shape must draw clusters of one number of beads, got"):
         packed(Fickle(), 2, count=20)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_beads_of_different_clusters_overlap_no_more_than_they_may(dimension):
+    box = pm.Box(np.eye(dimension) + 0.4 * np.eye(dimension, k=1))
+    packing = pm.cluster_packing(
+        40, pm.Trimer(), dimension=dimension, packing_fraction=0.25, largest_overlap=0.05, seed=3, box=box
+    )
+    overlap = pm.find_contacts(packing).overlap_c
+    assert 0.0 < overlap.max() <= 0.05
+    free = pm.cluster_packing(40, pm.Trimer(), dimension=dimension, packing_fraction=0.25, seed=3, box=box)
+    assert pm.find_contacts(free).overlap_c.max() > 0.05
+
+
+def test_a_cluster_in_a_box_smaller_than_itself_meets_its_own_images_only():
+    # images of one cluster are not different clusters: nothing to refuse
+    packing = pm.cluster_packing(
+        1, pm.Dimer(), dimension=2, packing_fraction=1.2, largest_overlap=0.0, crossing="allowed", seed=1
+    )
+    assert packing.particles == 2
+    with pytest.raises(ValueError, match="got no place for cluster 1 in 50 tries"):
+        pm.cluster_packing(2, pm.Dimer(), dimension=2, packing_fraction=1.2, largest_overlap=0.0, tries=50, seed=1)

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.mechanics.link_system import make_link_system, project_links, reaffix_links, refill_links
+from packmech.mechanics.link_calls import project_links, reaffix_links, refill_links
+from packmech.mechanics.link_system import make_link_system
 
 GOLDEN = pathlib.Path(__file__).parents[1] / "golden"
 
