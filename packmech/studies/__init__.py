@@ -18,10 +18,17 @@ def studies() -> dict[str, Study]:
     Examples
     --------
     >>> list(studies())
-    ['minimizers', 'constraint_bases']
+    ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing']
 
     """
     from packmech.studies.constraint_bases import constraint_bases
+    from packmech.studies.exact_hessian import exact_hessian
     from packmech.studies.minimizers import minimizers
+    from packmech.studies.reaffixing import reaffixing
 
-    return {"minimizers": minimizers, "constraint_bases": constraint_bases}
+    return {
+        "minimizers": minimizers,
+        "constraint_bases": constraint_bases,
+        "exact_hessian": exact_hessian,
+        "reaffixing": reaffixing,
+    }
