@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from packmech.check import finite_array, positive_array
+from packmech.compiled import kernel
 
 
 def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
@@ -160,30 +161,48 @@ def number_by_first(label_n: NDArray[Any]) -> NDArray[np.int64]:
     return rank[inverse.reshape(-1)]
 
 
+@kernel
+def _walk(start, entry, i_l, j_l, image_ld):  # type: ignore[no-untyped-def]
+    """Return the offsets along a spanning tree of each cluster; entry e < L is link e at its first end."""
+    particles, count = start.shape[0] - 1, i_l.shape[0]
+    offset = np.zeros((particles, image_ld.shape[1]), dtype=np.int64)
+    seen = np.zeros(particles, dtype=np.bool_)
+    stack = np.empty(particles, dtype=np.int64)
+    for first in range(particles):
+        if seen[first]:
+            continue
+        seen[first] = True
+        stack[0] = first
+        height = 1
+        while height:
+            height -= 1
+            here = stack[height]
+            for k in range(start[here], start[here + 1]):
+                e = entry[k]
+                link = e if e < count else e - count
+                there = j_l[link] if e < count else i_l[link]
+                if not seen[there]:
+                    seen[there] = True
+                    for a in range(offset.shape[1]):
+                        shift = image_ld[link, a]
+                        offset[there, a] = offset[here, a] + (shift if e < count else -shift)
+                    stack[height] = there
+                    height += 1
+    return offset
+
+
 def image_offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return (N, d) integer vectors that unwrap every cluster, and (N,) whether its cluster winds around the box.
 
     x + lattice @ offset has each cluster in one piece along a spanning tree of its links. A cluster winds where the
     links' images do not close around some ring.
     """
-    offset = np.zeros((particles, links.dimension), dtype=np.int64)
-    graph: list[list[tuple[int, int, int]]] = [[] for _ in range(particles)]
-    for k, (i, j) in enumerate(zip(links.i_l.tolist(), links.j_l.tolist(), strict=True)):
-        graph[i].append((j, k, 1))
-        graph[j].append((i, k, -1))
-    seen = np.zeros(particles, dtype=bool)
-    for start in range(particles):
-        if seen[start] or not graph[start]:
-            continue
-        seen[start] = True
-        stack = [start]
-        while stack:
-            here = stack.pop()
-            for there, k, sign in graph[here]:
-                if not seen[there]:
-                    seen[there] = True
-                    offset[there] = offset[here] + sign * links.image_ld[k]
-                    stack.append(there)
+    count = len(links)
+    end = np.concatenate([links.i_l, links.j_l])
+    # entries of a particle in the order of the links, so that the tree is the same as one walked link by link
+    entry = np.lexsort((np.tile(np.arange(count), 2), end))
+    start = np.concatenate([[0], np.cumsum(np.bincount(end, minlength=particles))])
+    offset = _walk(start, entry, links.i_l, links.j_l, links.image_ld)
     ring = (links.image_ld + offset[links.i_l] - offset[links.j_l]).any(axis=1)
     cluster = links.clusters(particles)
     winding = np.zeros(particles, dtype=bool)
