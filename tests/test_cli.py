@@ -236,7 +236,10 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("analyze", "nan.txt"), "position_nd must be finite"),
         (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
         (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
-        (("accuracy", "guess"), "packmech: study must be one of 'minimizers', 'constraint_bases', got 'guess'"),
+        (
+            ("accuracy", "guess"),
+            "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', got 'guess'",
+        ),
         (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
     ],
 )
