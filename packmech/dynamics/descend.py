@@ -22,9 +22,13 @@ from packmech.packing import Packing
 _PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 _WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 _ARMIJO = 1e-4
-_HALVINGS = 12
+_HALVINGS = 3
 # ties on every coordinate, in units of the mean stiffness of a contact: a trace always, more where it is unstable
-_TRACE, _FIRST, _MOST = 1e-10, 1e-7, 1e3
+_TRACE, _FIRST, _MOST = 1e-10, 1e-9, 1e3
+# after a good step the tie is loosened, after a bad one tightened
+_LOOSER, _TIGHTER = 0.3, 10.0
+# falling back onto the floor of a valley: tie on what is soft, and how often
+_STIFF, _CORRECTIONS = 1e-2, 3
 # Newton's method without safeguards goes on from here
 _NEAR = 1e-7
 
@@ -100,19 +104,29 @@ def descend(
         volume = start.box.volume
         for halving in range(_HALVINGS):
             network.packing = start
-            trial = network.moved(size * step.u_nd, size * step.strain_k)
+            network.measure(network.moved(size * step.u_nd, size * step.strain_k))
             looks += 1
-            if enthalpy_change(network, near, trial, volume) <= _ARMIJO * size * step.slope:
-                network.measure(trial)
-                tie = tie if halving else max(0.1 * tie, _TRACE)
+            fall = _ARMIJO * size * step.slope
+            lower = enthalpy_change(network, near, network.packing, volume) <= fall
+            for _ in range(0 if lower else _CORRECTIONS):
+                # a long way along a soft valley leaves its floor by the square of the way: let what is stiff fall back
+                back = _downhill(network, _STIFF)
+                if back is None:
+                    break
+                network.measure(network.moved(back[0].u_nd, back[0].strain_k))
+                looks += 1
+                lower = enthalpy_change(network, near, network.packing, volume) <= fall
+                if lower:
+                    break
+            if lower:
+                tie = tie if halving else max(_LOOSER * tie, _TRACE)
                 break
-            network.measure(trial)
             if network.merit < 0.3 * merit and merit < 1e-3:
                 break
             size *= 0.5
         else:
             network.measure(start)
-            tie = max(100.0 * tie, _FIRST)
+            tie = max(_TIGHTER * tie, _FIRST)
             if tie > _MOST:
                 break
     end = newton(network.packing, units, basis_kdd, pressure)

@@ -25,6 +25,8 @@ _TOUCHING = 1e-6
 _FIRST, _BOLDEST, _TIMID = 0.3, 0.03, 0.97
 _FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
 _FIRE_STEPS = 20_000
+# crystals of molecules may lie in valleys that nothing here follows to the end: give up after so many searches
+_SEARCHES = 6
 
 
 def decompress_linked(
@@ -139,7 +141,7 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
                 searched += 1
                 if found is None:
                     factor = float(np.sqrt(factor))
-                    if factor > _TIMID:
+                    if factor > _TIMID or searched >= _SEARCHES:
                         break
                     continue
                 trial = found

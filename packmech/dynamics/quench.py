@@ -87,8 +87,9 @@ def quench(
         Outcome.ROUNDING_FLOOR, a success, where the tolerance lies below what the coordinates' rounding allows;
         Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
-        "crossed_links": they are locked, and may bear forces at any density. Starts without deep overlaps, or a method
-        with a small `largest_step`, keep links apart.
+        "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
+        the box that nobody can tell). Starts without deep overlaps, or a method with a small `largest_step`, keep
+        links apart.
 
     Raises
     ------
@@ -316,10 +317,15 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
     """Return which links cross at the end, and which of them did not at the start; nothing but in two dimensions."""
     if end.links is None or end.dimension != 2:
         return {}
+    try:
+        found = [crossing_links(one) for one in (start, end)]
+    except ValueError:
+        # links much longer than the box pass over more images than can be listed
+        return {"crossing_links": None, "crossed_links": None}
     # the lists stand in one order, and images are those of the positions as they are in both
     before, after = (
-        {(a, b, *z) for a, b, z in zip(*(part.tolist() for part in found), strict=True)}
-        for found in ((one.first_c, one.second_c, one.image_cd) for one in map(crossing_links, (start, end)))
+        {(a, b, *z) for a, b, z in zip(one.first_c.tolist(), one.second_c.tolist(), one.image_cd.tolist(), strict=True)}
+        for one in found
     )
     return {
         "crossing_links": tuple(sorted({key[:2] for key in after})),

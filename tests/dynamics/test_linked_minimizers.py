@@ -176,3 +176,12 @@ def test_scaling_the_box_keeps_the_shape_of_clusters(seed, factor):
 def test_one_seed_gives_the_same_bits_twice_with_links():
     one, two = (pm.quench(trimers(seed=3), force_tolerance=1e-10).packing for _ in range(2))
     assert one == two
+
+
+def test_a_link_far_longer_than_the_box_is_quenched_all_the_same():
+    packing = pm.random_packing(24, dimension=2, packing_fraction=1.0, seed=8)
+    image = np.array([[100_000, 3]])
+    vector = packing.position_nd[1] - packing.position_nd[0] + packing.box.lattice_dd @ image[0]
+    linked = packing.replace(links=pm.Links([0], [1], image, [float(np.hypot(*vector))]))
+    run = pm.quench(pm.Scene(linked, (pm.Repulsion(),)), force_tolerance=1e-6)
+    assert run.report["crossing_links"] is None and np.abs(run.packing.link_error).max() < 1e-9
