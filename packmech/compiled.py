@@ -14,6 +14,7 @@ import hashlib
 import inspect
 import itertools
 import pathlib
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any, TypeVar
@@ -303,6 +304,12 @@ def single_thread() -> AbstractContextManager[Any]:
     4.0
 
     """
-    from threadpoolctl import threadpool_limits
+    # finding the libraries takes a millisecond; only an import can add one
+    return _libraries(len(sys.modules)).limit(limits=1)  # type: ignore[no-any-return]
 
-    return threadpool_limits(limits=1)  # type: ignore[no-any-return]
+
+@functools.lru_cache(maxsize=1)
+def _libraries(modules: int) -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

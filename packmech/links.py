@@ -13,6 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from packmech.check import finite_array, positive_array
 from packmech.compiled import kernel
 
+# images beyond this leave no digits of a position
+_FARTHEST = 2**31
+
 
 def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
     array = finite_array(name, value, shape=shape, what="link")
@@ -68,6 +71,9 @@ class Links:
         if len(j) != len(i):
             raise ValueError(f"j_l must have as many entries as i_l ({len(i)}), got {len(j)}")
         image = _whole_numbers("image_ld", self.image_ld, (len(i), None))
+        if np.abs(image).max(initial=0) > _FARTHEST:
+            k = int(np.abs(image).max(axis=1).argmax())
+            raise ValueError(f"image_ld must stay within {_FARTHEST}, got {image[k].tolist()} for link {k}")
         length = positive_array("length_l", self.length_l, shape=(None,), what="link")
         given = np.zeros(len(i), dtype=bool) if self.shape_l is None else np.array(self.shape_l)
         if given.dtype != bool or given.ndim != 1:
@@ -146,11 +152,24 @@ class Links:
 
     def clusters(self, particles: int) -> NDArray[np.int64]:
         """Return the (N,) number of the cluster of each particle; clusters count up by their smallest particle."""
+        kept: dict[int, NDArray[np.int64]] = self._kept("clusters")
+        if particles not in kept:
+            kept[particles] = number_by_first(self._components(particles))
+            kept[particles].setflags(write=False)
+        return kept[particles]
+
+    def _kept(self, what: str) -> dict[int, Any]:
+        """Return what was found about these links before, by number of particles: links never change."""
+        found: dict[int, Any] = self.__dict__.setdefault(f"_{what}", {})
+        return found
+
+    def _components(self, particles: int) -> NDArray[Any]:
         ones = np.ones(len(self.i_l))
         _, label = connected_components(
             sp.coo_array((ones, (self.i_l, self.j_l)), shape=(particles, particles)), directed=False
         )
-        return number_by_first(label)
+        components: NDArray[Any] = label
+        return components
 
 
 def number_by_first(label_n: NDArray[Any]) -> NDArray[np.int64]:
@@ -197,6 +216,16 @@ def image_offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDAr
     x + lattice @ offset has each cluster in one piece along a spanning tree of its links. A cluster winds where the
     links' images do not close around some ring.
     """
+    kept = links._kept("image_offsets")
+    if particles not in kept:
+        kept[particles] = _offsets(links, particles)
+        for array in kept[particles]:
+            array.setflags(write=False)
+    found: tuple[NDArray[np.int64], NDArray[np.bool_]] = kept[particles]
+    return found
+
+
+def _offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     count = len(links)
     end = np.concatenate([links.i_l, links.j_l])
     # entries of a particle in the order of the links, so that the tree is the same as one walked link by link

@@ -138,3 +138,22 @@ def without_links(name: str, packing: Packing) -> None:
     """
     if packing.links is not None:
         raise ValueError(f"{name} must have no links for this call, got {len(packing.links)}")
+
+
+def no_own_images(name: str, packing: Packing) -> None:
+    """Check that no link joins a particle to an image of itself, for calls that move particles or strain the box.
+
+    Such a link holds a strain and no particle: in a box that keeps its shape it is kept or broken, whatever moves.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and the particle.
+
+    """
+    links = packing.links
+    if links is not None and (links.i_l == links.j_l).any():
+        particle = int(links.i_l[links.i_l == links.j_l][0])
+        raise ValueError(
+            f"{name} must have no link of a particle to its own image for this call, got particle {particle}"
+        )

@@ -109,6 +109,7 @@ def test_a_cluster_is_rigid_if_its_links_leave_translations_and_rotations_only(p
     ("arguments", "message"),
     [
         (([0], [1], [[0, 0]], [-1.0]), "length_l must .*positive.* link 0"),
+        (([0], [1], [[0, 2**62]], [1.0]), "image_ld must stay within 2147483648, got .* for link 0"),
         (([0], [1], [[0, 0.5]], [1.0]), "image_ld must hold whole numbers, got 0.5 for link 0"),
         (([0], [0], [[0, 0]], [1.0]), "image_ld must not be zero for a link of a particle with itself, got link 0"),
         (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.contacts.rattlers import loose_particles
 from packmech.dynamics.tether import Tether
 from packmech.effects import contact_terms
@@ -100,6 +100,18 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
     }
 
 
+def locked_links(packing: Packing) -> dict[str, Any]:
+    """Return the pairs of links that cross, in two dimensions: they are locked, and press whatever the pressure is."""
+    if packing.links is None or packing.dimension != 2:
+        return {}
+    try:
+        found = crossing_links(packing)
+    except ValueError:
+        # links much longer than the box pass over more images than can be listed
+        return {"crossing_links": None}
+    return {"crossing_links": tuple(sorted(set(zip(found.first_c.tolist(), found.second_c.tolist(), strict=True))))}
+
+
 def finish(
     protocol: Protocol, packing: Packing, outcome: Outcome, asked: float | None, method: str, began: float
 ) -> Run:
@@ -126,7 +138,8 @@ def finish(
     d = packing.dimension
     pressure = (0.0 - float(np.trace(stress))) / d
     residual = 0.0
-    if first_c.any():
+    # forces that are no more than rounding have no balance
+    if first_c.any() and outcome is not Outcome.UNJAMMED:
         net = sum_forces(contacts, -first_c)
         if packing.links is not None:
             net, _ = Tether(packing).project(packing.position_nd, packing.box, net)
@@ -144,6 +157,7 @@ def finish(
         ),
         "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
         "patches": (),
+        **locked_links(packing),
         **protocol.report,
     }
     if packing.links is None:

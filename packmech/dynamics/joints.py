@@ -27,7 +27,7 @@ from packmech.mechanics.link_system import (
     refill,
 )
 from packmech.mechanics.redundant_links import independent_links
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 
 # links hold to this part of the larger of their length and the mean diameter, or to rounding of the coordinates
 TIGHT = 4e-15
@@ -69,6 +69,7 @@ def workable_links(packing: Packing) -> Links:
     """
     links = packing.links
     assert links is not None
+    no_own_images("packing", packing)
     beads = np.bincount(links.clusters(packing.particles))
     if len(links) == int((beads - 1).sum()) and (links.i_l != links.j_l).all():
         return links  # without rings every link is independent

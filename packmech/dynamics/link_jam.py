@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 # each step of compression multiplies the packing fraction, until the pressure is this high [energy_scale / diameter^d]
 _DENSER, _DENSEST, _PRESSED = 1.03, 8.0, 1e-3
+# rounding of positions may make up this part of the contact forces before they count as none [1]
+_ROUNDING = 0.1
 # mean contact force that counts as none [energy_scale / diameter]
 _TOUCHING = 1e-6
 # ratio of successive pressures: at first, the boldest, and the one at which following is given up
@@ -48,10 +50,19 @@ def decompress_linked(
         Where FIRE stops in each box.
 
     """
-    unit = protocol.scene.pressure_unit
     packing = protocol.scene.packing
     if start is not None:
         packing = protocol.at_fraction(packing, start)
+    packing, now = _compressed(protocol, packing, max(_PRESSED, pressure), tolerance, steps)
+    if now < pressure:
+        return packing, Outcome.NOT_JAMMED
+    return follow_pressure(protocol, packing, now, pressure)
+
+
+def _compressed(
+    protocol: Protocol, packing: Packing, until: float, tolerance: float, steps: int
+) -> tuple[Packing, float]:
+    """Return the packing relaxed and compressed in turn until it presses as hard as asked for, and the pressure."""
     with protocol.stage("compression") as figures:
         taken = 0
         while True:
@@ -59,17 +70,15 @@ def decompress_linked(
             figures.residual = done.residual
             figures.steps += done.steps
             figures.force_evaluations += done.force_evaluations
-            now = done.pressure / unit if done.outcome is not Outcome.UNJAMMED else 0.0
+            now = done.pressure / protocol.scene.pressure_unit if done.outcome is not Outcome.UNJAMMED else 0.0
             fraction = packing_fraction(packing)
-            if now >= max(_PRESSED, pressure) or fraction > _DENSEST:
+            if now >= until or fraction > _DENSEST:
                 break
             taken += 1
             protocol.tell("compression", packing_fraction=fraction, packing=packing)
             packing = protocol.at_fraction(packing, fraction * _DENSER)
         figures.note = f"FIRE after each of {taken} steps to packing fraction {fraction:.6f}, pressure {now:.2e}"
-    if now < pressure:
-        return packing, Outcome.NOT_JAMMED
-    return follow_pressure(protocol, packing, now, pressure)
+    return packing, now
 
 
 def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int) -> tuple[Packing, Outcome]:
@@ -80,29 +89,37 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
     protocol
         The protocol; stages are added to it.
     pressure
-        Pressure to reach [energy_scale / diameter^d]; None holds the volume.
+        Pressure to reach [energy_scale / diameter^d], from below or above; None holds the volume.
     step_limit
-        Most FIRE steps.
+        Most FIRE steps in one box.
 
     """
+    if pressure is not None:
+        packing, now = _compressed(protocol, protocol.scene.packing, pressure, _FIRE_TOLERANCES[0], step_limit)
+        if now < pressure:
+            return packing, Outcome.NOT_JAMMED
+        return follow_pressure(protocol, packing, now, pressure)
     with protocol.stage("quench") as figures:
         packing, done = protocol.relax(protocol.scene.packing, _FIRE_TOLERANCES[0], step_limit)
         figures.take(done)
         figures.note = "FIRE in the box as it is"
-    now = done.pressure / protocol.scene.pressure_unit
-    if now <= 0.0 or not done.contacts:
+    if done.outcome is Outcome.UNJAMMED or not done.contacts:
         return packing, Outcome.UNJAMMED
-    if pressure is not None and now > pressure:
-        return follow_pressure(protocol, packing, now, pressure)
-    goal = None if pressure is None else protocol.reduced_pressure(pressure)
     with protocol.stage("shear stabilization") as figures:
-        state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
-        if not state.sound(protocol.force_tolerance):
-            state = _searched(protocol, packing, pressure) or state
+        state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, None)
+        if not (_is_unjammed(state) or state.sound(protocol.force_tolerance)):
+            state = _searched(protocol, packing, None) or state
         protocol.last = protocol.restored(state.packing)
         figures.steps, figures.force_evaluations = state.iterations, state.evaluations
         figures.residual, figures.note = state.residual, "Newton's method, going down"
+    if _is_unjammed(state):
+        return protocol.last, Outcome.UNJAMMED
     return protocol.last, judge(state, protocol.force_tolerance)
+
+
+def _is_unjammed(state: SoftState) -> bool:
+    """Return whether the contact forces are no more than rounding."""
+    return not state.mean_force > 0.0 or state.floor > _ROUNDING
 
 
 def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: float) -> tuple[Packing, Outcome]:

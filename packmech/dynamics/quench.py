@@ -71,7 +71,8 @@ def quench(
     step_limit
         Largest number of steps; on the default route those of Newton's method, at most 60 a time, are not counted.
     trace_every
-        Keep energy, pressure, contacts and largest force every so many steps, in `Run.trace`.
+        Keep energy, pressure, contacts and largest force every so many steps, in `Run.trace`; Newton's steps are not
+        among them.
     trace_positions
         Keep the positions with them.
     time_limit
@@ -88,8 +89,9 @@ def quench(
         Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
-        the box that nobody can tell). Starts without deep overlaps, or a method with a small `largest_step`, keep
-        links apart.
+        the box that nobody can tell). A small
+        `largest_step` bounds early displacements, but deep overlaps push links through each other all the same:
+        only starts without them (pm.cluster_packing(..., largest_overlap=0.1)) keep links apart.
 
     Raises
     ------

@@ -120,8 +120,9 @@ def cluster_packing(
                 break
         else:
             raise ValueError(
-                f"crossing must be 'allowed' where bonds find no room (or take a lower packing fraction, shorter "
-                f"links, a larger largest_overlap or more tries), got no place for cluster {k} in {tries} tries"
+                f"{'crossing' if room is None else 'largest_overlap'} must leave room for all clusters (allow more, or "
+                "take a lower packing fraction, shorter links or more tries), "
+                f"got no place for cluster {k} in {tries} tries"
             )
         if room is not None:
             room.take(position[k])

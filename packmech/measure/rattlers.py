@@ -13,7 +13,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.excluded import rigid_clusters
 from packmech.contacts.rattlers import check_contacts, loose_particles
 from packmech.links import Links, image_offsets
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 
 
 def loose_in(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
@@ -62,6 +62,7 @@ def find_rattlers(
 
     """
     instance("packing", packing, Packing)
+    no_own_images("packing", packing)
     if contacts is None:
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     check_contacts(packing, contacts)

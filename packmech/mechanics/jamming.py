@@ -22,7 +22,7 @@ from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_firm, is_stable
 from packmech.mechanics.touching import LEAST_GAP, Touching, backbone_of, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene
 
 METHODS = ("certificate", "loads")
@@ -107,6 +107,7 @@ def classify_jamming(
     if isinstance(packing, Scene):
         packing = packing.packing
     instance("packing", packing, Packing)
+    no_own_images("packing", packing)
     one_of("method", method, METHODS)
     one_of("solver", solver, SOLVERS)
     one_of("volume", volume, VOLUMES)

@@ -20,7 +20,7 @@ from packmech.mechanics.link_calls import refill_links
 from packmech.mechanics.link_system import make_link_system
 from packmech.mechanics.redundant_links import SINE, DegenerateLink, check_consistent, dependence
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 
 # a squared sine below this is looked into: links may depend on others
 _SUSPECT = 1e-9
@@ -113,6 +113,7 @@ def reaffix_links(
 
     """
     instance("packing", packing, Packing)
+    no_own_images("packing", packing)
     tolerance = positive("tolerance", tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     instance("check", check, bool)

@@ -242,10 +242,12 @@ def disagreement(packing: Packing, found: Dependence) -> NDArray[np.float64]:
     links = packing.links
     assert links is not None
     mean = float(packing.diameter_n.mean())
-    settled = links.select(found.independent_l)
     place = np.array(packing.position_nd)
-    system = make_link_system(settled, packing.particles, packing.dimension, mean_diameter=mean)
-    _, worst, _ = reaffix_links(system, place, packing.box.lattice_dd, _SETTLED, _NEWTON_STEPS)
+    worst = 0.0
+    if found.independent_l.any():
+        settled = links.select(found.independent_l)
+        system = make_link_system(settled, packing.particles, packing.dimension, mean_diameter=mean)
+        _, worst, _ = reaffix_links(system, place, packing.box.lattice_dd, _SETTLED, _NEWTON_STEPS)
     if not worst < 1e-9:
         raise ValueError(
             f"packing must have links that can all have their lengths, got an error of {worst:.2g} at best"
@@ -337,7 +339,7 @@ def independent_links(
     keep = np.ones(len(links), dtype=bool)
     keep[removed] = False
     rank = len(links) - len(removed) - len(found.degenerate)
-    kept = packing.replace(links=links.select(keep)) if len(removed) else packing
+    kept = packing.replace(links=links.select(keep) if keep.any() else None) if len(removed) else packing
     return IndependentLinks(kept, removed, found.degenerate, rank, largest, time.process_time() - started)
 
 

@@ -114,3 +114,45 @@ def test_going_down_leaves_the_saddle_where_a_particle_sits_on_a_ridge():
     end = pm.Scene(state.packing, (pm.Repulsion(),))
     assert state.negative == 0
     assert pm.energy(end) < 1e-3 * pm.energy(pm.Scene(packing, (pm.Repulsion(),)))
+
+
+@pytest.mark.parametrize("seed", [3, 6, 8])
+def test_a_packing_that_can_strain_free_is_unjammed_not_balanced(seed):
+    packing = pm.cluster_packing(12, pm.Dimer(), dimension=2, packing_fraction=0.86, seed=seed)
+    run = pm.shear_stabilize(pm.Scene(packing, (pm.Repulsion(),)), check=False)
+    free = run.outcome is pm.Outcome.UNJAMMED
+    assert free == (pm.energy(pm.Scene(run.packing, (pm.Repulsion(),))) < 1e-24)
+    assert run.ok and run.residual <= 1e-10
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_dilute_packing_is_compressed_to_the_pressure(dimension):
+    run = pm.shear_stabilize(start(dimension, 4, count=10), pressure=1e-4)
+    assert run.report["pressure"] == pytest.approx(1e-4, rel=1e-8)
+
+
+def test_links_that_cross_are_named_in_the_report():
+    position = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, -0.5], [0.5, 0.5]])
+    links = pm.Links([0, 2], [1, 3], np.zeros((2, 2)), [1.0, 1.0])
+    packing = pm.Packing(position + 2.0, [0.5] * 4, pm.Box.cubic(6.0, 2), links)
+    run = pm.shear_stabilize(pm.Scene(packing, (pm.Repulsion(),)), check=False)
+    assert run.report["crossing_links"] == ((0, 1),)
+
+
+def test_a_link_to_a_particles_own_image_is_refused_by_name():
+    packing = pm.random_packing(12, dimension=2, packing_fraction=1.0, seed=1)
+    links = pm.Links([0], [0], [[1, 0]], [float(np.linalg.norm(packing.box.lattice_dd[:, 0]))])
+    scene = pm.Scene(packing.replace(links=links), (pm.Repulsion(),))
+    calls = [
+        lambda: pm.quench(scene, force_tolerance=1e-8),
+        lambda: pm.shear_stabilize(scene),
+        lambda: pm.jam(scene),
+        lambda: pm.reaffix_links(scene.packing),
+        lambda: pm.classify_jamming(scene.packing),
+        lambda: pm.find_rattlers(scene.packing),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match="no link of a particle to its own image for this call, got particle 0"):
+            call()
+    alone = pm.independent_links(scene.packing)
+    assert alone.rank == 0 and alone.packing.links is None
