@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from packmech.check import finite_array, positive_array
 from packmech.compiled import kernel
@@ -164,6 +162,10 @@ class Links:
         return found
 
     def _components(self, particles: int) -> NDArray[Any]:
+        # a scene without links imports nothing of SciPy until it needs it
+        import scipy.sparse as sp
+        from scipy.sparse.csgraph import connected_components
+
         ones = np.ones(len(self.i_l))
         _, label = connected_components(
             sp.coo_array((ones, (self.i_l, self.j_l)), shape=(particles, particles)), directed=False

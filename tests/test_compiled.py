@@ -1,5 +1,6 @@
 """Facts about compiled functions on disk: found again by a new process, never stale, nobody else's concern."""
 
+import ast
 import os
 import pathlib
 import subprocess
@@ -8,7 +9,7 @@ import sys
 import pytest
 
 import packmech
-from packmech.compiled import source_hash
+from packmech.compiled import _imported_files, _module_files, source_hash
 
 PLAIN = """
 import packmech as pm
@@ -111,3 +112,18 @@ def test_hash_of_a_file_sees_a_change_in_any_packmech_file_that_it_imports(tmp_p
     for cached in (compiled._file_hash, compiled._imported_files, compiled.source_hash):
         cached.cache_clear()
     assert hashes[0] == hashes[2] != hashes[1]
+
+
+def test_imports_are_found_as_a_parser_finds_them():
+    for path in pathlib.Path(packmech.__file__).parent.rglob("*.py"):
+        found = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            for name in names:
+                if name.split(".")[0] == "packmech" and name != "packmech":
+                    found.update(_module_files(name))
+        assert _imported_files(path) == tuple(sorted(found)), path.name

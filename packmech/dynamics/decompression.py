@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from packmech.check import integer, positive, real
 from packmech.dynamics.expand import decompress
 from packmech.dynamics.hard_vertex import find_vertex, press
-from packmech.dynamics.link_jam import decompress_linked
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 
@@ -67,6 +66,8 @@ class Decompression:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
         start = self.start_packing_fraction
         if protocol.scene.packing.links is not None:
+            from packmech.dynamics.link_jam import decompress_linked
+
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
         start = _START[protocol.scene.packing.dimension] if start is None else start
         packing = decompress(

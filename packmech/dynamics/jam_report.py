@@ -13,8 +13,6 @@ from packmech.contacts.rattlers import loose_particles
 from packmech.dynamics.tether import Tether
 from packmech.effects import contact_terms
 from packmech.measure import packing_fraction, stress_tensor, sum_forces
-from packmech.mechanics.counting import states_of_self_stress
-from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.outcome import Outcome, Run
 from packmech.packing import Packing
 
@@ -75,6 +73,9 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
         "fixed" or "free".
 
     """
+    from packmech.mechanics.counting import states_of_self_stress
+    from packmech.mechanics.rattling import find_rattling_clusters
+
     rattling = find_rattling_clusters(packing, contacts=contacts)
     none = {"particles": packing.particles, "rattlers": int(rattling.rattling_n.sum())}
     if rattling.empty:

@@ -26,8 +26,7 @@ from packmech.mechanics.link_system import (
     reaffix,
     refill,
 )
-from packmech.mechanics.redundant_links import independent_links
-from packmech.packing import Packing, no_own_images
+from packmech.packing import Packing
 
 # links hold to this part of the larger of their length and the mean diameter, or to rounding of the coordinates
 TIGHT = 4e-15
@@ -55,29 +54,6 @@ class Joints(NamedTuple):
     spare_nd: NDArray[np.float64]
     multiplier_l: NDArray[np.float64]
     number: NDArray[np.float64]
-
-
-def workable_links(packing: Packing) -> Links:
-    """Return the packing's links without redundant ones, whose forces would not be determined.
-
-    Raises
-    ------
-    ValueError
-        If a redundant link contradicts the others, or if links depend on each other only to first order, where
-        particles stand in a line or in a plane: nothing could bring them back to their lengths.
-
-    """
-    links = packing.links
-    assert links is not None
-    no_own_images("packing", packing)
-    beads = np.bincount(links.clusters(packing.particles))
-    if len(links) == int((beads - 1).sum()) and (links.i_l != links.j_l).all():
-        return links  # without rings every link is independent
-    found = independent_links(packing)
-    if found.degenerate:
-        raise ValueError(f"packing must have links that hold to first order, got a link of {found.degenerate[0]}")
-    assert found.packing.links is not None
-    return found.packing.links
 
 
 def row_links(
@@ -109,13 +85,20 @@ def row_links(
 
 
 def make_joints(
-    packing: Packing, order_n: NDArray[np.int64], home_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
+    packing: Packing,
+    workable: Links,
+    order_n: NDArray[np.int64],
+    home_nd: NDArray[np.float64],
+    change_dd: NDArray[np.int64],
 ) -> tuple[Links, Joints]:
-    """Return the links between a program's rows, as a record and as its loops take them; parameters as `row_links`."""
+    """Return the workable links between a program's rows, as a record and as its loops take them.
+
+    Other parameters are those of `row_links`.
+    """
     whole = packing.links
     assert whole is not None
     links, offset = row_links(whole, order_n, home_nd, change_dd)
-    firm, _ = row_links(workable_links(packing), order_n, home_nd, change_dd)
+    firm, _ = row_links(workable, order_n, home_nd, change_dd)
     n, d = packing.particles, packing.dimension
     rigid = np.where(rigid_clusters(packing), whole.clusters(n), -1)[order_n]
     padded = np.zeros((len(links), 3), dtype=np.int64)

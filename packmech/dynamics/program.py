@@ -28,6 +28,7 @@ from packmech.dynamics.kernels import (
 )
 from packmech.dynamics.method import Evaluation, Minimizer, Progress, Relaxation
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, strain_list
+from packmech.dynamics.tether import workable_links
 from packmech.effects import pair_energy
 from packmech.links import Links
 from packmech.outcome import Outcome
@@ -142,7 +143,9 @@ class Program:
         """Make the links anew, for the lattice vectors that the loops use."""
         packing = self.scene.packing
         if packing.links is not None:
-            self.links, joints = make_joints(packing, self.order_n, self.home_nd, self.change_dd)
+            self.links, joints = make_joints(
+                packing, workable_links(packing), self.order_n, self.home_nd, self.change_dd
+            )
             self.space = self.space._replace(joints=joints)
 
     def _link_virial(self) -> NDArray[np.float64]:

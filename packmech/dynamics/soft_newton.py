@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.network import pair_contacts
-from packmech.dynamics.link_network import LinkedNetwork
 from packmech.dynamics.soft_network import REACH, SoftNetwork, Units
 from packmech.outcome import Outcome
 from packmech.packing import Packing
@@ -53,8 +52,11 @@ class SoftState:
 
 def network_of(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> SoftNetwork:
     """Return what Newton's method sees of the packing, with or without links."""
-    kind = SoftNetwork if packing.links is None else LinkedNetwork
-    return kind(packing, units, basis_kdd, pressure)
+    if packing.links is None:
+        return SoftNetwork(packing, units, basis_kdd, pressure)
+    from packmech.dynamics.link_network import LinkedNetwork
+
+    return LinkedNetwork(packing, units, basis_kdd, pressure)
 
 
 def newton(

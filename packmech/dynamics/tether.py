@@ -6,11 +6,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.dynamics.joints import NEWTON, TIGHT, workable_links
-from packmech.links import image_offsets
+from packmech.dynamics.joints import NEWTON, TIGHT
+from packmech.links import Links, image_offsets
 from packmech.mechanics.link_calls import project_links, reaffix_links, refill_links
 from packmech.mechanics.link_system import make_link_system
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
+
+
+def workable_links(packing: Packing) -> Links:
+    """Return the packing's links without redundant ones, whose forces would not be determined.
+
+    Raises
+    ------
+    ValueError
+        If a redundant link contradicts the others, or if links depend on each other only to first order, where
+        particles stand in a line or in a plane: nothing could bring them back to their lengths.
+
+    """
+    links = packing.links
+    assert links is not None
+    no_own_images("packing", packing)
+    beads = np.bincount(links.clusters(packing.particles))
+    if len(links) == int((beads - 1).sum()) and (links.i_l != links.j_l).all():
+        return links  # without rings every link is independent
+    from packmech.mechanics.redundant_links import independent_links
+
+    found = independent_links(packing)
+    if found.degenerate:
+        raise ValueError(f"packing must have links that hold to first order, got a link of {found.degenerate[0]}")
+    assert found.packing.links is not None
+    return found.packing.links
 
 
 class Tether:

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import connected_components
 
 from packmech.check import finite_array, positive_array
 from packmech.generate.rigid_links import Pair, bonds_of, cross, rigid_links
@@ -144,6 +142,9 @@ def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:
     unique, count = np.unique(pairs, axis=0, return_counts=True)
     if (count > 1).any():
         raise ValueError(f"links must name each pair once, got {unique[count > 1][0].tolist()} twice")
+    import scipy.sparse as sp
+    from scipy.sparse.csgraph import connected_components
+
     graph = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(beads, beads))
     _, part = connected_components(graph, directed=False)
     if part.any():

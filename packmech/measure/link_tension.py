@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.check import instance
@@ -16,6 +16,9 @@ from packmech.contacts.network import pair_contacts
 from packmech.effects import contact_terms
 from packmech.packing import Packing
 from packmech.scene import Scene
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 # a link whose gradient lies, to this sine, in the span of others of its cluster depends on them
 DEPENDENT = 1e-8
@@ -35,6 +38,8 @@ def distance_gradients(pairs: Contacts) -> sp.csr_array:
     # a particle keeps its distance to its own image when it moves
     value[pairs.i_c == pairs.j_c] = 0.0
     start = np.arange(count + 1) * 2 * dimension
+    import scipy.sparse as sp
+
     matrix = sp.csr_array((value.ravel(), column.ravel(), start), shape=(count, pairs.particles * dimension))
     matrix.sum_duplicates()
     matrix.eliminate_zeros()
@@ -107,6 +112,7 @@ def _dependent(block: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def link_gradients(packing: Packing) -> LinkGradients:
     """Return the gradients of a packing's links, factored cluster by cluster."""
+    import scipy.sparse as sp
     import scipy.sparse.linalg as spla
 
     pairs = link_pairs(packing)

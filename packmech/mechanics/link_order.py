@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from packmech.links import Links
 
@@ -20,6 +18,9 @@ def elimination_order(links: Links, particles: int) -> NDArray[np.int64]:
     [(0, 2), (0, 3), (1, 3)]
 
     """
+    import scipy.sparse as sp
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
     ones = np.ones(2 * len(links))
     ends = np.concatenate([links.i_l, links.j_l]), np.concatenate([links.j_l, links.i_l])
     graph = sp.csr_array((ones, ends), shape=(particles, particles))
