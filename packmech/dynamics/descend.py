@@ -1,8 +1,7 @@
 """Newton's method that only goes down: for soft packings whose contacts change, or that must leave a saddle.
 
 Where the Hessian has unstable directions every coordinate is tied until it has none; steps are halved until the
-enthalpy falls. Its change is summed contact by contact, (2 v.dv + dv.dv) / (r + r') and the integral of du/dr over
-it, so that it is not lost among the digits of the energy itself.
+enthalpy falls.
 """
 
 from __future__ import annotations
@@ -14,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.network import Contacts, pair_contacts
+from packmech.dynamics.energy_change import energy_change
 from packmech.dynamics.soft_network import REACH, SoftNetwork, Units
 from packmech.dynamics.soft_newton import SoftState, network_of, newton
 from packmech.packing import Packing
 
-# Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
-_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 _ARMIJO = 1e-4
 _HALVINGS = 3
 # ties on every coordinate, in units of the mean stiffness of a contact: a trace always, more where it is unstable
@@ -54,21 +51,14 @@ def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volu
         Volume where it started.
 
     """
-    after_c = pair_contacts(packing, *network.pairs)
-    sigma = near.contact_distance_c
-    change = after_c.vector_cd - near.vector_cd
-    exact = (2.0 * (near.vector_cd * change).sum(axis=1) + (change**2).sum(axis=1)) / (
-        near.distance_c + after_c.distance_c
+    after = pair_contacts(packing, *network.pairs)
+    total = energy_change(
+        near.vector_cd,
+        after.vector_cd - near.vector_cd,
+        near.contact_distance_c,
+        lambda distance, sigma: network.units.derivatives(distance, sigma)[0],
     )
-    before, after = near.distance_c, after_c.distance_c
-    low, high = np.minimum(before, sigma), np.minimum(after, sigma)
-    length = np.where((before < sigma) & (after < sigma), exact, high - low)
-    moved = length != 0.0
-    low, length, sigma = low[moved], length[moved], sigma[moved]
-    total = network.pressure * (packing.box.volume - volume) if network.volume is None else 0.0
-    for place, weight in zip(_PLACE, _WEIGHT, strict=True):
-        total += weight * float(np.add.reduce(network.units.derivatives(low + place * length, sigma)[0] * length))
-    return total
+    return total + (network.pressure * (packing.box.volume - volume) if network.volume is None else 0.0)
 
 
 def descend(

@@ -22,6 +22,7 @@ from packmech.check import instance, integer, positive
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.rattlers import loose_particles
+from packmech.dynamics.energy_change import energy_change
 from packmech.dynamics.polished import Polished
 from packmech.effects import contact_terms
 from packmech.measure import sum_forces
@@ -31,9 +32,6 @@ from packmech.outcome import NotConverged, Outcome, Run
 from packmech.packing import Packing
 from packmech.scene import Scene
 
-# Gauss-Legendre on [0, 1], exact for u' up to the fifth power of the distance
-_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 _ARMIJO = 1e-4
 _HALVINGS = 14
 # net forces within this many floors may be rounding: give up there in peace
@@ -116,20 +114,12 @@ class _Landscape:
         near = start.near
         step = position_nd - start.position_nd
         change = step[near.j_c] - step[near.i_c]
-        vector = near.vector_cd
-        before, sigma = near.distance_c, near.contact_distance_c
-        after = np.sqrt(((vector + change) ** 2).sum(axis=1))
-        either = (before < sigma) | (after < sigma)
-        before, after, sigma = before[either], after[either], sigma[either]
-        vector, change = vector[either], change[either]
-        exact = (2.0 * (vector * change).sum(axis=1) + (change**2).sum(axis=1)) / (before + after)
-        low, high = np.minimum(before, sigma), np.minimum(after, sigma)
-        length = np.where((before < sigma) & (after < sigma), exact, high - low)
-        total = 0.0
-        for place, weight in zip(_PLACE, _WEIGHT, strict=True):
-            first = contact_terms(self.effects, low + place * length, sigma).first_c
-            total += weight * float(np.add.reduce(first * length))
-        return total
+        return energy_change(
+            near.vector_cd,
+            change,
+            near.contact_distance_c,
+            lambda distance, sigma: contact_terms(self.effects, distance, sigma).first_c,
+        )
 
 
 @dataclass(frozen=True, eq=False)
