@@ -46,4 +46,4 @@ def energy_change(vector_cd: Array, change_cd: Array, sigma_c: Array, first: Cal
     total = 0.0
     for place, weight in zip(_PLACE, _WEIGHT, strict=True):
         total += weight * float(np.add.reduce(first(low + place * length, sigma) * length))
-    return total
+    return float(total)
