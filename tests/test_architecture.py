@@ -100,3 +100,11 @@ def test_every_module_can_be_imported_and_says_what_it_is_for():
     for name in all_modules():
         if not name.endswith("__main__"):
             assert (importlib.import_module(name).__doc__ or "").strip(), name
+
+
+def test_every_module_has_its_layer():
+    layers = PYPROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
+    listed = {word.strip() for layer in layers for word in layer.replace("|", ":").split(":")}
+    found = {f"packmech.{path.stem}" for path in (ROOT / "packmech").glob("*.py")} - {"packmech.__init__"}
+    found |= {f"packmech.{path.parent.name}" for path in (ROOT / "packmech").glob("*/__init__.py")}
+    assert found <= listed, sorted(found - listed)
