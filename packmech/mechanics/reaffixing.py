@@ -142,7 +142,7 @@ def reaffix_links(
             break
         before = place.copy()
         residual.append(float(newton_links(system, place, lattice, 0.0, 1)[1]))
-        if residual[-2] < _CLOSE and not residual[-1] < 0.5 * residual[-2]:
+        if not residual[-1] < (0.5 if residual[-2] < _CLOSE else 1.0) * residual[-2]:
             # long stiff chains: the normal matrix has squared the condition number, a pivoted QR has not
             place[:] = before
             _pivoted_step(packing, held, place)

@@ -195,3 +195,14 @@ def test_a_link_to_the_own_image_is_redundant_in_a_fixed_box_only():
 def test_nearly_straight_chains_are_neither_redundant_nor_degenerate(chain_packing):
     found = dependence(chain_packing(100, reach=2, angle=0.01))
     assert found.independent_l.all() and not found.degenerate
+
+
+@pytest.mark.slow
+def test_a_nearly_straight_stiff_chain_of_a_thousand_comes_back_from_a_shove():
+    # the normal matrix has condition 1e14 and more: where its step makes things worse a pivoted QR takes it
+    chain = pm.chain_packing(
+        1, 1000, dimension=2, packing_fraction=0.001, angles="fixed", bend=0.01, crossing="allowed", seed=1
+    )
+    shove = 1e-5 * np.random.default_rng(1).normal(size=chain.position_nd.shape)
+    found = pm.reaffix_links(chain.replace(position_nd=chain.position_nd + shove))
+    assert found.outcome is pm.Outcome.CONVERGED and found.residual <= 1e-13
