@@ -272,6 +272,15 @@ def test_a_hard_case_out_of_bounds_is_exit_code_1(monkeypatch, capsys):
     assert "OUT OF BOUNDS" in capsys.readouterr().out
 
 
+@pytest.fixture
+def ctrl_c():
+    """Give Ctrl-C its usual meaning, however the tests were started: a shell's background jobs ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_waits_until_the_compiler_is_done():
     from packmech.interrupts import safe_interrupts
 
@@ -292,6 +301,7 @@ def test_ctrl_c_waits_until_the_compiler_is_done():
     assert seen == ["compiled"]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_acts_at_once_elsewhere_and_as_before_afterwards():
     from packmech.interrupts import safe_interrupts
 
@@ -322,6 +332,18 @@ def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
     assert "It halves." in (tmp_path / "out" / "halves.md").read_text()
 
 
+def test_ctrl_c_stays_ignored_where_it_was():
+    from packmech.interrupts import safe_interrupts
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with safe_interrupts():
+            signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("drive", ["jam", "quench"])
 def test_ctrl_c_saves_the_last_finished_packing(monkeypatch, tmp_path, drive):
     from packmech import cli_run
