@@ -72,7 +72,7 @@ def test_a_jammed_packing_of_trimers_is_isostatic_with_one_state_of_self_stress(
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_fifty_trimers_are_stabilized_at_1e_minus_4_from_ten_starts(dimension):
     for seed in range(1, 11):
-        check_stabilized(pm.shear_stabilize(dense(dimension, seed), pressure=1e-4, force_tolerance=1e-9))
+        check_stabilized(pm.shear_stabilize(start(dimension, seed), pressure=1e-4, force_tolerance=1e-9))
 
 
 @pytest.mark.slow
