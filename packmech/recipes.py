@@ -101,6 +101,7 @@ class _Clusters:
     sizes: Sizes | None = None
     lattice_vectors: Vectors | None = None
     crossing: str = "avoided"
+    largest_overlap: float | None = None
     tries: int = 1000
 
     def packing(self, folder: Path) -> Packing:
@@ -113,6 +114,7 @@ class _Clusters:
             seed=self.seed,
             box=_box_shape(self.lattice_vectors),
             crossing=self.crossing,
+            largest_overlap=self.largest_overlap,
             tries=self.tries,
         )
 
