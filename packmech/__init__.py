@@ -35,6 +35,7 @@ _PUBLIC = {
     "read_packing": "packmech.files",
     "write_packing": "packmech.files",
     # scenes and effects
+    "CementDrive": "packmech.scene",
     "JamDrive": "packmech.scene",
     "Links": "packmech.links",
     "QuenchDrive": "packmech.scene",

@@ -17,7 +17,7 @@ from packmech.packing import Packing
 from packmech.recording_film import trace_of
 from packmech.report import Report, examine
 from packmech.report_table import result_rows, summary_markdown
-from packmech.scene import Drive, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
+from packmech.scene import CementDrive, Drive, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -108,7 +108,21 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
             )
         except KeyboardInterrupt as stop:
             return _interrupted(scene, getattr(stop, "run", run), outputs)
+        cemented: dict[str, Any] | None = None
+        try:
+            if isinstance(scene.drive, CementDrive) and run.ok:
+                from packmech.cli_cement import cement_scene
+
+                cemented = cement_scene(scene.replace(packing=run.packing), scene.drive, tell)
+        except KeyboardInterrupt:
+            return _interrupted(scene, run, outputs)
+    if cemented is not None:
+        report = replace(report, numbers={**report.numbers, "cementing": cemented})
     _finish(name, scene, run, report, outputs, parameters)
+    if cemented is not None:
+        from packmech.cli_cement import print_cementing
+
+        print_cementing(cemented)
     if not run.ok:
         console(error=True).print(f"packmech: {run.outcome.value} (residual {run.residual:.1e})")
         return FAILED
@@ -118,7 +132,7 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
 def _strain(drive: Drive | None) -> str:
     if isinstance(drive, JamDrive):
         return drive.strain
-    return "free" if isinstance(drive, ShearStabilizeDrive) else "fixed"
+    return "free" if isinstance(drive, ShearStabilizeDrive | CementDrive) else "fixed"
 
 
 def _interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
@@ -158,6 +172,8 @@ def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
         return replace(run, trace=trace_of(scene, watch.step_t, watch.packing_t)) if keep else run
     from packmech.dynamics.jam import jam
 
+    if isinstance(drive, CementDrive):
+        drive = JamDrive(pressure=drive.pressure)
     assert isinstance(drive, JamDrive)
     run = jam(scene, pressure=drive.pressure, strain=drive.strain, method=drive.method, progress=watch, check=False)
     return replace(run, trace=trace_of(scene, watch.step_t, watch.packing_t)) if keep else run

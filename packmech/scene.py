@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from packmech.check import instance, one_of, positive
+from packmech.check import instance, integer, one_of, positive
 from packmech.effects import energy_scale_of, is_effect, is_law
 from packmech.packing import Packing
 from packmech.records import is_record
@@ -72,7 +72,28 @@ class ShearStabilizeDrive:
         positive("drive.force_tolerance", self.force_tolerance)
 
 
-Drive = QuenchDrive | JamDrive | ShearStabilizeDrive
+@dataclass(frozen=True)
+class CementDrive:
+    """Jam at `pressure` with every strain free, then cement random contacts and follow the moduli.
+
+    `orders` random orders are drawn from `seed`; `step` and `freeze` are what pm.cement takes.
+    """
+
+    pressure: float = 1e-8
+    orders: int = 5
+    seed: int = 0
+    step: float = 0.05
+    freeze: str = "angles"
+
+    def __post_init__(self) -> None:
+        positive("drive.pressure", self.pressure)
+        integer("drive.orders", self.orders, at_least=1)
+        integer("drive.seed", self.seed, at_least=0)
+        positive("drive.step", self.step)
+        one_of("drive.freeze", self.freeze, ("angles", "clusters", "nothing"))
+
+
+Drive = QuenchDrive | JamDrive | ShearStabilizeDrive | CementDrive
 
 
 def _record_or_none(name: str, value: Any) -> None:
@@ -110,7 +131,7 @@ class Scene:
     effects
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
-        What `packmech run` does with the scene: a QuenchDrive, a JamDrive or a ShearStabilizeDrive.
+        What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive or a CementDrive.
 
     Raises
     ------
@@ -146,7 +167,7 @@ class Scene:
         object.__setattr__(self, "effects", tuple(_plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):
             raise TypeError(
-                f"drive must be a QuenchDrive, a JamDrive, a ShearStabilizeDrive or None, got {self.drive!r}"
+                f"drive must be a Quench-, Jam-, ShearStabilize- or CementDrive or None, got {self.drive!r}"
             )
 
     @property

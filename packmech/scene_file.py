@@ -23,7 +23,8 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     method = { kind = "decompression", factor = 0.3 }             # optional: what pm.jam takes as its method
 
 The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient", and
-`kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given).
+`kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given), and
+`kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement.
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
 `chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
 `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in

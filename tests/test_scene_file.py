@@ -58,7 +58,12 @@ def test_every_shipped_scene_says_what_it_is_and_can_be_read(name):
 def test_shipped_scenes_cover_every_law_drive_and_dimension_that_the_first_steps_offer():
     scenes = [pm.read_scene(name) for name in pm.list_scenes()]
     assert {type(scene.effects[0].law) for scene in scenes} >= {pm.Harmonic, pm.Hertz, pm.RepulsiveLennardJones}
-    assert {type(scene.drive) for scene in scenes} == {pm.JamDrive, pm.QuenchDrive, pm.ShearStabilizeDrive}
+    assert {type(scene.drive) for scene in scenes} == {
+        pm.CementDrive,
+        pm.JamDrive,
+        pm.QuenchDrive,
+        pm.ShearStabilizeDrive,
+    }
     assert {scene.packing.dimension for scene in scenes} == {2, 3}
     assert {scene.drive.strain for scene in scenes if isinstance(scene.drive, pm.JamDrive)} == {"fixed", "free"}
 
@@ -153,11 +158,12 @@ def test_inline_packing_has_one_lattice_vector_a_line(tmp_path):
         random_scene(drive=pm.QuenchDrive(force_tolerance=3e-11)),
         random_scene(drive=pm.JamDrive(pressure=1e-7, strain="fixed")),
         random_scene(drive=pm.ShearStabilizeDrive(pressure=1e-3, force_tolerance=1e-8)),
+        random_scene(drive=pm.CementDrive(pressure=1e-7, orders=3, seed=4, step=0.1, freeze="clusters")),
         random_scene(effects=(pm.Repulsion(law=pm.PowerLaw(0.1, 2.25)), pm.ContactDamping(0.3))),
         random_scene(effects=(pm.Repulsion(law=pm.LinearSpring(3.0)),)),
         pm.Scene(pm.lattice_packing("kagome"), (pm.Repulsion(law=pm.RepulsiveLennardJones()),)),
     ],
-    ids=["plain", "quench", "jam", "shear-stabilize", "damped", "spring", "lattice"],
+    ids=["plain", "quench", "jam", "shear-stabilize", "cement", "damped", "spring", "lattice"],
 )
 def test_a_scene_is_read_back_equal(tmp_path, scene):
     pm.write_scene(scene, tmp_path / "a.toml")
@@ -337,7 +343,7 @@ REFUSED = {
         law('kind = "harmonic", energy_scale = "1"'),
         r"effects\[0\].law.energy_scale must be a number, got '1'",
     ),
-    "drive kind": (drive('kind = "push"'), "drive.kind must be one of 'jam', 'quench', 'shear-stabilize', got 'push'"),
+    "drive kind": (drive('kind = "push"'), "drive.kind must be one of 'cement', 'jam', 'quench', 'shear-stabilize', got 'push'"),
     "drive field": (drive('kind = "jam"\ntolerance = 1'), "drive.tolerance must be a field of jam-drive"),
     "drive method": (
         drive('kind = "jam"\nmethod = "fire"'),
