@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -22,11 +23,24 @@ EMPTY = "empty backbone: every particle rattles"
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A contact network without rattlers, and the findings on it."""
+    """A contact network without rattlers, and the findings on it.
+
+    Attributes
+    ----------
+    network
+        The contacts.
+    collective, strict
+        The cone of motions in the fixed box and with strains, each with what was found.
+    emptied
+        After how many rounds of taking out what cannot be part of a jammed backbone nothing was left; 0 if that did not
+        happen.
+
+    """
 
     network: Contacts
     collective: tuple[MotionCone, Finding]
     strict: tuple[MotionCone, Finding]
+    emptied: int = 0
 
     @property
     def jammed(self) -> tuple[bool | None, bool | None]:
@@ -43,8 +57,8 @@ def judge_network(
 ) -> Judged:
     """Return the backbone of a contact network and what is known about it.
 
-    If it is not collectively jammed, the contacts that `part` keeps are judged by themselves, and win if they are: then
-    the particles that lost their contacts rattle.
+    While it is not collectively jammed, the contacts that `part` keeps are judged by themselves, again and again, and
+    win if they are jammed: then the particles that lost their contacts rattle. Otherwise the first findings stand.
 
     Parameters
     ----------
@@ -60,6 +74,24 @@ def judge_network(
         Which contacts of a network that is not jammed may be jammed by themselves; None for unknown.
 
     """
+    first = judged = _judge_once(packing, contacts, volume, decide)
+    rounds = 0
+    # a network of which no solver could tell may still have a part that is jammed
+    while len(judged.network) and not judged.jammed[0]:
+        rounds += 1
+        smaller = part(*judged.collective, judged.network)
+        if smaller is None or len(smaller) == len(judged.network):
+            return first
+        judged = _judge_once(packing, smaller, volume, decide)
+    if judged.jammed[0]:
+        return judged
+    return replace(first, emptied=rounds)
+
+
+def _judge_once(
+    packing: Packing, contacts: Contacts, volume: str, decide: Callable[[MotionCone], Finding]
+) -> Judged:
+    """Return the contacts between particles that do not rattle and what is known about all of them together."""
     network, kept = backbone_of(packing, contacts)
     if not len(network):
         loose = motion_cone(packing, contacts, strain=False)
@@ -68,20 +100,13 @@ def judge_network(
     fixed = motion_cone(packing, network, strain=False, kept_n=kept)
     free = motion_cone(packing, network, strain=True, volume=volume, kept_n=kept)
     strict = decide(free)
-    if strict.jammed:
-        # a motion in the fixed box is one of those that were excluded
-        count = len(network) + fixed.link_rows
-        weight = None if strict.weight is None else strict.weight[:count]
-        reason = f"strictly jammed, so collectively; {strict.reason}"
-        collective = replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
-        return Judged(network, (fixed, collective), (free, strict))
-    collective = decide(fixed)
-    if collective.jammed is False:
-        smaller = part(fixed, collective, network)
-        if smaller is not None and 0 < len(smaller) < len(network):
-            judged = judge_network(packing, smaller, volume, decide, part)
-            if judged.collective[1].jammed:
-                return judged
+    if not strict.jammed:
+        return Judged(network, (fixed, decide(fixed)), (free, strict))
+    # a motion in the fixed box is one of those that were excluded
+    count = len(network) + fixed.link_rows
+    weight = None if strict.weight is None else strict.weight[:count]
+    reason = f"strictly jammed, so collectively; {strict.reason}"
+    collective = replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
     return Judged(network, (fixed, collective), (free, strict))
 
 
@@ -96,15 +121,16 @@ def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
 def carrying_contacts(
     packing: Packing, cone: MotionCone, network: Contacts, solver: str, tolerance: float
 ) -> Contacts | None:
-    """Return the contacts of the network that can carry force, or None when no solver could tell.
+    """Return the contacts that can carry force among particles that these hold together; None when no solver could tell.
 
-    With rigid links, only those among the largest group of particles that these contacts and the links hold together.
+    Particles may carry force and still turn freely, as three discs that fill a hole of a crystal: those that do not
+    move with the largest group are left out.
     """
     for name in dict.fromkeys((solver, "highs")):
         opened = open_all(cone, solver=name, tolerance=tolerance)
         if opened.solve.outcome is Outcome.CONVERGED:
             carrying = network.select(opened.carrying_c)
-            if packing.links is None or not len(carrying):
+            if not len(carrying):
                 return carrying
             apart = moving_apart(packing, carrying)
             return carrying.select(~apart[carrying.i_c] & ~apart[carrying.j_c])
@@ -118,7 +144,16 @@ def standing_contacts(cone: MotionCone, network: Contacts, finding: Finding) -> 
     d = cone.dimension
     displacement = finding.motion[: len(cone.kept_n) * d].reshape(-1, d)
     grain = 1e-3 * max(float(np.abs(displacement).max()), 1e-300)
-    _, group, size = np.unique(np.rint(displacement / grain), axis=0, return_inverse=True, return_counts=True)
     stays = np.zeros(network.particles, dtype=bool)
-    stays[cone.kept_n] = group.ravel() == int(np.argmax(size))
+    stays[cone.kept_n] = _largest_group(displacement / grain)
     return network.select(stays[network.i_c] & stays[network.j_c])
+
+
+def _largest_group(place_nd: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points lie in the fullest cell of unit size; cells shifted by a half, so that no edge splits them."""
+    best = np.zeros(len(place_nd), dtype=bool)
+    for shift in itertools.product((0.0, 0.5), repeat=place_nd.shape[1]):
+        _, group, size = np.unique(np.rint(place_nd + shift), axis=0, return_inverse=True, return_counts=True)
+        if size.max() > np.count_nonzero(best):
+            best = group.ravel() == int(np.argmax(size))
+    return best
