@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
-from packmech.measure.link_tension import LinkGradients, distance_gradients, link_gradients
-from packmech.mechanics.factor import factorize
-from packmech.mechanics.linear_programs import Program, solve_highs
+from packmech.measure.link_tension import distance_gradients, link_gradients
+from packmech.mechanics.factor import Factorization, factorize
+from packmech.mechanics.linear_programs import SOLVE, Program
 from packmech.mechanics.link_rows import independent_rows
 from packmech.mechanics.rigidity import TOUCHING, contacts_of
+from packmech.outcome import Outcome
 from packmech.packing import Packing
 
 # singular values below this fraction of the largest are zero
@@ -28,8 +29,12 @@ _RANK = 1e-5
 _SWEEPS = 12
 # blocks of random zero modes that differ by less, as part of their size, are equal
 _EQUAL = 1e-6
-# forces of overlaps that balance to this part of their mean are a state of self stress
-_BALANCED = 1e-6
+# forces are a state of self stress if they balance to this part of the smallest, and this is so much of their mean
+_BALANCED = 1e-3
+_LOADED = 1e-6
+_REFINEMENTS = 4
+# the program's unknowns come out as 0 or 1: a solution with one this near to one half tells nothing
+_SURE = 0.1
 _PROGRAM_TOLERANCE = 1e-9
 
 
@@ -98,30 +103,50 @@ def find_rattling_clusters(
     links = packing.links
     cluster = np.arange(packing.particles) if links is None else links.clusters(packing.particles)
     with single_thread():
-        gradients = link_gradients(packing)
-        backbone = _pushed(found, gradients)
-        rattling = _moving(found.select(backbone), gradients)
+        independent, _ = independent_rows(link_gradients(packing))
+        rows = _rows(found, independent)
+        backbone = _pushed(found, independent, rows)
+        if not backbone.all():
+            rows = _rows(found.select(backbone), independent)
+        rattling = _moving(found.select(backbone), rows)
     held = np.bincount(cluster, ~rattling) > 0
     return Rattling(rattling, rattling & (found.count_n() == 0), cluster, ~held[cluster], backbone)
 
 
-def _pushed(contacts: Contacts, links: LinkGradients) -> NDArray[np.bool_]:
-    """Return which contacts bear a force in some state of self stress that pulls nowhere."""
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Changes of distances of contacts and of lengths of independent links, and their normal matrix, factored."""
+
+    matrix: sp.csr_array
+    shift: float
+    factor: Factorization
+
+
+def _rows(contacts: Contacts, independent: sp.csr_array) -> _Rows:
+    matrix = sp.csr_array(sp.vstack([distance_gradients(contacts), independent], format="csr"))
+    square = sp.csc_array(matrix.T @ matrix)
+    # without any row everything moves
+    shift = _RANK**2 * float(abs(square).sum(axis=0).max()) or 1.0
+    return _Rows(matrix, shift, factorize(sp.csc_array(square + shift * sp.eye_array(square.shape[0]))))
+
+
+def _pushed(contacts: Contacts, independent: sp.csr_array, rows: _Rows) -> NDArray[np.bool_]:
+    """Return which contacts bear a force in some state of self stress that pulls nowhere.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If no solver could tell.
+
+    """
     count = len(contacts)
     if not count:
         return np.zeros(0, dtype=bool)
-    rows = distance_gradients(contacts)
-    overlap = contacts.overlap_c
-    if overlap.min() > 0.0:
-        # a soft packing at rest shows such a state by itself, if its law is harmonic
-        force = overlap / contacts.contact_distance_c
-        net = rows.T @ force
-        net = net + links.gradient_lx.T @ links.multipliers(net)
-        if np.abs(net).max() < _BALANCED * force.mean() and force.min() > 10.0 * np.abs(net).max():
-            return np.ones(count, dtype=bool)
-    independent, _ = independent_rows(links)
+    if _balance_nearby(rows, np.maximum(contacts.overlap_c, 0.0) / contacts.contact_distance_c):
+        return np.ones(count, dtype=bool)
     # s = p + q with p at most 1: the largest sum of p has p = 1 wherever any state pushes
-    equal = sp.csr_array(sp.hstack([rows.T, rows.T, independent.T], format="csr"))
+    matrix = rows.matrix
+    equal = sp.csr_array(sp.hstack([matrix[:count].T, matrix.T], format="csr"))
     free = independent.shape[0]
     program = Program(
         cost=np.concatenate([-np.ones(count), np.zeros(count + free)]),
@@ -132,29 +157,50 @@ def _pushed(contacts: Contacts, links: LinkGradients) -> NDArray[np.bool_]:
         lower=np.concatenate([np.zeros(2 * count), np.full(free, -np.inf)]),
         upper=np.concatenate([np.ones(count), np.full(count + free, np.inf)]),
     )
-    pushed: NDArray[np.bool_] = solve_highs(program, _PROGRAM_TOLERANCE).x[:count] > 0.5
-    return pushed
+    # the interior-point method first: HiGHS' simplex may lose the solution between its presolve and the end
+    states = []
+    for name in ("clarabel", "highs"):
+        found = SOLVE[name](program, _PROGRAM_TOLERANCE)
+        states.append(found.solve.status)
+        pushed: NDArray[np.bool_] = found.x[:count] > 0.5
+        sure = np.abs(found.x[:count] - 0.5).min() > _SURE
+        if found.solve.outcome is Outcome.CONVERGED and sure:
+            return pushed
+    raise np.linalg.LinAlgError(f"packing must have contacts whose balances can be found, got: {'; '.join(states)}")
+
+
+def _balance_nearby(rows: _Rows, force_c: NDArray[np.float64]) -> bool:
+    """Return whether the balance nearest to the given forces pushes at every contact.
+
+    A soft packing at rest shows a state of self stress by its overlaps, whatever its law: where it is the only one, it
+    is the nearest balance to anything that it is not orthogonal to; where there are more, overlaps are near enough.
+    """
+    if not (force_c > 0.0).any():
+        return False
+    weight = np.zeros(rows.matrix.shape[0])
+    weight[: len(force_c)] = force_c / force_c.mean()
+    for _ in range(_REFINEMENTS):
+        weight -= rows.matrix @ rows.factor.solve(rows.matrix.T @ weight)
+    push = weight[: len(force_c)]
+    balance = float(np.abs(rows.matrix.T @ weight).max())
+    return bool(push.min() > _LOADED * push.mean() > 0.0 and balance < _BALANCED * push.min())
 
 
 def moving_apart(packing: Packing, backbone: Contacts) -> NDArray[np.bool_]:
     """Return who moves differently from the largest group of particles that contacts and links hold together."""
-    return _moving(backbone, link_gradients(packing))
+    independent, _ = independent_rows(link_gradients(packing))
+    return _moving(backbone, _rows(backbone, independent))
 
 
-def _moving(backbone: Contacts, links: LinkGradients) -> NDArray[np.bool_]:
+def _moving(backbone: Contacts, rows: _Rows) -> NDArray[np.bool_]:
     """Return who moves differently from the most particles in a generic motion that changes no contact and no link."""
     particles, dimension = backbone.particles, backbone.dimension
     if not len(backbone):
         return np.ones(particles, dtype=bool)
-    independent, _ = independent_rows(links)
-    rows = sp.csr_array(sp.vstack([distance_gradients(backbone), independent], format="csr"))
-    square = sp.csc_array(rows.T @ rows)
-    shift = _RANK**2 * float(abs(square).sum(axis=0).max())
-    factor = factorize(sp.csc_array(square + shift * sp.eye_array(square.shape[0])))
     # what inverse iteration leaves of random motions is their part without any extension
-    motion = np.random.default_rng(0).normal(size=(square.shape[0], 2))
+    motion = np.random.default_rng(0).normal(size=(rows.matrix.shape[1], 2))
     for _ in range(_SWEEPS):
-        motion = shift * factor.solve(motion)
+        motion = rows.shift * rows.factor.solve(motion)
     blocks = motion.reshape(particles, 2 * dimension)
     size = float(np.sqrt((blocks**2).mean()))
     label = np.zeros(particles, dtype=np.int64)
