@@ -118,18 +118,19 @@ def _pushing(rows: sp.csr_array, links: sp.csr_array, here_n: NDArray[np.bool_],
     push = sp.csr_array(rows[:, column]).T
     free = own.shape[0]
     # s = p + q with p at most 1: the largest sum of p has p = 1 wherever any balance pushes
-    found = linprog(
-        np.concatenate([-np.ones(count), np.zeros(count + free)]),
-        A_eq=sp.csr_array(sp.hstack([push, push, own.T], format="csr")),
-        b_eq=np.zeros(len(column)),
-        bounds=np.array([[0.0, 1.0]] * count + [[0.0, np.inf]] * count + [[-np.inf, np.inf]] * free),
-        method="highs-ds",
-        options={
-            "primal_feasibility_tolerance": _PROGRAM_TOLERANCE,
-            "dual_feasibility_tolerance": _PROGRAM_TOLERANCE,
-        },
-    )
-    if found.status != 0:
+    program = {
+        "c": np.concatenate([-np.ones(count), np.zeros(count + free)]),
+        "A_eq": sp.csr_array(sp.hstack([push, push, own.T], format="csr")),
+        "b_eq": np.zeros(len(column)),
+        "bounds": np.array([[0.0, 1.0]] * count + [[0.0, np.inf]] * count + [[-np.inf, np.inf]] * free),
+    }
+    precise = {"primal_feasibility_tolerance": _PROGRAM_TOLERANCE, "dual_feasibility_tolerance": _PROGRAM_TOLERANCE}
+    # simplex may lose the solution between its presolve and the end
+    for method, presolve in (("highs-ds", True), ("highs-ipm", True), ("highs-ds", False)):
+        found = linprog(**program, method=method, options={**precise, "presolve": presolve})
+        if found.status == 0:
+            break
+    else:
         raise np.linalg.LinAlgError(f"packing must have contacts whose balances can be found, got: {found.message}")
     pushing: NDArray[np.bool_] = found.x[:count] > 0.5
     return pushing

@@ -88,9 +88,7 @@ def judge_network(
     return replace(first, emptied=rounds)
 
 
-def _judge_once(
-    packing: Packing, contacts: Contacts, volume: str, decide: Callable[[MotionCone], Finding]
-) -> Judged:
+def _judge_once(packing: Packing, contacts: Contacts, volume: str, decide: Callable[[MotionCone], Finding]) -> Judged:
     """Return the contacts between particles that do not rattle and what is known about all of them together."""
     network, kept = backbone_of(packing, contacts)
     if not len(network):
@@ -121,7 +119,7 @@ def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
 def carrying_contacts(
     packing: Packing, cone: MotionCone, network: Contacts, solver: str, tolerance: float
 ) -> Contacts | None:
-    """Return the contacts that can carry force among particles that these hold together; None when no solver could tell.
+    """Return the contacts that can carry force among particles that they hold together; None if no solver could tell.
 
     Particles may carry force and still turn freely, as three discs that fill a hole of a crystal: those that do not
     move with the largest group are left out.
@@ -150,7 +148,7 @@ def standing_contacts(cone: MotionCone, network: Contacts, finding: Finding) -> 
 
 
 def _largest_group(place_nd: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points lie in the fullest cell of unit size; cells shifted by a half, so that no edge splits them."""
+    """Return which points lie in the fullest cell of unit size; cells are shifted too, so that no edge splits them."""
     best = np.zeros(len(place_nd), dtype=bool)
     for shift in itertools.product((0.0, 0.5), repeat=place_nd.shape[1]):
         _, group, size = np.unique(np.rint(place_nd + shift), axis=0, return_inverse=True, return_counts=True)

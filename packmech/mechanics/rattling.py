@@ -31,7 +31,7 @@ _SWEEPS = 12
 _EQUAL = 1e-6
 # forces are a state of self stress if they balance to this part of the smallest, and this is so much of their mean
 _BALANCED = 1e-3
-_LOADED = 1e-6
+_LOADED = 1e-10
 _REFINEMENTS = 4
 # the program's unknowns come out as 0 or 1: a solution with one this near to one half tells nothing
 _SURE = 0.1
@@ -142,7 +142,9 @@ def _pushed(contacts: Contacts, independent: sp.csr_array, rows: _Rows) -> NDArr
     count = len(contacts)
     if not count:
         return np.zeros(0, dtype=bool)
-    if _balance_nearby(rows, np.maximum(contacts.overlap_c, 0.0) / contacts.contact_distance_c):
+    overlap = np.maximum(contacts.overlap_c, 0.0)
+    # forces of the harmonic law, and of Hertz's
+    if any(_balance_nearby(rows, overlap**power / contacts.contact_distance_c) for power in (1.0, 1.5)):
         return np.ones(count, dtype=bool)
     # s = p + q with p at most 1: the largest sum of p has p = 1 wherever any state pushes
     matrix = rows.matrix
@@ -177,11 +179,16 @@ def _balance_nearby(rows: _Rows, force_c: NDArray[np.float64]) -> bool:
     """
     if not (force_c > 0.0).any():
         return False
+    count = len(force_c)
+    contact, link = rows.matrix[:count], rows.matrix[count:]
     weight = np.zeros(rows.matrix.shape[0])
-    weight[: len(force_c)] = force_c / force_c.mean()
+    weight[:count] = force_c / force_c.mean()
+    if link.shape[0]:
+        # the links' share first, or the nearest balance is looked for far from where it is
+        weight[count:] = -factorize(sp.csc_array(link @ link.T)).solve(link @ (contact.T @ weight[:count]))
     for _ in range(_REFINEMENTS):
         weight -= rows.matrix @ rows.factor.solve(rows.matrix.T @ weight)
-    push = weight[: len(force_c)]
+    push = weight[:count]
     balance = float(np.abs(rows.matrix.T @ weight).max())
     return bool(push.min() > _LOADED * push.mean() > 0.0 and balance < _BALANCED * push.min())
 

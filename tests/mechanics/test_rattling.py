@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.mechanics import linear_programs, rattling
+from packmech.outcome import Outcome, Solve
 
 
 def test_beads_that_turn_about_the_one_held_rattle_and_are_named(linked):
@@ -88,3 +90,47 @@ def test_rattling_does_not_depend_on_where_the_clusters_are_wrapped(linked):
         position_nd=packing.position_nd - image @ packing.box.lattice_dd.T, links=packing.links.moved(image)
     )
     assert np.array_equal(pm.find_rattling_clusters(moved).rattling_n, pm.find_rattling_clusters(packing).rattling_n)
+
+
+def three_in_a_hole():
+    """Return a crystal with three discs wedged in a vacancy: each held, all pushed, free to turn together."""
+    crystal = pm.lattice_packing("triangular", (6, 6))
+    side, hole = 2.0 * crystal.radius_n[0], 14
+    out = 0.5 / (1.0 + 0.75**0.5)
+    angle = 2.0 * np.pi / 3.0 * np.arange(3)
+    three = crystal.position_nd[hole] + side * out * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rest = np.arange(crystal.particles) != hole
+    radius = np.append(crystal.radius_n[rest], [side * (0.5 - out)] * 3)
+    return pm.Packing(np.vstack([crystal.position_nd[rest], three]), radius, crystal.box)
+
+
+def test_discs_that_are_held_and_pushed_but_turn_together_rattle():
+    packing = three_in_a_hole()
+    assert not pm.find_rattlers(packing).any()
+    found = pm.find_rattling_clusters(packing)
+    assert found.backbone_c.all() and np.flatnonzero(found.rattling_n).tolist() == [35, 36, 37]
+
+
+@pytest.mark.parametrize(("name", "solver"), [("clarabel", "highs"), ("highs", "clarabel")])
+def test_a_solver_that_fails_is_replaced_by_the_other(linked, monkeypatch, name, solver):
+    def fail(program, tolerance):
+        size, rows = len(program.cost), program.equal.shape[0]
+        state = Solve(Outcome.INACCURATE, np.nan, status="forced to fail")
+        return linear_programs.Solution(np.full(size, np.nan), np.full(rows, np.nan), np.zeros(0), np.nan, state)
+
+    packing = linked("jammed_trimer_fixedbox")[0].packing
+    apart = packing.replace(radius_n=packing.radius_n * (1.0 - 1e-5))
+    expected = pm.find_rattling_clusters(apart, gap_tolerance=2e-5).rattling_n
+    monkeypatch.setattr(rattling, "SOLVE", {**rattling.SOLVE, name: fail})
+    assert np.array_equal(pm.find_rattling_clusters(apart, gap_tolerance=2e-5).rattling_n, expected)
+    monkeypatch.setattr(rattling, "SOLVE", {name: fail, solver: fail})
+    with pytest.raises(np.linalg.LinAlgError, match="forced to fail; forced to fail"):
+        pm.find_rattling_clusters(apart, gap_tolerance=2e-5)
+
+
+@pytest.mark.parametrize("law", ["harmonic", "hertz"])
+def test_forces_of_any_law_show_the_backbone_without_a_solver(rest_scene, monkeypatch, law):
+    packing = rest_scene(48, 2, 0.88, 3, law).packing
+    held, _ = pm.remove_rattlers(packing)
+    monkeypatch.setattr(rattling, "SOLVE", {})
+    assert not pm.find_rattling_clusters(held).rattling_n.any()
