@@ -3,10 +3,12 @@
 from packmech.generate.chains import chain_packing
 from packmech.generate.cluster import Cluster, Shape
 from packmech.generate.clusters import cluster_packing
-from packmech.generate.lattices import LATTICE_NAMES, lattice_packing
+from packmech.generate.crystals import LATTICE_NAMES
+from packmech.generate.lattices import lattice_packing
 from packmech.generate.random import random_packing
 from packmech.generate.shapes import Dimer, LinearCluster, RingCluster, StarCluster, Trimer
 from packmech.generate.sizes import Bidisperse, LogNormal, Mixture, Monodisperse, Normal, Sizes, Uniform
+from packmech.generate.subpackings import reinforced_kagome_packing, tunneled_packing, vacancy_packing
 
 __all__ = [
     "LATTICE_NAMES",
@@ -28,4 +30,7 @@ __all__ = [
     "cluster_packing",
     "lattice_packing",
     "random_packing",
+    "reinforced_kagome_packing",
+    "tunneled_packing",
+    "vacancy_packing",
 ]

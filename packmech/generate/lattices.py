@@ -2,63 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
+from packmech.generate.crystals import CRYSTALS, LATTICE_NAMES, Crystal
 from packmech.packing import Packing
-
-_ROOT_2, _ROOT_3 = math.sqrt(2.0), math.sqrt(3.0)
-Columns = tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True)
-class _Lattice:
-    """Primitive cell for touching spheres of diameter 1, and the conventional cell as integer columns of it."""
-
-    vectors: Columns  # one primitive lattice vector a line [diameter]
-    basis: Columns  # fractional coordinates of the particles in the primitive cell
-    conventional: tuple[tuple[int, ...], ...]  # one conventional vector a line, in primitive vectors
-
-
-_TRIANGULAR: Columns = ((1.0, 0.0), (0.5, _ROOT_3 / 2))
-_RECTANGLE = ((1, 0), (-1, 2))
-_FCC: Columns = tuple(tuple(x / _ROOT_2 for x in v) for v in ((0, 1, 1), (1, 0, 1), (1, 1, 0)))
-_FCC_CUBE = ((-1, 1, 1), (1, -1, 1), (1, 1, -1))
-
-
-def _times(factor: float, vectors: Columns) -> Columns:
-    return tuple(tuple(factor * x for x in vector) for vector in vectors)
-
-
-_LATTICES = {
-    "triangular": _Lattice(_TRIANGULAR, ((0, 0),), _RECTANGLE),
-    "square": _Lattice(((1, 0), (0, 1)), ((0, 0),), ((1, 0), (0, 1))),
-    "honeycomb": _Lattice(_times(_ROOT_3, _TRIANGULAR), ((0, 0), (1 / 3, 1 / 3)), _RECTANGLE),
-    "kagome": _Lattice(_times(2.0, _TRIANGULAR), ((0, 0), (0.5, 0), (0, 0.5)), _RECTANGLE),
-    "sc": _Lattice(((1, 0, 0), (0, 1, 0), (0, 0, 1)), ((0, 0, 0),), ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
-    "bcc": _Lattice(
-        tuple(tuple(x / _ROOT_3 for x in v) for v in ((-1, 1, 1), (1, -1, 1), (1, 1, -1))),
-        ((0, 0, 0),),
-        ((0, 1, 1), (1, 0, 1), (1, 1, 0)),
-    ),
-    "fcc": _Lattice(_FCC, ((0, 0, 0),), _FCC_CUBE),
-    "hcp": _Lattice(
-        ((1, 0, 0), (0.5, _ROOT_3 / 2, 0), (0, 0, math.sqrt(8 / 3))),
-        ((0, 0, 0), (1 / 3, 1 / 3, 0.5)),
-        ((1, 0, 0), (-1, 2, 0), (0, 0, 1)),
-    ),
-    "diamond": _Lattice(
-        _times(4 / math.sqrt(6), _FCC), ((0, 0, 0), (0.25, 0.25, 0.25)), _FCC_CUBE
-    ),
-}  # fmt: skip
-
-LATTICE_NAMES = tuple(_LATTICES)
 
 
 def lattice_packing(
@@ -70,25 +22,29 @@ def lattice_packing(
     relative_overlap: float = 0.0,
     diameter: float = 1.0,
 ) -> Packing:
-    """Return a crystal of equal discs or spheres in which every particle overlaps its nearest neighbors alike.
+    """Return a crystal of discs or spheres in which every particle overlaps its neighbors alike.
 
     Parameters
     ----------
     name
-        ``"triangular"``, ``"square"``, ``"honeycomb"``, ``"kagome"`` (2D); ``"sc"``, ``"bcc"``, ``"fcc"``, ``"hcp"``,
-        ``"diamond"`` (3D).
+        2D, the corners of the eleven Archimedean tilings: ``"triangular"``, ``"square"``, ``"honeycomb"``,
+        ``"kagome"``, ``"elongated triangular"``, ``"snub square"``, ``"snub hexagonal"``, ``"rhombitrihexagonal"``,
+        ``"truncated square"``, ``"truncated hexagonal"``, ``"truncated trihexagonal"``; with small discs in the holes:
+        ``"filled square"``, ``"filled triangular"``. 3D: ``"sc"``, ``"bcc"``, ``"fcc"``, ``"hcp"``, ``"diamond"``,
+        ``"pyrochlore"`` (corner-sharing tetrahedra), ``"tunneled fcc"``, ``"tunneled hcp"`` (see `tunneled_packing`),
+        ``"filled sc"`` (a small sphere in every cube).
     repeats
         Number of cells along each cell vector, one number for all or d of them; 1 when nothing is said. The packing may
         be a single particle that touches its own images.
     supercell
         Instead of ``repeats``: (d, d) integers whose columns are the box vectors in cell vectors, determinant not 0.
     conventional
-        Whether a cell is the usual right-angled one (triangular, honeycomb and kagome: 1 by sqrt 3; bcc, fcc, diamond:
-        cube; hcp: 1 by sqrt 3 by sqrt(8/3)) instead of the primitive one.
+        Whether a cell is a right-angled one (two primitive cells of the lattices with triangular translations, 1 by
+        sqrt 3; bcc, fcc, diamond, pyrochlore: cube; hcp: 1 by sqrt 3 by sqrt(8/3)) instead of the primitive one.
     relative_overlap
         xi = 1 - r/sigma of nearest neighbors [1], below 1. 0: they touch exactly; negative: they are apart.
     diameter
-        Diameter of the particles [length].
+        Diameter of the particles, the largest where there are two [length].
 
     Raises
     ------
@@ -104,12 +60,41 @@ def lattice_packing(
     4
 
     """
-    lattice = _LATTICES[one_of("name", name, LATTICE_NAMES)]
+    crystal = CRYSTALS[one_of("name", name, LATTICE_NAMES)]
+    return crystal_packing(
+        crystal,
+        repeats,
+        supercell=supercell,
+        conventional=conventional,
+        relative_overlap=relative_overlap,
+        diameter=diameter,
+    )
+
+
+def crystal_packing(
+    crystal: Crystal,
+    repeats: int | Sequence[int] | None = None,
+    *,
+    supercell: ArrayLike | None = None,
+    conventional: bool = False,
+    relative_overlap: float = 0.0,
+    diameter: float = 1.0,
+) -> Packing:
+    """Return the packing of any crystal; arguments as for `lattice_packing`.
+
+    Parameters
+    ----------
+    crystal
+        Cell and basis.
+    repeats, supercell, conventional, relative_overlap, diameter
+        As for `lattice_packing`.
+
+    """
     diameter = positive("diameter", diameter)
     spacing = diameter * (1.0 - real("relative_overlap", relative_overlap, below=1.0))
     if not isinstance(conventional, bool):
         raise TypeError(f"conventional must be True or False, got {conventional!r}")
-    dimension = len(lattice.vectors)
+    dimension = crystal.dimension
     if supercell is None:
         cells_dd = np.diag(_repeats(repeats, dimension))
     elif repeats is None:
@@ -117,12 +102,12 @@ def lattice_packing(
     else:
         raise ValueError(f"repeats must be left out when supercell is given, got {repeats!r}")
     if conventional:
-        cells_dd = np.array(lattice.conventional).T @ cells_dd
-    vectors_dd = spacing * np.array(lattice.vectors, dtype=np.float64).T
-    basis_bd = np.array(lattice.basis, dtype=np.float64)
+        cells_dd = np.array(crystal.conventional).T @ cells_dd
+    vectors_dd = spacing * np.array(crystal.vectors, dtype=np.float64).T
+    basis_bd = np.array(crystal.basis, dtype=np.float64)
     fraction_nd = (_cells_inside(cells_dd)[:, None, :] + basis_bd[None, :, :]).reshape(-1, dimension)
     position_nd = np.einsum("de,ne->nd", vectors_dd, fraction_nd)
-    radius_n = np.full(len(position_nd), 0.5 * diameter)
+    radius_n = diameter * np.tile(crystal.radius_b, len(position_nd) // len(basis_bd))
     return Packing(position_nd, radius_n, box=Box(np.einsum("de,ef->df", vectors_dd, cells_dd)))
 
 
