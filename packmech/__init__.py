@@ -120,9 +120,11 @@ _PUBLIC = {
     "quench": "packmech.dynamics.quench",
     # dynamics
     "MotionTrace": "packmech.dynamics.simulate",
+    "PlayedMotion": "packmech.dynamics.play",
     "SemiImplicitEuler": "packmech.dynamics.verlet",
     "Simulation": "packmech.dynamics.simulate",
     "VelocityVerlet": "packmech.dynamics.verlet",
+    "play_motion": "packmech.dynamics.play",
     "simulate": "packmech.dynamics.simulate",
     # verdict
     "classify_jamming": "packmech.mechanics.jamming",

@@ -20,6 +20,7 @@ NAN, INF = float("nan"), float("inf")
 RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
+    "PlayedMotion",
     "Rattling", "ReaffixedLinks",
     "Run",
     "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WeightedMean",
@@ -200,6 +201,10 @@ BAD = {
     "steps": COUNT,
     "duration": POSITIVE,
     "temperature": POSITIVE,
+    "play_motion.steps": [*COUNT, None],
+    "amplitude": POSITIVE,
+    "overlap_tolerance": POSITIVE,
+    "motion": [None, 3, "motion", np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), np.zeros((9, 2))],
     "velocity_nd": [np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), "v"],
     # mechanics
     "solver": CHOICE,
@@ -283,6 +288,7 @@ def good(name, folder):
         "density_of_states": {"source": scene()},
         "quench": {"scene": scene(), "force_tolerance": 1e-6},
         "simulate": {"scene": scene(), "steps": 2},
+        "play_motion": {"packing": touching(), "motion": np.eye(9, 2), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
         "cementing_curve": {
             "particles": [16],
