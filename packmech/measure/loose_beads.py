@@ -25,6 +25,7 @@ _STILL = 1e-6
 # overlaps that balance to this part of their mean are forces of such a balance
 _BALANCED = 1e-6
 _PROGRAM_TOLERANCE = 1e-9
+_METHODS = (("highs-ds", True), ("highs-ipm", True), ("highs-ds", False))
 
 
 def loose_beads(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
@@ -124,10 +125,11 @@ def _pushing(rows: sp.csr_array, links: sp.csr_array, here_n: NDArray[np.bool_],
         "b_eq": np.zeros(len(column)),
         "bounds": np.array([[0.0, 1.0]] * count + [[0.0, np.inf]] * count + [[-np.inf, np.inf]] * free),
     }
-    precise = {"primal_feasibility_tolerance": _PROGRAM_TOLERANCE, "dual_feasibility_tolerance": _PROGRAM_TOLERANCE}
-    # simplex may lose the solution between its presolve and the end
-    for method, presolve in (("highs-ds", True), ("highs-ipm", True), ("highs-ds", False)):
-        found = linprog(**program, method=method, options={**precise, "presolve": presolve})
+    # simplex may lose the solution between its presolve and the end, or call a program unbounded whose sum is not
+    tries = [(method, tight) for tight in (_PROGRAM_TOLERANCE, 1e-7) for method in _METHODS]
+    for (method, presolve), limit in tries:
+        precise = {"primal_feasibility_tolerance": limit, "dual_feasibility_tolerance": limit, "presolve": presolve}
+        found = linprog(**program, method=method, options=precise)
         if found.status == 0:
             break
     else:
