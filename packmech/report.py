@@ -195,6 +195,7 @@ def _carries_force(packing: Packing, contacts: Contacts) -> bool:
 
 def _verdict(report: Report) -> None:
     from packmech.mechanics.jamming import classify_jamming
+    from packmech.mechanics.verdict_text import verdict_numbers
 
     verdict = classify_jamming(report.scene)
     report.verdict = verdict
@@ -211,29 +212,7 @@ def _verdict(report: Report) -> None:
         }
         if verdict.cluster_n is not None:
             report.numbers["backbone_links"] = verdict.backbone_links
-    report.numbers |= {
-        "local": verdict.local,
-        "collective": verdict.collective,
-        "strict": verdict.strict,
-        "gap_tolerance": verdict.touching.tolerance,
-        "mechanically_stable": verdict.mechanically_stable,
-        "prestress_stable": verdict.prestress_stable,
-        "first_order_jammed": verdict.first_order_jammed,
-    }
-    if verdict.cluster_n is not None:
-        report.numbers |= {
-            "rattling_clusters": len(np.unique(verdict.cluster_n[verdict.rattling_clusters])),
-            "danglers": int(verdict.danglers.sum()),
-        }
-    for name, answer in answers.items():
-        report.numbers |= {
-            f"{name}_reason": answer.reason,
-            f"{name}_states_of_self_stress": answer.states_of_self_stress,
-            f"{name}_floppy_modes": answer.floppy_modes,
-            f"{name}_smallest_singular_value": answer.smallest_singular_value,
-            f"{name}_smallest_force": answer.smallest_force,
-            f"{name}_balance": answer.balance,
-        }
+    report.numbers |= verdict_numbers(verdict)
     report.stages.append(Stage("verdict", max(a.balance for a in answers.values()), seconds=verdict.seconds))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from packmech.mechanics.verdict_text import verdict_rows
 from packmech.outcome import Stage
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         sizes = ", ".join(str(len(patch)) for patch in numbers["redundant_patches"])
         rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
     if "collective" in numbers:
-        rows += [_answer(numbers, "collective", "box fixed"), _answer(numbers, "strict", "box free to deform")]
+        rows += verdict_rows(numbers)
     if "bulk_modulus" in numbers:
         rows += _moduli(numbers, unit)
     if "lowest_frequencies" in numbers:
@@ -74,7 +75,9 @@ def _rattlers(numbers: Mapping[str, Any]) -> Row:
     share = numbers["rattlers"] / numbers["particles"]
     note = f"{share:.1%} of {numbers['particles']} particles"
     if "danglers" in numbers:
-        note += f"; {numbers['danglers']} touch nothing, {numbers['rattling_clusters']} clusters rattle as a whole"
+        note += f"; {numbers['danglers']} touch nothing"
+    if "rattling_clusters" in numbers:
+        note += f", {numbers['rattling_clusters']} clusters rattle as a whole"
     return ("rattlers", str(numbers["rattlers"]), note)
 
 
@@ -85,20 +88,6 @@ def _links(numbers: Mapping[str, Any]) -> Row:
         count = numbers["crossing_links"]
         note += f"; {count} pair{'s' if count != 1 else ''} of bonds CROSS"
     return ("links", str(numbers["links"]), note)
-
-
-def _answer(numbers: Mapping[str, Any], name: str, where: str) -> Row:
-    grounds = [where]
-    if numbers[name] == "jammed":
-        singular, force = numbers[f"{name}_smallest_singular_value"], numbers[f"{name}_smallest_force"]
-        grounds += [
-            f"smallest singular value {singular:.1e}",
-            f"smallest force {force:.1e} of the mean",
-            f"balanced to {numbers[f'{name}_balance']:.0e}",
-        ]
-    else:
-        grounds.append(numbers[f"{name}_reason"])
-    return (f"{'collectively' if name == 'collective' else 'strictly'} jammed", numbers[name], "; ".join(grounds))
 
 
 def _moduli(numbers: Mapping[str, Any], unit: str) -> list[Row]:

@@ -28,6 +28,8 @@ def unrest(rest: RestCheck | None, touching: Touching) -> str:
         f"not at rest: the largest net force is {rest.residual:.1e} of the mean contact force,"
         f" above {rest.limit:.1e} (law: {rest.law})"
     )
+    if rest.law.endswith("assumed"):
+        reason += "; a scene would tell its law"
     if touching.mean_overlap < LEAST_GAP:
         reason += f"; if overlaps of {touching.mean_overlap:.0e} are errors of hard particles: rest_tolerance=inf"
     return reason

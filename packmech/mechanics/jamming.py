@@ -60,7 +60,8 @@ def classify_jamming(
         The packing, or a scene: with its law the Hessian's stability is answered too, and rest is judged by its forces.
     method
         "certificate": rank of the rigidity matrix, and the state of self stress with the largest smallest force (Roth
-        and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b.
+        and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b; what these move
+        relative to the largest group at rest is taken out, again and again, and an empty backbone is not jammed.
     solver
         "clarabel", "cvxpy" (the same programs as they read on paper) or "highs" (simplex; loads in a box). Where an
         interior-point method gives no answer that passes its check, simplex decides up to N = 1000.
@@ -149,6 +150,8 @@ def classify_jamming(
         collectively, strictly = (
             _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )
+        if method == "loads" and judged.emptied:
+            collectively, strictly = (_emptied(answer, judged.emptied) for answer in (collectively, strictly))
         rattlers = np.ones(packing.particles, dtype=bool)
         if len(judged.network):
             rattlers[judged.collective[0].kept_n] = False
@@ -189,6 +192,15 @@ def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: bool, gap_to
         return False
     backbone, _ = without(scene.packing, rattling_n)
     return is_firm(scene.replace(packing=backbone), strain=strain, gap_tolerance=gap_tolerance)
+
+
+def _emptied(answer: Answer, rounds: int) -> Answer:
+    """Return the answer, told that the source's rule to take out what moves, again and again, left nothing."""
+    if answer.verdict != NOT_JAMMED:
+        return answer
+    times = "once" if rounds == 1 else f"{rounds} times"
+    reason = f"{EMPTY.partition(':')[0]}: {answer.reason}, and nothing is left when what moves is taken out {times}"
+    return replace(answer, reason=reason)
 
 
 def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], count: int) -> Answer:

@@ -73,6 +73,16 @@ class Answer:
     stable: bool | None = None
     solves: tuple[Solve, ...] = ()
 
+    @property
+    def gap(self) -> float:
+        """Largest duality gap of the programs that were solved, relative to their value or 1; NaN where none was."""
+        return max((solve.gap for solve in self.solves if solve.outcome.ok and solve.iterations), default=np.nan)
+
+    @property
+    def status(self) -> str:
+        """What the solvers said of themselves, in the order in which they were asked."""
+        return "; ".join(solve.status for solve in self.solves)
+
     def __str__(self) -> str:
         """Return the verdict with its reason in short: not jammed (empty backbone)."""
         return f"{self.verdict} ({self.reason.partition(':')[0].partition(';')[0]})"
@@ -207,3 +217,9 @@ class Verdict:
     def ok(self) -> bool:
         """Whether no answer is ambiguous."""
         return AMBIGUOUS not in (self.local, self.collective, self.strict)
+
+    def __str__(self) -> str:
+        """Return the answers with their grounds and what was assumed, one line each."""
+        from packmech.mechanics.verdict_text import verdict_text
+
+        return verdict_text(self)
