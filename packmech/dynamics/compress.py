@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, positive, positive_array
 from packmech.compiled import single_thread
 from packmech.contacts import find_contacts
+from packmech.dynamics.descend import descend
 from packmech.dynamics.hard_vertex import find_vertex
 from packmech.dynamics.jam import free_strains
 from packmech.dynamics.jam_report import finish
+from packmech.dynamics.link_onset import find_onset
 from packmech.dynamics.protocol import Progress, Protocol
 from packmech.dynamics.settings import check_manner
 from packmech.dynamics.soft import soften
@@ -22,7 +24,7 @@ from packmech.dynamics.soft_newton import SoftState, judge, newton
 from packmech.dynamics.strain_fire import relax_strained
 from packmech.interrupts import safe_interrupts
 from packmech.outcome import NotConverged, Outcome, Run
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene
 
 # first distance above the onset, and the largest ratio of successive ones
@@ -45,6 +47,11 @@ def compress(
     The onset is that of the exact hard packing nearby, found from the packing as it is (jam it first to choose the
     protocol). From there the packing is followed upward in small steps by Newton's method; where that does not end in
     a minimum, contacts rearrange: FIRE finds the next packing, and the report counts it.
+
+    With links, which keep their lengths, the box is scaled about the centers of unwrapped clusters (one that winds
+    around it is strained with it and moved back onto its links). No hard packing is looked for: the packing is followed
+    down in pressure, compressed first where nothing presses, and the onset is where the line through the last two makes
+    the overlaps vanish.
 
     Parameters
     ----------
@@ -89,7 +96,7 @@ def compress(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
+    no_own_images("scene.packing", scene.packing)
     if isinstance(distances, str) or not isinstance(distances, Iterable):
         raise TypeError(f"distances must be a sequence of positive numbers, got {distances!r}")
     goals = np.sort(positive_array("distances", list(distances), shape=(None,), what="distance"))
@@ -115,18 +122,13 @@ class _Ascent:
     def climb(self, goals: NDArray[np.float64], limit: int, check: bool) -> list[Run]:
         protocol = self.protocol
         runs: list[Run] = []
-        vertex = find_vertex(protocol, protocol.scene.packing, limit)
-        if vertex is None:
+        start = self._start(float(goals[0]), limit)
+        if start is None:
             run = finish(protocol, protocol.last, Outcome.NOT_JAMMED, 0.0, "compress", self.began)
             if check:
                 raise NotConverged(run)
             return [run]
-        onset = protocol.report["jamming_packing_fraction"]
-        network = _pairs_of(vertex.contacts.i_c, vertex.contacts.j_c, vertex.contacts.image_cd)
-        depth = min(_FIRST, 0.5 * float(goals[0]))
-        # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
-        state = soften(vertex, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
-        packing = state.packing
+        packing, onset, depth, network = start
         try:
             for goal in goals:
                 self.rearrangements = self.iterations = 0
@@ -156,6 +158,24 @@ class _Ascent:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
         return runs
+
+    def _start(self, goal: float, limit: int) -> tuple[Packing, float, float, set[tuple[int, ...]]] | None:
+        """Return a packing just above the onset, the onset, how far above, and the pairs that touch at the onset."""
+        protocol = self.protocol
+        if protocol.scene.packing.links is not None:
+            found = find_onset(protocol, goal)
+            if found is None:
+                return None
+            pairs = _pairs_of(found.contacts.i_c, found.contacts.j_c, found.contacts.image_cd)
+            return found.state.packing, found.fraction, found.depth, pairs
+        vertex = find_vertex(protocol, protocol.scene.packing, limit)
+        if vertex is None:
+            return None
+        depth = min(_FIRST, 0.5 * goal)
+        # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
+        state = soften(vertex, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
+        pairs = _pairs_of(vertex.contacts.i_c, vertex.contacts.j_c, vertex.contacts.image_cd)
+        return state.packing, protocol.report["jamming_packing_fraction"], depth, pairs
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""
@@ -192,7 +212,9 @@ class _Ascent:
             else:
                 here, done = protocol.relax(here, tolerance, _FIRE_STEPS)
                 self.iterations += done.steps
-            state = newton(protocol.reduced(here), protocol.units, self.shears, None)
+            # with links, FIRE may end on saddles: Newton's method must be one that only goes down
+            bottom = newton if packing.links is None else descend
+            state = bottom(protocol.reduced(here), protocol.units, self.shears, None)
             if state.sound(max(self.tolerance, 1e-7)):
                 break
             tolerance *= _TIGHTER

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from packmech.contacts.network import Contacts, pair_contacts
 from packmech.dynamics.energy_change import energy_change
 from packmech.dynamics.soft_network import REACH, SoftNetwork, Units
-from packmech.dynamics.soft_newton import SoftState, network_of, newton
+from packmech.dynamics.soft_newton import SoftState, network_of, newton, rounding_floor
 from packmech.packing import Packing
 
 _ARMIJO = 1e-4
@@ -77,7 +77,7 @@ def descend(
     network = network_of(packing, units, basis_kdd, pressure)
     tie, used, looks = _TRACE, 0, 1
     travelled = 0.0
-    while used < iterations and np.isfinite(network.merit) and network.merit > _NEAR:
+    while used < iterations and np.isfinite(network.merit) and network.merit > max(_NEAR, rounding_floor(network)):
         used += 1
         found = _downhill(network, tie)
         if found is None:

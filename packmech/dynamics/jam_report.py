@@ -82,10 +82,11 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
     held = ~rattling.loose_n
     number = np.where(held, np.cumsum(held) - 1, -1)
-    assert packing.links is not None
-    part = packing.replace(
-        position_nd=packing.position_nd[held], radius_n=packing.radius_n[held], links=packing.links.numbered(number)
-    )
+    links = packing.links
+    assert links is not None
+    # links may all be between particles that rattle
+    kept = links.numbered(number) if (held[links.i_l] & held[links.j_l]).any() else None
+    part = packing.replace(position_nd=packing.position_nd[held], radius_n=packing.radius_n[held], links=kept)
     bearing = contacts.select(rattling.backbone_c)
     inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
     states = states_of_self_stress(part, "none" if strain == "fixed" else "isochoric", contacts=inner, basis_limit=1.0)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from packmech.dynamics.protocol import Protocol
 
 # each step of compression multiplies the packing fraction, until the pressure is this high [energy_scale / diameter^d]
-_DENSER, _DENSEST, _PRESSED = 1.03, 8.0, 1e-3
+_DENSER, _DENSEST, PRESSED = 1.03, 8.0, 1e-3
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _ROUNDING = 0.1
 # mean contact force that counts as none [energy_scale / diameter]
@@ -53,16 +53,29 @@ def decompress_linked(
     packing = protocol.scene.packing
     if start is not None:
         packing = protocol.at_fraction(packing, start)
-    packing, now = _compressed(protocol, packing, max(_PRESSED, pressure), tolerance, steps)
+    packing, now = compress_linked(protocol, packing, max(PRESSED, pressure), tolerance, steps)
     if now < pressure:
         return packing, Outcome.NOT_JAMMED
     return follow_pressure(protocol, packing, now, pressure)
 
 
-def _compressed(
+def compress_linked(
     protocol: Protocol, packing: Packing, until: float, tolerance: float, steps: int
 ) -> tuple[Packing, float]:
-    """Return the packing relaxed and compressed in turn until it presses as hard as asked for, and the pressure."""
+    """Return the packing relaxed and compressed in turn until it presses as hard as asked for, and the pressure.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; a stage is added to it.
+    packing
+        Where to start.
+    until
+        The pressure to press with [energy_scale / diameter^d]; less comes back where the packing never does.
+    tolerance, steps
+        Where FIRE stops in each box.
+
+    """
     with protocol.stage("compression") as figures:
         taken = 0
         while True:
@@ -95,7 +108,7 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
 
     """
     if pressure is not None:
-        packing, now = _compressed(protocol, protocol.scene.packing, pressure, _FIRE_TOLERANCES[0], step_limit)
+        packing, now = compress_linked(protocol, protocol.scene.packing, pressure, _FIRE_TOLERANCES[0], step_limit)
         if now < pressure:
             return packing, Outcome.NOT_JAMMED
         return follow_pressure(protocol, packing, now, pressure)

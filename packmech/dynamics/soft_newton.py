@@ -129,12 +129,18 @@ def newton(
         # the last step's count may belong to another set of contacts: some flicker where they just touch
         negative = _unstable_directions(best[0], units, network.basis_kdd, network.pressure)
     network.measure(best[0])
-    extent = max(float(np.abs(best[0].position_nd).max()), float(np.abs(best[0].box.lattice_dd).max()))
-    floor = mean = 0.0
-    if len(network.contacts):
-        mean = float(np.abs(network.first_c).mean())
-        floor = np.finfo(float).eps * extent * float(network.second_c.max()) / mean
-    return SoftState(best[0], best[2], best[3], used, negative, 1.0, floor, mean, looks)
+    mean = float(np.abs(network.first_c).mean()) if len(network.contacts) else 0.0
+    return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, looks)
+
+
+def rounding_floor(network: SoftNetwork) -> float:
+    """Return the residual that rounding of positions alone can cause; zero where nothing touches."""
+    if not len(network.contacts):
+        return 0.0
+    packing = network.packing
+    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+    mean = float(np.abs(network.first_c).mean())
+    return float(np.finfo(float).eps * extent * float(network.second_c.max()) / mean)
 
 
 def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
