@@ -160,6 +160,15 @@ def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
     return opening > ROUNDING * size and -float(stretch.min()) < LOADED * opening
 
 
+def _settled(cone: MotionCone, motion: NDArray[np.float64], solve: Solve) -> bool:
+    """Return whether a motion is admitted, and the load program's multipliers prove that none goes much farther.
+
+    A load of unit length moves what moves by about 1 / sqrt(n).
+    """
+    admitted = (cone.opening @ motion).min(initial=0.0) >= -LOADED * np.abs(motion).max(initial=0.0) - ROUNDING
+    return bool(admitted and np.sqrt(cone.unknowns) * abs(solve.gap) <= MOVED)
+
+
 def yield_to_loads(
     cone: MotionCone,
     rng: np.random.Generator,
@@ -191,10 +200,11 @@ def yield_to_loads(
             shape = "box" if name == "highs" else bound
             motion, solve = yield_to_load(cone, sign * load, bound=shape, solver=name, tolerance=tolerance)
             solves.append(solve)
-            if solve.outcome is Outcome.CONVERGED:
+            if _settled(cone, motion, solve):
                 break
         else:
-            return Finding(None, f"the load program was not solved ({solve.status})", solves=tuple(solves))
+            reason = f"no answer of the load program passed the check ({solve.status}, duality gap {solve.gap:.1e})"
+            return Finding(None, reason, solves=tuple(solves))
         size = float(np.sqrt(motion @ motion) if shape == "ball" else np.abs(motion).max())
         longest = max(longest, size)
         if size > MOVED:

@@ -24,6 +24,8 @@ ZERO_PIVOT = 1e-12
 # |L||D||L^T| above this multiple of |A| leaves fewer than eight digits of an indefinite factorization
 GROWTH_LIMIT = 1e8
 _DENSE_SIZE = 4000
+# rows from which on supernodes win in two dimensions too
+_LARGE = 12000
 
 
 class Inertia(NamedTuple):
@@ -103,11 +105,11 @@ def factorize(matrix: Any, *, kind: str = "definite", backend: str = "auto") -> 
         reports its inertia.
     backend
         "qdldl" (sparse L D L^T), "superlu" (SciPy, minimum degree on A + A^T, pivots on the diagonal), "dense"
-        (LAPACK, at most 4000 rows), "rslab" (if installed: supernodal with Bunch-Kaufman pivots), or "auto": qdldl
-        while rows are short (two dimensions) or the matrix small, SuperLU otherwise. Measured, one thread, CPU
-        milliseconds of a factorization: 2D N = 1024: qdldl 4.1, SuperLU 6.2, rslab 12; 2D N = 4096: 33, 34, 29; 3D N
-        = 1024: 207, 132, 49. Without pivoting an indefinite matrix can lose its digits; "auto" notices by the growth
-        and falls back to the dense one.
+        (LAPACK, at most 4000 rows), "rslab" (supernodal with Bunch-Kaufman pivots), or "auto": qdldl while rows are
+        short (two dimensions) or the matrix small, rslab otherwise. Measured, one thread, CPU milliseconds of a
+        factorization: 2D N = 1024: qdldl 4.7, SuperLU 8.1, rslab 7.7; 4096: 28, 63, 29; 16384: 228, 516, 118; 3D N =
+        256: 7.3, 7.7, 5.7; 1024: 147, 98, 43; 2048: 556, 453, 106. Without pivoting an indefinite matrix can lose
+        its digits; "auto" notices by the growth and falls back to the dense one.
 
     Raises
     ------
@@ -209,8 +211,9 @@ def _checked(matrix: Any) -> sp.csc_matrix:
 
 def _order(column: sp.csc_matrix) -> tuple[str, ...]:
     size = column.shape[0]
-    # long rows fill in so much that SuperLU's supernodes win; crossovers measured on jammed packings
-    first = ("superlu", "qdldl") if column.nnz > 18 * size and size > 700 else ("qdldl", "superlu")
+    # long rows fill in so much that supernodes win; crossovers measured on jammed packings
+    full = (column.nnz > 18 * size and size > 700) or size > _LARGE
+    first = ("rslab", "superlu", "qdldl") if full else ("qdldl", "superlu")
     return (*first, "dense") if size <= _DENSE_SIZE else first
 
 

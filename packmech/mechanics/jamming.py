@@ -135,6 +135,9 @@ def classify_jamming(
 
     def jams(contacts: Contacts, strain: bool) -> bool | None:
         network, kept = backbone_of(packing, contacts)
+        known, finding = judged.strict if strain else judged.collective
+        if _same(network, judged.network) and np.array_equal(kept, known.kept_n):
+            return finding.jammed
         cone = motion_cone(packing, network, strain=strain, volume=volume, kept_n=kept)
         return decide(cone).jammed if len(network) else False
 
@@ -192,6 +195,12 @@ def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: bool, gap_to
         return False
     backbone, _ = without(scene.packing, rattling_n)
     return is_firm(scene.replace(packing=backbone), strain=strain, gap_tolerance=gap_tolerance)
+
+
+def _same(one: Contacts, other: Contacts) -> bool:
+    return all(
+        np.array_equal(a, b) for a, b in ((one.i_c, other.i_c), (one.j_c, other.j_c), (one.image_cd, other.image_cd))
+    )
 
 
 def _emptied(answer: Answer, rounds: int) -> Answer:

@@ -1,10 +1,10 @@
 """Convex programs in one plain form, and the solvers that take them: Clarabel (interior point) and HiGHS (simplex).
 
-    minimize cost . x   with   equal @ x = equal_to,   below @ x <= below_to,   lower <= x <= upper,   |x[:ball]| <= 1
+    minimize cost . x + quadratic |x|^2 / 2   with   equal @ x = equal_to,  below @ x <= below_to,  lower <= x <= upper
 
-Multipliers follow one convention for both solvers: cost + equal^T y + below^T z + (multipliers of the bounds) = 0 with
-z >= 0. When no x is feasible Clarabel's multipliers are a proof of it: equal^T y + below^T z + ... = 0 with a negative
-value of equal_to . y + below_to . z + ....
+Multipliers follow one convention for both solvers: cost + quadratic x + equal^T y + below^T z + (multipliers of the
+bounds) = 0 with z >= 0. When no x is feasible Clarabel's multipliers are a proof of it: equal^T y + below^T z + ... = 0
+with a negative value of equal_to . y + below_to . z + ....
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SUPERNODAL_ROWS = 4000
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A linear program, with a norm ball on its first `ball` unknowns if that is not 0."""
+    """A linear program, or with a positive `quadratic` a projection: the x nearest to -cost / quadratic."""
 
     cost: NDArray[np.float64]
     equal: sp.csr_array
@@ -36,7 +36,7 @@ class Program:
     below_to: NDArray[np.float64]
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
-    ball: int = 0
+    quadratic: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +72,6 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
     limits = [program.equal_to, program.below_to, -program.lower[above], program.upper[under]]
     one_sided = sum(len(limit) for limit in limits[1:])
     cones: list[Any] = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(one_sided)]
-    if program.ball:
-        blocks += [sp.csr_array((1, size)), -unit[: program.ball]]
-        limits += [np.ones(1), np.zeros(program.ball)]
-        cones.append(clarabel.SecondOrderConeT(program.ball + 1))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -83,8 +79,8 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
     if size > _SUPERNODAL_ROWS:
         settings.direct_solve_method = "faer"
     matrix = sp.csc_matrix(sp.vstack(blocks))
-    empty = sp.csc_matrix((size, size))
-    found = clarabel.DefaultSolver(empty, program.cost, matrix, np.concatenate(limits), cones, settings).solve()
+    curvature = sp.csc_matrix(program.quadratic * unit) if program.quadratic else sp.csc_matrix((size, size))
+    found = clarabel.DefaultSolver(curvature, program.cost, matrix, np.concatenate(limits), cones, settings).solve()
     status = str(found.status)
     outcome = {"Solved": Outcome.CONVERGED, "PrimalInfeasible": Outcome.INFEASIBLE}.get(status, Outcome.INACCURATE)
     multiplier = np.array(found.z)
@@ -111,14 +107,14 @@ def solve_highs(program: Program, tolerance: float) -> Solution:
     Parameters
     ----------
     program
-        The program, without a norm ball.
+        The program, without a quadratic term.
     tolerance
         Feasibility tolerance; HiGHS takes at least 1e-10.
 
     """
     from scipy.optimize import linprog
 
-    if program.ball:
+    if program.quadratic:
         raise ValueError("bound must be 'box' for the simplex method, got 'ball'")
     start = time.process_time()
     limit = max(tolerance, 1e-10)

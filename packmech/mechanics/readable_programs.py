@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.mechanics.motions import MotionCone
-from packmech.mechanics.programs import ForceBalance, Openings
+from packmech.mechanics.programs import ForceBalance, Openings, load_gap
 from packmech.outcome import Outcome, Solve
 
 _OUTCOMES = {"optimal": Outcome.CONVERGED, "infeasible": Outcome.INFEASIBLE}
@@ -72,10 +73,19 @@ def yield_to_load_readable(
 
     y, rules = _motion(cone)
     size = cp.norm(y, 2) if bound == "ball" else cp.norm(y, "inf")
-    problem = cp.Problem(cp.Minimize(load @ y), [cone.opening @ y >= 0, size <= 1, *rules])
+    load = cone.without_translations(load)
+    load = load / max(float(np.sqrt(load @ load)), 1e-300)
+    contact = cone.opening @ y >= 0
+    problem = cp.Problem(cp.Minimize(load @ y), [contact, size <= 1, *rules])
     solve = _solved(problem, tolerance)
     found = np.full(cone.unknowns, np.nan) if y.value is None else np.asarray(y.value)
-    return found, solve
+    if contact.dual_value is None:
+        return found, solve
+    others = [np.ravel(rule.dual_value) for rule in rules[1:]]
+    if cone.held.shape[0]:
+        others[0] = -others[0]
+    weight = np.concatenate([np.asarray(contact.dual_value), *others])
+    return found, replace(solve, gap=load_gap(cone, load, found, weight, bound))
 
 
 def largest_smallest_force_readable(cone: MotionCone, tolerance: float) -> ForceBalance:
