@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.hard_cases.jamming_verdicts import three_in_a_hole
 from packmech.mechanics import linear_programs, rattling
 from packmech.outcome import Outcome, Solve
 
@@ -90,18 +91,6 @@ def test_rattling_does_not_depend_on_where_the_clusters_are_wrapped(linked):
         position_nd=packing.position_nd - image @ packing.box.lattice_dd.T, links=packing.links.moved(image)
     )
     assert np.array_equal(pm.find_rattling_clusters(moved).rattling_n, pm.find_rattling_clusters(packing).rattling_n)
-
-
-def three_in_a_hole():
-    """Return a crystal with three discs wedged in a vacancy: each held, all pushed, free to turn together."""
-    crystal = pm.lattice_packing("triangular", (6, 6))
-    side, hole = 2.0 * crystal.radius_n[0], 14
-    out = 0.5 / (1.0 + 0.75**0.5)
-    angle = 2.0 * np.pi / 3.0 * np.arange(3)
-    three = crystal.position_nd[hole] + side * out * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rest = np.arange(crystal.particles) != hole
-    radius = np.append(crystal.radius_n[rest], [side * (0.5 - out)] * 3)
-    return pm.Packing(np.vstack([crystal.position_nd[rest], three]), radius, crystal.box)
 
 
 def test_discs_that_are_held_and_pushed_but_turn_together_rattle():

@@ -8,6 +8,7 @@ import pytest
 
 import packmech as pm
 from packmech.contacts.rattlers import _is_free
+from packmech.hard_cases.jamming_verdicts import three_in_a_hole
 from packmech.mechanics.judging import _largest_group
 from packmech.mechanics.touching import check_rest
 from packmech.mechanics.verdict_text import verdict_numbers
@@ -24,18 +25,6 @@ def soft(pressure=1e-7):
     return pm.jam(
         pm.Scene(pm.random_packing(32, dimension=2, packing_fraction=0.86, seed=3), EFFECTS), pressure=pressure
     )
-
-
-def three_in_a_hole():
-    """Return a crystal with three discs wedged in a vacancy: each held, all pushed, free to turn together."""
-    crystal = pm.lattice_packing("triangular", (6, 6))
-    side, hole = 2.0 * crystal.radius_n[0], 14
-    out = 0.5 / (1.0 + 0.75**0.5)
-    angle = 2.0 * np.pi / 3.0 * np.arange(3)
-    three = crystal.position_nd[hole] + side * out * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rest = np.arange(crystal.particles) != hole
-    radius = np.append(crystal.radius_n[rest], [side * (0.5 - out)] * 3)
-    return pm.Packing(np.vstack([crystal.position_nd[rest], three]), radius, crystal.box)
 
 
 @pytest.mark.parametrize("method", METHODS)
