@@ -74,7 +74,7 @@ def settle(
         jammed = (collectively.verdict == JAMMED, strictly.verdict == JAMMED)
         if jammed == (True, True):
             held = decide(fewer, True)
-            kept = (held, held)
+            kept = (held or decide(fewer, False), held)
         elif jammed == (True, False):
             # while the whole backbone is collectively jammed, no part of it can be strictly jammed by itself
             kept = (decide(fewer, False), decide(more, True) is False)

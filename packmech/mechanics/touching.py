@@ -76,8 +76,9 @@ class Touching:
 
     @property
     def on_plateau(self) -> bool:
-        """Whether the excess contacts are the same at all levels."""
-        return len({level.excess for level in self.levels}) <= 1
+        """Whether the excess contacts are the same at all levels, and all or none of the networks are empty."""
+        # nothing at all counts as one in excess, like the square lattice
+        return len({(level.excess, level.contacts > 0) for level in self.levels}) <= 1
 
     def within(self, level: int) -> Contacts:
         """Return the pairs within the tolerance of one of the levels, those of rattlers included."""
