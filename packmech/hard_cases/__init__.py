@@ -14,7 +14,7 @@ __all__ = ["HardCase", "Measured", "catalogue", "measure"]
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """Return every hard case, in the order of the rooms: geometry, matrices, motion, protocols, crystals, links.
+    """Return every hard case, by rooms: geometry, matrices, motion, protocols, verdicts, crystals, links.
 
     Examples
     --------
@@ -22,9 +22,17 @@ def catalogue() -> tuple[HardCase, ...]:
     ['one particle in a box', 'one sphere in a box']
 
     """
-    from packmech.hard_cases import geometry, jamming, lattices, links, matrices, motion
+    from packmech.hard_cases import geometry, jamming, jamming_verdicts, lattices, links, matrices, motion
 
-    cases = (*geometry.CASES, *matrices.CASES, *motion.CASES, *jamming.CASES, *lattices.CASES, *links.CASES)
+    cases = (
+        *geometry.CASES,
+        *matrices.CASES,
+        *motion.CASES,
+        *jamming.CASES,
+        *jamming_verdicts.CASES,
+        *lattices.CASES,
+        *links.CASES,
+    )
     _check(cases)
     return cases
 

@@ -168,7 +168,8 @@ def _shaken(size: float) -> float:
 class Liar(Protocol):
     """A solver in form only."""
 
-    def __call__(self, program: Program, tolerance: float) -> Solution: ...
+    def __call__(self, program: Program, tolerance: float) -> Solution:
+        """Return what it calls a solution."""
 
 
 def _stalled(program: Program, tolerance: float) -> Solution:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.excluded import rigid_clusters
+from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import check_contacts, loose_particles
 from packmech.links import Links, image_offsets
+from packmech.measure.link_tension import DEPENDENT, distance_gradients
 from packmech.packing import Packing, no_own_images
 
 
@@ -74,7 +75,8 @@ def remove_rattlers(
 ) -> tuple[Packing, NDArray[np.int64]]:
     """Return the packing without its rattlers, and the (N',) numbers that its particles had before.
 
-    Clusters are cut where only a part of them rattles: links between particles that are left stay, others go.
+    Clusters are cut where only a part of them rattles: links between particles that are left stay, others go. Distances
+    that those held (of a rigid part that turns about two of its particles, say) become links of shape.
 
     Parameters
     ----------
@@ -105,28 +107,31 @@ def without(packing: Packing, loose_n: NDArray[np.bool_]) -> tuple[Packing, NDAr
     """Return the packing without the named particles and their links, and the numbers that the others had before."""
     kept = np.flatnonzero(~loose_n)
     links = None
-    if packing.links is not None and len(kept):
+    if packing.links is not None:
         whole = _with_inner_links(packing, packing.links, loose_n)
-        links = whole.numbered(np.where(loose_n, -1, np.cumsum(~loose_n) - 1))
+        if (~loose_n[whole.i_l] & ~loose_n[whole.j_l]).any():
+            links = whole.numbered(np.where(loose_n, -1, np.cumsum(~loose_n) - 1))
     return packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept], links=links), kept
 
 
 def _with_inner_links(packing: Packing, links: Links, loose_n: NDArray[np.bool_]) -> Links:
-    """Return the links, and shape links for the distances that a rigid cluster held by particles that are taken out."""
-    partly = np.flatnonzero(loose_n & rigid_clusters(packing))
-    cluster = links.clusters(packing.particles)
-    offset, _ = image_offsets(links, packing.particles)
-    known = set(zip(links.i_l.tolist(), links.j_l.tolist(), strict=True))
-    pairs = [
-        pair
-        for c in np.unique(cluster[partly])
-        for pair in itertools.combinations(np.flatnonzero((cluster == c) & ~loose_n).tolist(), 2)
-        if pair not in known
-    ]
-    if not pairs:
+    """Return the links, and shape links for the distances that held particles have by way of those taken out."""
+    ends = np.stack([links.i_l, links.j_l], axis=1)
+    between = np.flatnonzero(loose_n[ends].all(axis=1))
+    part = links.select(between).clusters(packing.particles) if len(between) else np.arange(packing.particles)
+    rim = np.flatnonzero(loose_n[ends].sum(axis=1) == 1)
+    found: list[tuple[int, int, NDArray[np.int64]]] = []
+    for p in np.unique(part[ends[rim][loose_n[ends[rim]]]]):
+        inside = loose_n & (part == p)
+        edge = ends[inside[ends].any(axis=1)].ravel()
+        edge = np.unique(edge[~inside[edge]])
+        if len(edge) > 1:
+            near = inside.copy()
+            near[edge] = True
+            found += _held_pairs(packing, links.select(near[ends].all(axis=1)), edge)
+    if not found:
         return links
-    i, j = np.array(pairs).T
-    image = offset[j] - offset[i]
+    i, j, image = (np.array(column) for column in zip(*found, strict=True))
     vector = packing.position_nd[j] - packing.position_nd[i] + image @ packing.box.lattice_dd.T
     assert links.shape_l is not None
     return Links(
@@ -136,3 +141,34 @@ def _with_inner_links(packing: Packing, links: Links, loose_n: NDArray[np.bool_]
         np.concatenate([links.length_l, np.sqrt((vector**2).sum(axis=1))]),
         np.concatenate([links.shape_l, np.ones(len(i), dtype=bool)]),
     )
+
+
+def _held_pairs(packing: Packing, links: Links, edge: NDArray[np.int64]) -> list[tuple[int, int, NDArray[np.int64]]]:
+    """Return pairs among the particles `edge`, with images, whose distance the links hold and those among them do not.
+
+    To first order; each pair found counts as linked for those after it.
+    """
+    offset, _ = image_offsets(links, packing.particles)
+    pairs = list(itertools.combinations(edge.tolist(), 2))
+    i, j = np.array(pairs).T
+    image = offset[j] - offset[i]
+    own = pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
+    column = np.unique(np.concatenate([links.i_l, links.j_l]))
+    column = (column[:, None] * packing.dimension + np.arange(packing.dimension)).ravel()
+    row_l = distance_gradients(own)[:, column].toarray()
+    row_p = distance_gradients(pair_contacts(packing, i, j, image))[:, column].toarray()
+    known = row_l[np.isin(links.i_l, edge) & np.isin(links.j_l, edge)]
+    found = []
+    for k, row in enumerate(row_p):
+        if _spanned(row, row_l) and not _spanned(row, known):
+            found.append((*pairs[k], image[k]))
+            known = np.vstack([known, row])
+    return found
+
+
+def _spanned(row: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+    """Return whether a row is a combination of the others."""
+    if not len(others):
+        return False
+    share = np.linalg.lstsq(others.T, row, rcond=DEPENDENT)[0]
+    return bool(np.abs(row - others.T @ share).max() < DEPENDENT)
