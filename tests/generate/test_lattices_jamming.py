@@ -14,6 +14,7 @@ import scipy.sparse
 
 import packmech as pm
 from packmech.generate import LATTICE_NAMES
+from packmech.generate.defects import random_strain, strain_packing
 
 # name: collectively and strictly jammed in every cell but the small ones, and the cells that are tried
 JAMMED = {
@@ -106,13 +107,25 @@ def is_trivial(rows):
     return -solver.getInfo().objective_function_value < 1e-6
 
 
+def without_rattlers(pairs, kept):
+    """Return the pairs and the particles that are left when those not held by their contacts are taken out."""
+    while True:
+        normal = {k: [v for i, _, v in pairs if i == k] + [-v for _, j, v in pairs if j == k] for k in kept}
+        loose = {k for k in kept if not normal[k] or not is_trivial(np.array(normal[k]))}
+        if not loose:
+            return pairs, kept
+        kept = kept - loose
+        pairs = [one for one in pairs if one[0] in kept and one[1] in kept]
+
+
 def by_definition(packing, pairs=None):
-    """Return whether the packing is locally, collectively and strictly jammed, no particle rattling."""
-    pairs = touching(packing) if pairs is None else pairs
-    count, d = packing.particles, packing.dimension
-    normal = [[v for i, _, v in pairs if i == k] + [-v for _, j, v in pairs if j == k] for k in range(count)]
-    local = all(len(one) and is_trivial(np.array(one)) for one in normal)
-    return (local, *(is_trivial(rows_of(pairs, count, d, strain)) for strain in (False, True)))
+    """Return whether the packing is locally, collectively and strictly jammed, rattlers taken out."""
+    pairs, kept = without_rattlers(touching(packing) if pairs is None else pairs, set(range(packing.particles)))
+    if not kept:
+        return False, False, False
+    number = {k: m for m, k in enumerate(sorted(kept))}
+    pairs = [(number[i], number[j], vector) for i, j, vector in pairs]
+    return True, *(is_trivial(rows_of(pairs, len(kept), packing.dimension, strain)) for strain in (False, True))
 
 
 def answers(verdict):
@@ -218,3 +231,44 @@ def test_crystals_with_vacancies_apart_are_jammed_as_the_definition_has_it(name,
     expected = by_definition(packing)
     assert expected[0]
     assert answers(pm.classify_jamming(packing)) == expected
+
+
+@pytest.mark.parametrize("repeats", [3, 4, 6])
+def test_the_triangular_crystal_stays_strictly_jammed_without_one_disc(repeats):
+    packing = pm.vacancy_packing(pm.lattice_packing("triangular", repeats), 1, seed=repeats)
+    assert by_definition(packing) == answers(pm.classify_jamming(packing)) == (True, True, True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("name", "repeats", "vacancies"),
+    [("triangular", 5, 4), ("triangular", 5, 9), ("fcc", 3, 5), ("fcc", 3, 11), ("hcp", 2, 3), ("filled square", 3, 3)],
+)
+def test_crystals_with_any_vacancies_are_jammed_as_the_definition_has_it(name, repeats, vacancies, seed):
+    packing = pm.vacancy_packing(pm.lattice_packing(name, repeats), vacancies, seed=seed)
+    verdict = pm.classify_jamming(packing)
+    assert answers(verdict) == by_definition(packing)
+    _, kept = without_rattlers(touching(packing), set(range(packing.particles)))
+    if verdict.collective == "not jammed":
+        assert set(np.flatnonzero(verdict.backbone).tolist()) == kept
+
+
+@pytest.mark.parametrize("size", [1e-11, 1e-9, 1e-6])
+@pytest.mark.parametrize("seed", range(6))
+def test_strained_fcc_crystals_are_ambiguous_where_the_networks_at_a_tenth_and_ten_times_disagree(seed, size):
+    crystal = pm.lattice_packing("fcc", 2)
+    strain_dd = random_strain(3, size, seed=seed)
+    pairs = touching(crystal)
+    vector_cd = np.array([vector for *_, vector in pairs])
+    gap_c = np.linalg.norm(vector_cd + vector_cd @ strain_dd, axis=1) - 1
+    overlap_c = -gap_c[gap_c < -1e-15]
+    tolerance = max(7 * overlap_c.mean() if len(overlap_c) else 0.0, 1e-9)
+    fewest, most = (
+        by_definition(crystal, [one for one, gap in zip(pairs, gap_c, strict=True) if gap <= factor * tolerance])
+        for factor in (0.1, 10.0)
+    )
+    expected = tuple(
+        "jammed" if few else "ambiguous" if many else "not jammed" for few, many in zip(fewest, most, strict=True)
+    )
+    verdict = pm.classify_jamming(strain_packing(crystal, strain_dd))
+    assert (verdict.local, verdict.collective, verdict.strict) == expected
