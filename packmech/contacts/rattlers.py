@@ -19,11 +19,41 @@ from packmech.packing import Packing
 # Two contacts opposite to within this angle [rad] count as exactly opposite, as in crystals: a third contact between
 # them could only be balanced by forces a hundred million times larger than itself.
 _OPPOSITE = 1e-8
+# angles [rad] and lengths this large are no matter of rounding
+_PLAIN = 1e-3
+
+
+@device
+def _surely_around(x: NDArray[np.float64], y: NDArray[np.float64], count: int) -> bool:
+    """Return whether three of the vectors (x, y) obviously leave no half plane free; False says nothing."""
+    first = np.sqrt(x[0] * x[0] + y[0] * y[0])
+    if first < _PLAIN:
+        return False
+    # on each side of the first vector, the one that points back the most
+    left = right = -1
+    left_cosine = right_cosine = 2.0
+    for k in range(1, count):
+        size = np.sqrt(x[k] * x[k] + y[k] * y[k])
+        if size < _PLAIN:
+            continue
+        sine = (x[0] * y[k] - y[0] * x[k]) / (first * size)
+        cosine = (x[0] * x[k] + y[0] * y[k]) / (first * size)
+        if sine > _PLAIN and cosine < left_cosine:
+            left, left_cosine = k, cosine
+        elif sine < -_PLAIN and cosine < right_cosine:
+            right, right_cosine = k, cosine
+    if left < 0 or right < 0:
+        return False
+    area = x[left] * y[right] - y[left] * x[right]
+    lengths = (x[left] * x[left] + y[left] * y[left]) * (x[right] * x[right] + y[right] * y[right])
+    return bool(area > 0.0 and area * area > _PLAIN * _PLAIN * lengths)
 
 
 @device
 def _within_half_plane(x: NDArray[np.float64], y: NDArray[np.float64], count: int) -> bool:
     """Return whether some direction of the plane makes no acute angle with the first `count` vectors (x, y)."""
+    if count >= 3 and _surely_around(x, y, count):
+        return False
     angle = np.empty(count)
     used = 0
     for k in range(count):

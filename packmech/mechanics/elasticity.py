@@ -16,8 +16,9 @@ from packmech.measure.link_tension import LinkGradients, tension_of
 from packmech.mechanics.bonds import BondSums, bond_sums
 from packmech.mechanics.factor import NotDefinite, factorize
 from packmech.mechanics.hessian import KINDS, bordered, closed_terms
+from packmech.mechanics.link_fronts import cut_places, relax_by_fronts
 from packmech.mechanics.link_relaxation import linked_system, negative_motions, relax_linked, soft_shift
-from packmech.mechanics.link_rows import independent_rows, prestressed, stiff_strains
+from packmech.mechanics.link_rows import independent_rows, link_strains, prestressed, stiff_strains
 from packmech.mechanics.moduli import Moduli, cauchy_tangent, firm_inverse, with_infinities
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
@@ -100,8 +101,14 @@ def _negative_total(sums: BondSums, count_n: NDArray[np.int64], links: LinkGradi
     return negative_motions(linked_system(whole, rows), soft_shift(whole), dimension)
 
 
-def _relax_with_links(sums: BondSums, count_n: NDArray[np.int64], links: LinkGradients, push: float) -> _Relaxation:
+def _relax_with_links(
+    sums: BondSums, count_n: NDArray[np.int64], links: LinkGradients, push: float, place_nd: NDArray[np.float64]
+) -> _Relaxation:
     """Return how the particles relax where links keep their lengths, and the links' share of the stiffness."""
+    exact = relax_by_fronts(sums, links, place_nd, int(np.argmax(count_n)), push) if len(count_n) else None
+    if exact is not None:
+        pull = link_strains(links)[~links.dependent_l].T @ exact.multiplier
+        return _Relaxation(exact.response, exact.negative, exact.floppy, exact.residual, pull)
     keep, matrix = _pinned(sums, count_n)
     dimension = links.pairs.dimension
     gradient, stretch = independent_rows(links)
@@ -183,7 +190,8 @@ def elastic_moduli(
         if links is None:
             relaxation = _relax(sums, contacts.count_n(), push)
         else:
-            relaxation = _relax_with_links(sums, contacts.count_n(), links, push)
+            place = cut_places(scene.packing.position_nd[backbone.index_n], scene.packing.box)
+            relaxation = _relax_with_links(sums, contacts.count_n(), links, push, place)
         stiff = stiff_strains(links, contacts.dimension)
         affine = sums.strain_ee / volume
         relaxed = sums.strain_ee + sums.coupling_xe.T @ relaxation.response_xe + relaxation.pull_ee

@@ -1,0 +1,275 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Multifrontal L D L^T of particles and rigid links, compiled.
+
+Each node of a dissection gathers what is left of its children in a dense matrix (its front), adds its own particles and
+links, and eliminates what it can. A link's row enters where the first of its particles is eliminated, and goes right
+after the node's particles if they hold it firmly enough; otherwise it waits for the parent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packmech.compiled import device, kernel
+from packmech.mechanics.dense_fronts import eliminate, finish, firm_links, reorder
+
+# a link leaves where its pivot is at least this part of the unit of stiffness: growth stays below its inverse
+_FIRM = 1e-2
+_GOOD = 1e-1
+# a pivot below this part of its row's own stiffness has lost its digits
+_LOST = 1e-13
+
+
+@device
+def _grown(array, used, need):
+    """Return the array, or a longer copy of it where it has no room for `need` more."""
+    if used + need <= array.shape[0]:
+        return array
+    longer = np.empty(max(used + need, 3 * array.shape[0] // 2), array.dtype)
+    longer[:used] = array[:used]
+    return longer
+
+
+@device
+def _add_block(front, n, row, column, block, factor):
+    d = block.shape[0]
+    for a in range(d):
+        for b in range(d):
+            if row + a <= column + b:
+                front[(row + a) * n + column + b] += factor * block[a, b]
+
+
+@kernel
+def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_graph, normal_ld, unit, pinned):
+    """Return (failed, negative pivots, fronts): the factored system.
+
+    Unknowns are N d displacements, then L link forces; the rows of the links are `unit` times the gradients, and unit
+    n n stands in the particles' blocks too. `fronts` is (variables, first variable of each node, rows of U, first entry
+    of each node, pivots of each node).
+    """
+    member, node_start, children = tree
+    start, neighbor, edge = graph
+    link_start, link_entry = link_graph
+    n_particles, d = diagonal_ndd.shape[0], diagonal_ndd.shape[1]
+    n_links = normal_ld.shape[0]
+    nodes = children.shape[0]
+    place = np.full(n_particles, -1, np.int64)  # in the present front
+    gone = np.zeros(n_particles, np.bool_)
+    link_place = np.full(n_links, -1, np.int64)
+    awake = np.zeros(n_links, np.bool_)
+    firmness = np.zeros(n_particles)  # largest diagonal entry of each particle's own block
+    variables = np.empty(4 * (n_particles * d + n_links) + 64, np.int64)
+    variable_start = np.zeros(nodes + 1, np.int64)
+    rows = np.empty((90 if d == 2 else 360) * (n_particles * d + n_links) + 64)
+    row_start = np.zeros(nodes + 1, np.int64)
+    pivots = np.zeros(nodes, np.int64)
+    # what is left of finished nodes: particles, links and numbers, on three stacks
+    waiting_n = np.empty(1024, np.int64)
+    waiting_l = np.empty(256, np.int64)
+    waiting = np.empty(65536)
+    sizes = np.empty((nodes + 1, 2), np.int64)
+    height = 0
+    top_n = top_l = top = 0
+    front = np.empty(4096)
+    panel = np.empty((4, 256))
+    own_n = np.empty(n_particles, np.int64)
+    own_l = np.empty(n_links, np.int64)
+    order = np.empty(n_links + 1, np.int64)
+    block = np.empty((d, d))
+    negative = 0
+    ranks = np.empty(n_particles, np.int64)
+    rank = np.empty(n_particles, np.int64)
+    for m in range(member.shape[0]):
+        rank[member[m]] = m
+    slot = np.empty(256, np.int64)
+    for t in range(nodes):
+        # who takes part: own particles, links, then the rim
+        used_n = used_l = 0
+        for m in range(node_start[t], node_start[t + 1]):
+            own_n[used_n] = member[m]
+            place[member[m]] = used_n * d
+            used_n += 1
+        inside = used_n
+        base_n, base_l = top_n, top_l
+        for c in range(children[t]):
+            base_n -= sizes[height - 1 - c, 0]
+            base_l -= sizes[height - 1 - c, 1]
+        for h in range(base_l, top_l):
+            own_l[used_l] = waiting_l[h]
+            used_l += 1
+        old_l = used_l
+        for m in range(inside):
+            i = own_n[m]
+            for h in range(link_start[i], link_start[i + 1]):
+                link = link_entry[h]
+                if not awake[link]:
+                    awake[link] = True
+                    own_l[used_l] = link
+                    used_l += 1
+        for h in range(used_l):
+            link_place[own_l[h]] = inside * d + h
+        offset = inside * d + used_l
+        for h in range(base_n, top_n):
+            i = waiting_n[h]
+            if place[i] < 0:
+                place[i] = 0
+                own_n[used_n] = i
+                used_n += 1
+        for m in range(inside):
+            i = own_n[m]
+            for h in range(start[i], start[i + 1]):
+                j = neighbor[h]
+                if place[j] < 0 and not gone[j] and j != pinned:
+                    place[j] = 0
+                    own_n[used_n] = j
+                    used_n += 1
+        # the rim in the order of its elimination: then the places of a child's rim rise, here too
+        for m in range(inside, used_n):
+            ranks[m] = rank[own_n[m]]
+        ranks[inside:used_n].sort()
+        for m in range(inside, used_n):
+            own_n[m] = member[ranks[m]]
+            place[own_n[m]] = offset + (m - inside) * d
+        n = used_n * d + used_l
+        if n * n > front.shape[0]:
+            front = np.empty(max(n * n, 2 * front.shape[0]))
+        if n > panel.shape[1]:
+            panel = np.empty((4, 2 * n))
+        for k in range(n * n):
+            front[k] = 0.0
+        # numbers: own particles and their pairs, links that wake up, then the children
+        for m in range(inside):
+            i = own_n[m]
+            at = place[i]
+            for a in range(d):
+                for b in range(a, d):
+                    front[(at + a) * n + at + b] += diagonal_ndd[i, a, b]
+            for h in range(start[i], start[i + 1]):
+                p = edge[h]
+                if p < pair_pdd.shape[0]:
+                    to = place[neighbor[h]]
+                    if to > at:
+                        _add_block(front, n, at, to, pair_pdd[p], -1.0)
+        for h in range(old_l, used_l):
+            link = own_l[h]
+            i, j = link_i[link], link_j[link]
+            at = link_place[link]
+            for a in range(d):
+                for b in range(d):
+                    block[a, b] = normal_ld[link, a] * normal_ld[link, b]
+            for end in range(2):
+                i = link_i[link] if end == 0 else link_j[link]
+                if i == pinned:
+                    continue
+                to = place[i]
+                _add_block(front, n, to, to, block, unit)
+                for a in range(d):
+                    value = (-unit if end == 0 else unit) * normal_ld[link, a]
+                    front[min(at, to + a) * n + max(at, to + a)] += value
+            i = link_i[link]
+            if i != pinned and j != pinned:
+                _add_block(front, n, min(place[i], place[j]), max(place[i], place[j]), block, -unit)
+        for m in range(inside):
+            i = own_n[m]
+            most = 0.0
+            for a in range(d):
+                own = abs(diagonal_ndd[i, a, a])
+                most = max(most, own)
+            firmness[i] = most + (unit if link_start[i + 1] > link_start[i] else 0.0)
+        for _ in range(children[t]):
+            height -= 1
+            left_n, left_l = sizes[height, 0], sizes[height, 1]
+            left = left_n * d + left_l
+            top_n -= left_n
+            top_l -= left_l
+            top -= left * left
+            if left > slot.shape[0]:
+                slot = np.empty(2 * left, np.int64)
+            for a in range(left_l):
+                slot[a] = link_place[waiting_l[top_l + a]]
+            for m in range(left_n):
+                for a in range(d):
+                    slot[left_l + m * d + a] = place[waiting_n[top_n + m]] + a
+            for a in range(left_l):
+                for b in range(a, left):
+                    row, column = min(slot[a], slot[b]), max(slot[a], slot[b])
+                    front[row * n + column] += waiting[top + a * left + b]
+            for a in range(left_l, left):
+                row = slot[a] * n
+                line = top + a * left
+                for b in range(a, left):
+                    front[row + slot[b]] += waiting[line + b]
+        # elimination: particles, then the links that these hold
+        own = inside * d
+        stop = own + used_l
+        eliminate(front, n, 0, own, stop, panel)
+        for k in range(own):
+            pivot = front[k * n + k]
+            if not abs(pivot) > _LOST * firmness[own_n[k // d]]:
+                return True, 0, (variables, variable_start, rows, row_start, pivots)
+            negative += pivot < 0.0
+        done = 0
+        if used_l > 0:
+            root = t == nodes - 1
+            done = firm_links(front, n, own, used_l, unit * (_LOST if root else _FIRM), unit * _GOOD, order)
+            if root and done < used_l:
+                return True, 0, (variables, variable_start, rows, row_start, pivots)
+            same = True
+            for h in range(used_l):
+                same = same and order[h] == h
+            if not same:
+                reorder(front, n, own, used_l, order)
+                for h in range(used_l):
+                    order[h] = own_l[order[h]]
+                for h in range(used_l):
+                    own_l[h] = order[h]
+            eliminate(front, n, own, own + done, stop, panel)
+            for k in range(own, own + done):
+                negative += front[k * n + k] < 0.0
+        pivot_count = own + done
+        finish(front, n, pivot_count, stop, panel)
+        pivots[t] = pivot_count
+        # keep the rows
+        variables = _grown(variables, variable_start[t], n)
+        at = variable_start[t]
+        for m in range(inside):
+            for a in range(d):
+                variables[at] = own_n[m] * d + a
+                at += 1
+        for h in range(used_l):
+            variables[at] = n_particles * d + own_l[h]
+            at += 1
+        for m in range(inside, used_n):
+            for a in range(d):
+                variables[at] = own_n[m] * d + a
+                at += 1
+        variable_start[t + 1] = at
+        rows = _grown(rows, row_start[t], pivot_count * n)
+        for k in range(pivot_count):
+            for j in range(k):
+                rows[row_start[t] + k * n + j] = 0.0
+            for j in range(k * n + k, k * n + n):
+                rows[row_start[t] + j] = front[j]
+        row_start[t + 1] = row_start[t] + pivot_count * n
+        # leave the rest to the parent
+        left = n - pivot_count
+        waiting_n = _grown(waiting_n, top_n, used_n - inside)
+        waiting_l = _grown(waiting_l, top_l, used_l - done)
+        waiting = _grown(waiting, top, left * left)
+        for m in range(inside, used_n):
+            waiting_n[top_n] = own_n[m]
+            top_n += 1
+        for h in range(done, used_l):
+            waiting_l[top_l] = own_l[h]
+            top_l += 1
+        for a in range(left):
+            for b in range(a, left):
+                waiting[top + a * left + b] = front[(pivot_count + a) * n + pivot_count + b]
+        top += left * left
+        sizes[height, 0], sizes[height, 1] = used_n - inside, used_l - done
+        height += 1
+        for m in range(used_n):
+            place[own_n[m]] = -1
+        for m in range(inside):
+            gone[own_n[m]] = True
+    return False, negative, (variables, variable_start, rows, row_start, pivots)

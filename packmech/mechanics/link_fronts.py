@@ -1,0 +1,177 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Linear response of particles under rigid links by fronts: exact in the links, ordered by position.
+
+Beside every link stands a spring of the typical stiffness, H + s G^T G for H, which changes no motion with G u = 0 and
+makes every leading block regular where the motions that the links admit are stable. So no slack is needed, and the
+negative pivots less one for each link count the unstable motions (Haynsworth).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.compiled import kernel
+from packmech.measure.link_tension import LinkGradients
+from packmech.mechanics.bonds import BondSums
+from packmech.mechanics.dissection import dissect, graph_of
+from packmech.mechanics.front_solve import solve_fronts
+from packmech.mechanics.fronts import factor_fronts
+from packmech.mechanics.link_relaxation import SOFT
+from packmech.mechanics.link_rows import link_strains
+
+_REFINEMENTS = 12
+_DONE = 1e-13
+# what is left unbalanced of the loads, above which the springs beside the links are tried in vain
+_GOOD = 1e-9
+# particles in a set that is cut no more, and places of each cut that are tried, by dimension
+_LEAF = {2: 8, 3: 8}
+_TRIALS = {2: 1, 3: 9}
+
+
+class FrontResponse(NamedTuple):
+    """Response (N d, k) and multipliers (L, k) of the independent links, and what the constrained Hessian is like."""
+
+    response: NDArray[np.float64]
+    multiplier: NDArray[np.float64]
+    negative: int
+    floppy: int
+    residual: float
+
+
+@kernel
+def _left_over(load, answer, pair_i, pair_j, pair_pdd, diagonal_ndd, link_i, link_j, normal_ld, unit, pinned):
+    """Return load - [[H, h G^T], [h G, 0]] answer, rows (k, N d + L), and its largest entry."""
+    left = load.copy()
+    sides = load.shape[0]
+    particles, d = diagonal_ndd.shape[0], diagonal_ndd.shape[1]
+    size = particles * d
+    for s in range(sides):
+        out, x = left[s], answer[s]
+        for n in range(particles):
+            for a in range(d):
+                total = 0.0
+                for b in range(d):
+                    total += diagonal_ndd[n, a, b] * x[n * d + b]
+                out[n * d + a] -= total
+        for p in range(pair_i.shape[0]):
+            i, j = pair_i[p] * d, pair_j[p] * d
+            for a in range(d):
+                for b in range(d):
+                    out[i + a] += pair_pdd[p, a, b] * x[j + b]
+                    out[j + a] += pair_pdd[p, b, a] * x[i + b]
+        for link in range(link_i.shape[0]):
+            i, j = link_i[link] * d, link_j[link] * d
+            force = unit * x[size + link]
+            for a in range(d):
+                n_a = normal_ld[link, a]
+                out[i + a] += n_a * force
+                out[j + a] -= n_a * force
+                out[size + link] -= unit * n_a * (x[j + a] - x[i + a])
+        for a in range(d):
+            out[pinned * d + a] = 0.0
+    return left, np.abs(left).max()
+
+
+@kernel
+def _corrected(answer, step, link_i, link_j, normal_ld, size):
+    """Add a step of the solution, the force of the springs beside the links going to the links."""
+    d = normal_ld.shape[1]
+    out = answer + step
+    for s in range(out.shape[0]):
+        for link in range(link_i.shape[0]):
+            i, j = link_i[link] * d, link_j[link] * d
+            stretch = 0.0
+            for a in range(d):
+                stretch += normal_ld[link, a] * (step[s, j + a] - step[s, i + a])
+            out[s, size + link] += stretch
+    return out
+
+
+def cut_places(position_nd: NDArray[np.float64], box: Box) -> NDArray[np.float64]:
+    """Return the distances of the wrapped positions from the faces of the reduced box: cuts are parallel to these."""
+    small, _ = box.reduced()
+    fraction = position_nd @ small.inverse_dd.T
+    return np.ascontiguousarray((fraction - np.floor(fraction)) * small.height_d)
+
+
+def relax_by_fronts(
+    sums: BondSums, links: LinkGradients, place_nd: NDArray[np.float64], pinned: int, push: float
+) -> FrontResponse | None:
+    """Return u and m with H u + G^T m = -coupling and G u = -(strain derivatives of the lengths), one particle held.
+
+    Parameters
+    ----------
+    sums
+        Second derivatives.
+    links
+        The links.
+    place_nd
+        (N, d) places that cuts are made by (`cut_places`).
+    pinned
+        The particle that is held.
+    push
+        Size of a contact's force under these loads, which the residual is compared with.
+
+    Returns
+    -------
+    FrontResponse or None
+        None where a pivot vanishes or too much is left unbalanced: then slack in the links may help.
+
+    """
+    particles, dimension = sums.diagonal_ndd.shape[:2]
+    size, sides = particles * dimension, len(sums.strain_ee)
+    free = np.flatnonzero(~links.dependent_l)
+    link_i, link_j, normal = links.pairs.i_c[free], links.pairs.j_c[free], links.pairs.normal_cd[free]
+    own = np.abs(np.diagonal(sums.diagonal_ndd, axis1=1, axis2=2))
+    moving = np.arange(particles) != pinned
+    firm = own[moving] > 0.0
+    mean = float(own[moving][firm].mean()) if firm.any() else 1.0
+    shift = SOFT * np.where(own > SOFT * mean, own, mean)
+    graph = graph_of(np.concatenate([sums.pair_i, link_i]), np.concatenate([sums.pair_j, link_j]), particles)
+    link_start, _, link_entry = graph_of(link_i, link_j, particles)
+    tree = dissect(place_nd, graph[0], graph[1], pinned, _LEAF[dimension], _TRIALS[dimension])
+
+    def factor(sign: float) -> tuple[bool, int, Any]:
+        shifted = sums.diagonal_ndd.copy()
+        for a in range(dimension):
+            shifted[:, a, a] += sign * shift[:, a]
+        found: tuple[bool, int, Any] = factor_fronts(
+            tree, graph, sums.pair_pdd, shifted, link_i, link_j, (link_start, link_entry), normal, mean, pinned
+        )
+        return found
+
+    failed, below, fronts = factor(-1.0)
+    if failed:
+        return None
+    floor = negative = below - len(free)
+    if floor:
+        failed, below, fronts = factor(1.0)
+        if failed:
+            return None
+        negative = below - len(free)
+    load = np.empty((sides, size + len(free)))
+    load[:, :size] = -sums.coupling_xe.T
+    load[:, pinned * dimension : (pinned + 1) * dimension] = 0.0
+    load[:, size:] = -mean * link_strains(links)[free].T
+    matrix = (sums.pair_i, sums.pair_j, sums.pair_pdd, sums.diagonal_ndd, link_i, link_j, normal, mean, pinned)
+    # an unloaded system is balanced; so is one whose links move with the strain alone
+    reached = float(np.abs(load).max(initial=0.0))
+    weight = max(reached, push)
+    answer, left = np.zeros_like(load), load
+    for _ in range(_REFINEMENTS):
+        if reached <= _DONE * weight:
+            break
+        better = _corrected(answer, solve_fronts(fronts, left), link_i, link_j, normal, size)
+        rest, now = _left_over(load, better, *matrix)
+        if not now < reached:
+            break
+        answer, left, reached = better, rest, now
+    if not reached <= _GOOD * weight:
+        return None
+    residual = reached / push if push else 0.0
+    response = np.ascontiguousarray(answer[:, :size].T)
+    return FrontResponse(response, mean * answer[:, size:].T, negative, floor - negative, residual)
