@@ -78,6 +78,16 @@ def positive_array(
     return array
 
 
+def integer_array(
+    name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
+) -> NDArray[np.int64]:
+    """Return the value as a new int64 array after checking that it holds whole numbers in the required shape."""
+    given = np.asarray(value)
+    if given.dtype.kind not in "iu" and given.size:
+        raise TypeError(f"{name} must be an array of integers, got {_brief(value)}")
+    return finite_array(name, given, shape=shape, what=what, empty=True).astype(np.int64)
+
+
 def _brief(value: object) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."

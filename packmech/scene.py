@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from packmech.check import instance, integer, one_of, positive
-from packmech.effects import energy_scale_of, is_effect, is_law
+from packmech.effects import SIGNED, energy_scale_of, is_bound, is_effect, is_law
 from packmech.packing import Packing
 from packmech.records import is_record
 
@@ -109,7 +109,7 @@ def _check_numbers(where: str, record: Any) -> None:
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
         elif name in ("energy_scale", "stiffness") and value <= 0:
             raise ValueError(f"{where}.{name} must be positive, got {value!r}")
-        elif value < 0:
+        elif value < 0 and name not in SIGNED.get(type(record), ()):
             raise ValueError(f"{where}.{name} must not be negative, got {value!r}")
         elif name == "exponent" and value < 1.5:
             raise ValueError(f"{where}.{name} must be at least 1.5 for continuous forces, got {value!r}")
@@ -161,10 +161,12 @@ class Scene:
         for k, one in enumerate(self.effects):
             if not is_effect(one):
                 raise TypeError(f"effects[{k}] must be an effect such as Repulsion(...), got {one!r}")
+            if is_bound(one):
+                continue
             if hasattr(one, "law") and not is_law(one.law):
                 raise TypeError(f"effects[{k}].law must be a law such as Harmonic(...), got {one.law!r}")
             _check_numbers(f"effects[{k}]", one)
-        object.__setattr__(self, "effects", tuple(_plain(one) for one in self.effects))
+        object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):
             raise TypeError(
                 f"drive must be a Quench-, Jam-, ShearStabilize- or CementDrive or None, got {self.drive!r}"

@@ -97,14 +97,16 @@ def _farthest(row, anchor_nd):
 
 
 @device
-def _anchor(row, anchor_nd):
+def anchor(row, anchor_nd):
+    """Note where everybody is."""
     for i in range(row.shape[0]):
         for a in range(3):
             anchor_nd[i, a] = row[i, a]
 
 
 @device
-def _place_images(frame, pairs):
+def place_images(frame, pairs):
+    """Put the images where the lattice has them."""
     for k in range(pairs.image_kd.shape[0]):
         for a in range(3):
             shift = 0.0
@@ -114,7 +116,7 @@ def _place_images(frame, pairs):
 
 
 @device
-def _pick(axes, row, pairs, skin):
+def pick(axes, row, pairs, skin):
     """Copy the outer pairs nearer than contact plus skin to the inner lists and mark their blocks."""
     bits = np.uint64(pairs.bits)
     mask = np.uint64((1 << pairs.bits) - 1)
@@ -156,16 +158,15 @@ def _pick(axes, row, pairs, skin):
 
 
 @device
-def _search(axes, row, sizes, frame, joints, pairs):
-    """Return a list with new outer pairs, and room for as many inner ones."""
-    found = without_joined(joints, find_pairs(axes, row, sizes, frame, 1.0, pairs.number[SKIN_FULL]))
+def renewed(found, row, pairs):
+    """Return a list with the outer pairs of a search, and room for as many inner ones."""
     room = found.i_p.shape[0] + 1
     none = np.uint32(found.image_kd.shape[0] // 2)
     mask = np.uint32((1 << found.bits) - 1)
     across = 1
     for p in range(room - 1):
         across += (found.code_p[p] & mask) != none
-    _anchor(row, pairs.outer_anchor_nd)
+    anchor(row, pairs.outer_anchor_nd)
     pairs.number[SKIN_OUTER] = pairs.number[SKIN_FULL]
     pairs.number[SEARCHES] += 1.0
     return PairList(
@@ -187,6 +188,19 @@ def _search(axes, row, sizes, frame, joints, pairs):
     )
 
 
+@device
+def adapt_skin(number):
+    """Widen the inner skin after a short life of the list, narrow it after a long one."""
+    full = number[SKIN_FULL]
+    if number[AGE] < _SHORT_LIFE:
+        number[SKIN_INNER] *= 1.5
+        if number[SKIN_INNER] > _WIDEST * full:
+            # the outer list would not outlive one or two inner ones: let both be one
+            number[SKIN_INNER] = full
+    elif number[AGE] > _LONG_LIFE:
+        number[SKIN_INNER] = min(max(number[SKIN_INNER] / 1.5, _NARROWEST * full), _WIDEST * full)
+
+
 @kernel
 def follow(axes, row, sizes, frame, joints, pairs):
     """Return a pair list that is valid at the positions in row, remade only as far as it must be."""
@@ -198,19 +212,13 @@ def follow(axes, row, sizes, frame, joints, pairs):
             number[TRAVEL] = 0.0
             number[BUDGET] = 0.5 * number[SKIN_INNER] - moved
             return pairs
-        full = number[SKIN_FULL]
-        if number[AGE] < _SHORT_LIFE:
-            number[SKIN_INNER] *= 1.5
-            if number[SKIN_INNER] > _WIDEST * full:
-                # the outer list would not outlive one or two inner ones: let both be one
-                number[SKIN_INNER] = full
-        elif number[AGE] > _LONG_LIFE:
-            number[SKIN_INNER] = min(max(number[SKIN_INNER] / 1.5, _NARROWEST * full), _WIDEST * full)
+        adapt_skin(number)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
-        pairs = _search(axes, row, sizes, frame, joints, pairs)
-    _place_images(frame, pairs)
-    _pick(axes, row, pairs, number[SKIN_INNER])
-    _anchor(row, pairs.anchor_nd)
+        found = find_pairs(axes, row, sizes, frame, 1.0, number[SKIN_FULL])
+        pairs = renewed(without_joined(joints, found), row, pairs)
+    place_images(frame, pairs)
+    pick(axes, row, pairs, number[SKIN_INNER])
+    anchor(row, pairs.anchor_nd)
     number[TRAVEL] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
     number[AGE] = 0.0

@@ -311,7 +311,7 @@ class Program:
         return self.relax(position_nd, lattice_dd, **settings)
 
 
-def _space_order(packing: Packing) -> NDArray[np.int64]:
+def space_order(packing: Packing) -> NDArray[np.int64]:
     """Return the order of rows: along a Z-shaped curve through the box, ties by place and radius."""
     d = packing.dimension
     box, _ = packing.box.reduced()
@@ -365,7 +365,7 @@ def build_program(scene: Scene) -> Program:
     fraction = packing.position_nd @ packing.box.inverse_dd.T
     # positions stay as given unless some lie far outside: their image vectors would make the table of images long
     home = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
-    order = _space_order(packing)
+    order = space_order(packing)
     row = np.zeros((packing.particles, 4))
     row[:, 3] = packing.radius_n[order]
     small, change = packing.box.reduced()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from packmech.effects.body import SIGNED, BackgroundDamping, Gravity, Walls
+from packmech.effects.bonds import Bonds
 from packmech.effects.damping import ContactDamping
+from packmech.effects.friction import Friction
 from packmech.effects.laws import (
     Harmonic,
     Hertz,
@@ -20,10 +23,12 @@ from packmech.effects.laws import (
     law_second,
     registered_laws,
 )
+from packmech.effects.on_body import body_energy, body_force, spin_drag
 from packmech.effects.pair import (
     ContactTerms,
     contact_terms,
     effect,
+    is_bound,
     is_effect,
     pair_energy,
     pair_first,
@@ -33,8 +38,13 @@ from packmech.effects.pair import (
 from packmech.effects.repulsion import Repulsion
 
 __all__ = [
+    "SIGNED",
+    "BackgroundDamping",
+    "Bonds",
     "ContactDamping",
     "ContactTerms",
+    "Friction",
+    "Gravity",
     "Harmonic",
     "Hertz",
     "Law",
@@ -42,9 +52,13 @@ __all__ = [
     "PowerLaw",
     "Repulsion",
     "RepulsiveLennardJones",
+    "Walls",
+    "body_energy",
+    "body_force",
     "contact_terms",
     "effect",
     "energy_scale_of",
+    "is_bound",
     "is_effect",
     "is_law",
     "law",
@@ -58,6 +72,7 @@ __all__ = [
     "pair_second",
     "registered_effects",
     "registered_laws",
+    "spin_drag",
 ]
 
 

@@ -7,9 +7,13 @@ An effect is a NamedTuple of numbers and laws whose class is decorated with `eff
     this;
                                                          rate = d(distance)/dt
     pair_second(self, distance, contact_distance)        second radial derivative [force/length]
+    tangential_force(self, stretch, slip)                force along the contact before Coulomb's cap [force]
+    body_force(self, x, y, z, u, v, w, mass, radius)     force on a single particle with the peculiar velocity (u, v, w)
+    body_energy(self, x, y, z, mass, radius)             its energy [energy]
+    spin_drag(self)                                      rate at which spins relax to the flow's [1/time]
 
-each valid for distance < contact_distance. What it leaves out is zero. Compiled loops walk the scene's tuple of
-effects with `literal_unroll` and call the functions below.
+the first three valid for distance < contact_distance. What it leaves out is zero. Compiled loops walk the scene's tuple
+of effects with `literal_unroll` and call the functions below.
 """
 
 from __future__ import annotations
@@ -26,7 +30,15 @@ from packmech.compiled import compiled_form, compiled_methods, kernel, own_name,
 
 E = TypeVar("E", bound=type)
 
-_HOOKS = {"pair_energy": 3, "pair_first": 4, "pair_second": 3}
+_HOOKS = {
+    "pair_energy": 3,
+    "pair_first": 4,
+    "pair_second": 3,
+    "tangential_force": 3,
+    "body_force": 9,
+    "body_energy": 6,
+    "spin_drag": 1,
+}
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
 
 
@@ -69,6 +81,20 @@ def effect(cls: E) -> E:
     return cls
 
 
+def bound_effect(cls: E) -> E:
+    """Return a class of effects that hold arrays of their own, registered so that scenes take them.
+
+    Loops do not walk such an effect with the others: what it does is written out where it acts.
+    """
+    _COMPILED[cls] = {}
+    return cls
+
+
+def is_bound(value: object) -> bool:
+    """Return whether the value is an effect with arrays of its own."""
+    return is_effect(value) and not isinstance(value, tuple)
+
+
 def is_effect(value: object) -> bool:
     """Return whether the value is an instance of a registered effect."""
     return type(value) in _COMPILED
@@ -97,13 +123,14 @@ def pair_second(effect: Any, distance: float, contact_distance: float) -> float:
     return 0.0 if hook is None else hook(distance, contact_distance)
 
 
-def _hook(numba_type: Any, name: str) -> Callable[..., float] | None:
+def hook_of(numba_type: Any, name: str) -> Callable[..., Any] | None:
+    """Return the compiled hook of an effect's numba type, or None where it has none."""
     return _COMPILED.get(getattr(numba_type, "instance_class", None), {}).get(name)  # type: ignore[arg-type]
 
 
 @compiled_form(pair_energy)
 def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = _hook(effect, "pair_energy")
+    function = hook_of(effect, "pair_energy")
     if function is None:
         return lambda effect, distance, contact_distance: 0.0
     return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)
@@ -111,7 +138,7 @@ def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
 
 @compiled_form(pair_first)
 def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) -> Any:
-    function = _hook(effect, "pair_first")
+    function = hook_of(effect, "pair_first")
     if function is None:
         return lambda effect, distance, contact_distance, rate: 0.0
     return lambda effect, distance, contact_distance, rate: function(effect, distance, contact_distance, rate)
@@ -119,7 +146,7 @@ def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) ->
 
 @compiled_form(pair_second)
 def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = _hook(effect, "pair_second")
+    function = hook_of(effect, "pair_second")
     if function is None:
         return lambda effect, distance, contact_distance: 0.0
     return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)

@@ -1,0 +1,234 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""How a box deforms with time, F(t) = 1 + gamma(t) M, chosen by type: a box at rest has no code and no cost of it.
+
+Velocities in the loops are peculiar ones, c = v - L x with L = dF/dt F^-1: the same in all images, and zero where a
+particle follows the box. Newton's equations dv/dt = f / m + (d2F/dt2 F^-1) x become dx/dt = L x + c and
+dc/dt = f / m - L c (SLLOD). Both flows without f are exact: x -> G x, c -> G^-1 c with G = F(end) F(start)^-1, since
+all F commute.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from packmech.compiled import compiled_form, device, kernel
+
+# places in Flow.number
+GAMMA, ANCHORED, OUTER_ANCHORED, NUMBERS = 0, 1, 2, 3
+
+
+class Still(NamedTuple):
+    """A profile that does not move: gamma(t) = gamma."""
+
+    gamma: float = 0.0
+
+
+class Ramp(NamedTuple):
+    """gamma from `low` at time `start` with a constant rate; at `end` it stops."""
+
+    low: float
+    rate: float
+    start: float
+    end: float
+
+
+class Sine(NamedTuple):
+    """gamma = amplitude sin(angular_frequency (t - start)) from `start` to `end`, held before and after.
+
+    It starts at zero, so that nothing jumps but the rate.
+    """
+
+    amplitude: float
+    angular_frequency: float
+    start: float
+    end: float
+
+
+def gamma_at(profile: Any, time: float) -> tuple[float, float]:
+    """Return gamma and its rate [1/time] at a time."""
+    if isinstance(profile, Still):
+        return profile.gamma, 0.0
+    found: tuple[float, float] = _ramp(profile, time) if isinstance(profile, Ramp) else _sine(profile, time)
+    return found
+
+
+@device
+def _ramp(profile, time):
+    if time < profile.start:
+        return profile.low, 0.0
+    if time >= profile.end:
+        return profile.low + profile.rate * (profile.end - profile.start), 0.0
+    return profile.low + profile.rate * (time - profile.start), profile.rate
+
+
+@device
+def _sine(profile, time):
+    omega = profile.angular_frequency
+    if time < profile.start:
+        return 0.0, 0.0
+    if time > profile.end:
+        return profile.amplitude * math.sin(omega * (profile.end - profile.start)), 0.0
+    phase = omega * (time - profile.start)
+    return profile.amplitude * math.sin(phase), profile.amplitude * omega * math.cos(phase)
+
+
+@compiled_form(gamma_at)
+def _choose_gamma_at(profile: Any, time: Any) -> Any:
+    cls = getattr(profile, "instance_class", None)
+    if cls is Ramp:
+        return lambda profile, time: _ramp(profile, time)
+    if cls is Sine:
+        return lambda profile, time: _sine(profile, time)
+    return lambda profile, time: (profile.gamma, 0.0)
+
+
+class Flow(NamedTuple):
+    """A box that deforms: profile, M, F and lattice now, and the numbers named above.
+
+    direction_dd is M; lattice_dd the lattice that the loops use, at gamma = 0; frame_dd and inverse_dd the arrays of
+    the frame that follow it. step_dd and back_dd hold G and its inverse over half a step, rate_dd L.
+    """
+
+    profile: Any
+    direction_dd: NDArray[np.float64]
+    lattice_dd: NDArray[np.float64]
+    rate_dd: NDArray[np.float64]
+    step_dd: NDArray[np.float64]
+    back_dd: NDArray[np.float64]
+    work_dd: NDArray[np.float64]
+    number: NDArray[np.float64]
+
+
+def is_still(flow: Any) -> bool:
+    """Whether the numba type says that nothing deforms."""
+    return isinstance(flow, types.NoneType)
+
+
+@device
+def _invert(a, out):
+    """Write the inverse of a 3 x 3 matrix."""
+    c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
+    c01 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
+    c02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
+    w = 1.0 / (a[0, 0] * c00 + a[0, 1] * c01 + a[0, 2] * c02)
+    out[0, 0] = c00 * w
+    out[1, 0] = c01 * w
+    out[2, 0] = c02 * w
+    out[0, 1] = (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2]) * w
+    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) * w
+    out[2, 1] = (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1]) * w
+    out[0, 2] = (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) * w
+    out[1, 2] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) * w
+    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * w
+
+
+@device
+def _times(a, b, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@device
+def map_between(flow, low, high, out):
+    """Write F(high) F(low)^-1 = (1 + high M) (1 + low M)^-1."""
+    direction, work = flow.direction_dd, flow.work_dd
+    for i in range(3):
+        for j in range(3):
+            work[i, j] = (1.0 if i == j else 0.0) + low * direction[i, j]
+    _invert(work, out)
+    for i in range(3):
+        for j in range(3):
+            work[i, j] = (1.0 if i == j else 0.0) + high * direction[i, j]
+    for j in range(3):
+        x, y, z = out[0, j], out[1, j], out[2, j]
+        for i in range(3):
+            out[i, j] = work[i, 0] * x + work[i, 1] * y + work[i, 2] * z
+
+
+@kernel
+def set_flow(flow, frame, time):
+    """Set gamma, L, and the frame's lattice and inverse to those of a time."""
+    gamma, rate = gamma_at(flow.profile, time)
+    flow.number[GAMMA] = gamma
+    # L = rate M (1 + gamma M)^-1
+    direction, work = flow.direction_dd, flow.work_dd
+    for i in range(3):
+        for j in range(3):
+            work[i, j] = (1.0 if i == j else 0.0) + gamma * direction[i, j]
+    _times(work, flow.lattice_dd, frame.lattice_dd)
+    _invert(work, flow.step_dd)
+    _times(direction, flow.step_dd, flow.rate_dd)
+    for i in range(3):
+        for j in range(3):
+            flow.rate_dd[i, j] *= rate
+    _invert(frame.lattice_dd, frame.inverse_dd)
+    for k in range(3):
+        total = 0.0
+        for j in range(3):
+            total += frame.inverse_dd[k, j] * frame.inverse_dd[k, j]
+        frame.height_d[k] = 1.0 / math.sqrt(total)
+
+
+def rates(flow: Any) -> Any:
+    """Return L as a tuple of nine numbers, row by row; None where nothing deforms."""
+    return None if flow is None else tuple(flow.rate_dd.ravel())
+
+
+@compiled_form(rates)
+def _choose_rates(flow: Any) -> Any:
+    if is_still(flow):
+        return lambda flow: None
+
+    def nine(flow: Any) -> Any:
+        a = flow.rate_dd
+        return (a[0, 0], a[0, 1], a[0, 2], a[1, 0], a[1, 1], a[1, 2], a[2, 0], a[2, 1], a[2, 2])
+
+    return nine
+
+
+def with_flow(rates: Any, ux: float, uy: float, uz: float, dx: float, dy: float, dz: float) -> Any:
+    """Return the relative velocity of two places that are (dx, dy, dz) apart, from the peculiar one."""
+    if rates is None:
+        return ux, uy, uz
+    return _add_flow(rates, ux, uy, uz, dx, dy, dz)
+
+
+@device
+def _add_flow(rates, ux, uy, uz, dx, dy, dz):
+    return (
+        ux + rates[0] * dx + rates[1] * dy + rates[2] * dz,
+        uy + rates[3] * dx + rates[4] * dy + rates[5] * dz,
+        uz + rates[6] * dx + rates[7] * dy + rates[8] * dz,
+    )
+
+
+@compiled_form(with_flow)
+def _choose_with_flow(rates: Any, ux: Any, uy: Any, uz: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    if is_still(rates):
+        return lambda rates, ux, uy, uz, dx, dy, dz: (ux, uy, uz)
+    return lambda rates, ux, uy, uz, dx, dy, dz: _add_flow(rates, ux, uy, uz, dx, dy, dz)
+
+
+def turning(rates: Any) -> Any:
+    """Return the spin of the flow: half its vorticity."""
+    if rates is None:
+        return 0.0, 0.0, 0.0
+    return _turning(rates)
+
+
+@device
+def _turning(rates):
+    return 0.5 * (rates[7] - rates[5]), 0.5 * (rates[2] - rates[6]), 0.5 * (rates[3] - rates[1])
+
+
+@compiled_form(turning)
+def _choose_turning(rates: Any) -> Any:
+    if is_still(rates):
+        return lambda rates: (0.0, 0.0, 0.0)
+    return lambda rates: _turning(rates)

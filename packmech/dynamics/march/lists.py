@@ -1,0 +1,357 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Pair lists of a march: they follow a box that deforms, and carry the stretches of tangential springs along.
+
+The affine part of the motion is subtracted: a pair stays in a list as long as the peculiar displacements since its
+anchor, and what the strain did to a distance, leave room in the skin.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from packmech.compiled import compiled_form, device, kernel
+from packmech.contacts.cells import PairTable, find_pairs
+from packmech.dynamics.march.contact import BondTable
+from packmech.dynamics.march.flow import ANCHORED, GAMMA, OUTER_ANCHORED, is_still, map_between
+from packmech.dynamics.pair_list import (
+    AGE,
+    BUDGET,
+    SKIN_FULL,
+    SKIN_INNER,
+    SKIN_OUTER,
+    TRAVEL,
+    adapt_skin,
+    anchor,
+    pick,
+    place_images,
+    renewed,
+)
+
+
+class Track(NamedTuple):
+    """Stretches of the tangential springs of the inner pairs, and the place of each of these in the outer list."""
+
+    within_pk: NDArray[np.float64]
+    crossing_pk: NDArray[np.float64]
+    within_p: NDArray[np.uint32]
+    crossing_p: NDArray[np.uint32]
+    outer_pk: NDArray[np.float64]
+
+
+class Space(NamedTuple):
+    """What pair lists of a march need to know besides the rows."""
+
+    sizes: Any
+    frame: Any
+    flow: Any
+    bonds: Any
+
+
+def within_of(track: Track | None) -> Any:
+    """Return the stretches of pairs within the cell, None where none are held."""
+    return None if track is None else track.within_pk
+
+
+def crossing_of(track: Track | None) -> Any:
+    """Return the stretches of pairs across the faces of the cell, None where none are held."""
+    return None if track is None else track.crossing_pk
+
+
+@compiled_form(within_of)
+def _choose_within_of(track: Any) -> Any:
+    return (lambda track: None) if isinstance(track, types.NoneType) else (lambda track: track.within_pk)
+
+
+@compiled_form(crossing_of)
+def _choose_crossing_of(track: Any) -> Any:
+    return (lambda track: None) if isinstance(track, types.NoneType) else (lambda track: track.crossing_pk)
+
+
+@device
+def _without_bonded(bonds, found):
+    kept = 0
+    mask = np.uint64((1 << found.bits) - 1)
+    bits = np.uint64(found.bits)
+    for p in range(found.i_p.shape[0]):
+        i = np.int64(found.i_p[p])
+        j = np.int64(found.code_p[p] >> bits)
+        k = np.int64(found.code_p[p] & mask)
+        bonded = False
+        for s in range(bonds.start_n[i], bonds.start_n[i + 1]):
+            if bonds.other_s[s] == j:
+                same = True
+                for a in range(3):
+                    same = same and bonds.image_sd[s, a] == found.image_kd[k, a]
+                bonded = bonded or same
+        if not bonded:
+            found.i_p[kept] = found.i_p[p]
+            found.code_p[kept] = found.code_p[p]
+            kept += 1
+    return PairTable(found.i_p[:kept], found.code_p[:kept], found.image_kd, found.bits)
+
+
+def without_bonded(bonds: BondTable | None, found: PairTable) -> PairTable:
+    """Return the pairs of a search that are not bonded."""
+    return found if bonds is None else _without_bonded(bonds, found)
+
+
+@compiled_form(without_bonded)
+def _choose_without_bonded(bonds: Any, found: Any) -> Any:
+    if isinstance(bonds, types.NoneType):
+        return lambda bonds, found: found
+    return lambda bonds, found: _without_bonded(bonds, found)
+
+
+def strained(flow: Any, since: int, largest: float) -> float:
+    """Return half of what the strain since an anchor can take from the distance of a pair this far apart [length]."""
+    return 0.0 if flow is None else _strained(flow, since, largest)
+
+
+@device
+def _strained(flow, since, largest):
+    # spectral norms are at most Frobenius norms; F^-1 at the anchor has a norm of at most 1 + |gamma| |M| + ...
+    direction = flow.direction_dd
+    square = 0.0
+    inverse = flow.step_dd
+    map_between(flow, flow.number[since], 0.0, inverse)
+    for i in range(3):
+        for j in range(3):
+            entry = direction[i, 0] * inverse[0, j] + direction[i, 1] * inverse[1, j] + direction[i, 2] * inverse[2, j]
+            square += entry * entry
+    return 0.5 * abs(flow.number[GAMMA] - flow.number[since]) * math.sqrt(square) * largest
+
+
+@compiled_form(strained)
+def _choose_strained(flow: Any, since: Any, largest: Any) -> Any:
+    if is_still(flow):
+        return lambda flow, since, largest: 0.0
+    return lambda flow, since, largest: _strained(flow, since, largest)
+
+
+def strayed(flow: Any, body: Any, anchor_nd: Any, since: int) -> float:
+    """Return the largest displacement from an anchor that went with the box [length]."""
+    raise NotImplementedError("lists are followed in compiled loops")
+
+
+@device
+def _strayed(body, anchor_nd, g):
+    most = 0.0
+    for i in range(body.shape[0]):
+        ax, ay, az = anchor_nd[i, 0], anchor_nd[i, 1], anchor_nd[i, 2]
+        x = body[i, 0] - (g[0, 0] * ax + g[0, 1] * ay + g[0, 2] * az)
+        y = body[i, 1] - (g[1, 0] * ax + g[1, 1] * ay + g[1, 2] * az)
+        z = body[i, 2] - (g[2, 0] * ax + g[2, 1] * ay + g[2, 2] * az)
+        most = max(most, x * x + y * y + z * z)
+    return math.sqrt(most)
+
+
+@compiled_form(strayed)
+def _choose_strayed(flow: Any, body: Any, anchor_nd: Any, since: Any) -> Any:
+    if is_still(flow):
+
+        def unmoved(flow, body, anchor_nd, since):
+            return _strayed(body, anchor_nd, np.eye(3))
+
+        return unmoved
+
+    def moved(flow, body, anchor_nd, since):
+        map_between(flow, flow.number[since], flow.number[GAMMA], flow.step_dd)
+        return _strayed(body, anchor_nd, flow.step_dd)
+
+    return moved
+
+
+def mark(flow: Any, since: int) -> None:
+    """Note the strain at which an anchor was set."""
+    if flow is not None:
+        flow.number[since] = flow.number[GAMMA]
+
+
+@compiled_form(mark)
+def _choose_mark(flow: Any, since: Any) -> Any:
+    if is_still(flow):
+        return lambda flow, since: None
+
+    def note(flow, since):
+        flow.number[since] = flow.number[GAMMA]
+
+    return note
+
+
+def stow(track: Any, pairs: Any) -> None:
+    """Write the stretches of the inner pairs to their places in the outer list."""
+    raise NotImplementedError("lists are followed in compiled loops")
+
+
+@device
+def _stow(track, pairs):
+    size = track.outer_pk.shape[1]
+    for p in range(pairs.count_b[0]):
+        for a in range(size):
+            track.outer_pk[track.within_p[p], a] = track.within_pk[p, a]
+    for p in range(pairs.count_b[1]):
+        for a in range(size):
+            track.outer_pk[track.crossing_p[p], a] = track.crossing_pk[p, a]
+
+
+@compiled_form(stow)
+def _choose_stow(track: Any, pairs: Any) -> Any:
+    if isinstance(track, types.NoneType):
+        return lambda track, pairs: None
+    return lambda track, pairs: _stow(track, pairs)
+
+
+def unstow(track: Any, pairs: Any) -> None:
+    """Fetch the stretches of the inner pairs, newly picked, from the outer list."""
+    raise NotImplementedError("lists are followed in compiled loops")
+
+
+@device
+def _unstow(track, pairs):
+    bits = np.uint64(pairs.bits)
+    mask = np.uint64((1 << pairs.bits) - 1)
+    none = np.uint64(pairs.image_kd.shape[0] // 2)
+    size = track.outer_pk.shape[1]
+    within = 0
+    crossing = 0
+    # both inner lists keep the order of the outer one
+    for p in range(pairs.outer_i_p.shape[0]):
+        i = pairs.outer_i_p[p]
+        code = pairs.outer_code_p[p]
+        j = code >> bits
+        if code & mask == none:
+            if within < pairs.count_b[0] and pairs.i_p[within] == i and pairs.j_p[within] == j:
+                track.within_p[within] = p
+                for a in range(size):
+                    track.within_pk[within, a] = track.outer_pk[p, a]
+                within += 1
+        elif crossing < pairs.count_b[1]:
+            same = pairs.crossing_i_p[crossing] == i and pairs.crossing_j_p[crossing] == j
+            if same and pairs.crossing_k_p[crossing] == code & mask:
+                track.crossing_p[crossing] = p
+                for a in range(size):
+                    track.crossing_pk[crossing, a] = track.outer_pk[p, a]
+                crossing += 1
+
+
+@compiled_form(unstow)
+def _choose_unstow(track: Any, pairs: Any) -> Any:
+    if isinstance(track, types.NoneType):
+        return lambda track, pairs: None
+    return lambda track, pairs: _unstow(track, pairs)
+
+
+def carry(track: Any, old: Any, new: Any) -> Any:
+    """Return the stretches for a new outer list, those of pairs that were in the old one kept."""
+    raise NotImplementedError("lists are followed in compiled loops")
+
+
+@device
+def _carry(track, old, new):
+    size = track.outer_pk.shape[1]
+    outer = np.zeros((new.outer_i_p.shape[0], size))
+    old_bits, new_bits = np.uint64(old.bits), np.uint64(new.bits)
+    old_mask, new_mask = np.uint64((1 << old.bits) - 1), np.uint64((1 << new.bits) - 1)
+    first = 0
+    for p in range(old.outer_i_p.shape[0]):
+        stretched = False
+        for a in range(size):
+            stretched = stretched or track.outer_pk[p, a] != 0.0
+        if not stretched:
+            continue
+        i = old.outer_i_p[p]
+        j = old.outer_code_p[p] >> old_bits
+        k = np.int64(old.outer_code_p[p] & old_mask)
+        while first < new.outer_i_p.shape[0] and new.outer_i_p[first] < i:
+            first += 1
+        q = first
+        while q < new.outer_i_p.shape[0] and new.outer_i_p[q] == i:
+            if new.outer_code_p[q] >> new_bits == j:
+                m = np.int64(new.outer_code_p[q] & new_mask)
+                same = True
+                for a in range(3):
+                    same = same and old.image_kd[k, a] == new.image_kd[m, a]
+                if same:
+                    for a in range(size):
+                        outer[q, a] = track.outer_pk[p, a]
+            q += 1
+    within, crossing = new.i_p.shape[0], new.crossing_i_p.shape[0]
+    return Track(
+        np.zeros((within, size)),
+        np.zeros((crossing, size)),
+        np.zeros(within, np.uint32),
+        np.zeros(crossing, np.uint32),
+        outer,
+    )
+
+
+@compiled_form(carry)
+def _choose_carry(track: Any, old: Any, new: Any) -> Any:
+    if isinstance(track, types.NoneType):
+        return lambda track, old, new: None
+    return lambda track, old, new: _carry(track, old, new)
+
+
+@kernel
+def keep_up(axes, body, space, pairs, track):
+    """Return pair list and track that are valid at the present positions and strain, remade only as far as needed."""
+    number = pairs.number
+    flow = space.flow
+    reach = 2.0 * space.sizes.largest_a.max()
+    if number[TRAVEL] < np.inf:
+        room = 0.5 * number[SKIN_INNER]
+        bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
+        # displacements since the anchor were strained themselves
+        if number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]:
+            return pairs, track
+        gone = strayed(flow, body, pairs.anchor_nd, ANCHORED)
+        if gone + bent < 0.75 * room:
+            # the bound added up the lengths of all steps; the true displacement leaves room
+            number[TRAVEL] = 0.0
+            number[BUDGET] = room - gone
+            return pairs, track
+        adapt_skin(number)
+    stow(track, pairs)
+    gone = strayed(flow, body, pairs.outer_anchor_nd, OUTER_ANCHORED)
+    gone += strained(flow, OUTER_ANCHORED, reach + number[SKIN_FULL])
+    if 2.0 * gone + number[SKIN_INNER] > number[SKIN_OUTER]:
+        old = pairs
+        found = find_pairs(axes, body, space.sizes, space.frame, 1.0, number[SKIN_FULL])
+        pairs = renewed(without_bonded(space.bonds, found), body, pairs)
+        track = carry(track, old, pairs)
+        mark(flow, OUTER_ANCHORED)
+    place_images(space.frame, pairs)
+    pick(axes, body, pairs, number[SKIN_INNER])
+    unstow(track, pairs)
+    anchor(body, pairs.anchor_nd)
+    mark(flow, ANCHORED)
+    number[TRAVEL] = 0.0
+    number[BUDGET] = 0.5 * number[SKIN_INNER]
+    number[AGE] = 0.0
+    return pairs, track
+
+
+def deform_images(flow: Any, frame: Any, pairs: Any) -> None:
+    """Put the images where the box has taken them."""
+    if flow is not None:
+        place_images(frame, pairs)
+
+
+@compiled_form(deform_images)
+def _choose_deform_images(flow: Any, frame: Any, pairs: Any) -> Any:
+    if is_still(flow):
+        return lambda flow, frame, pairs: None
+    return lambda flow, frame, pairs: place_images(frame, pairs)
+
+
+def empty_track(dimension: int) -> Track:
+    """Return a track without pairs, for an empty list."""
+    size = 1 if dimension == 2 else 3
+    none = np.zeros((0, size))
+    place = np.zeros(0, dtype=np.uint32)
+    return Track(none, none.copy(), place, place.copy(), none.copy())

@@ -1,0 +1,105 @@
+"""Effects on single particles: gravity, drag against the local flow, smooth walls, particles that are held."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
+from packmech.effects.pair import effect
+
+
+@effect
+class Gravity(NamedTuple):
+    """The same acceleration for every particle [length/time^2]; no potential is periodic, so put a wall in its way."""
+
+    x: float = 0.0
+    y: float = -1.0
+    z: float = 0.0
+
+    def body_force(
+        self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
+    ) -> tuple[float, float, float]:
+        """Return the force on a particle of this mass [force]."""
+        return mass * self.x, mass * self.y, mass * self.z
+
+    def body_energy(self, x: float, y: float, z: float, mass: float, radius: float) -> float:
+        """Return its energy [energy]."""
+        return -mass * (self.x * x + self.y * y + self.z * z)
+
+
+@effect
+class BackgroundDamping(NamedTuple):
+    """Drag against the local flow: -rate m (v - L x), and -rate I (spin - half the flow's vorticity).
+
+    Where the box does not deform it slows everything down; where it does, what is carried along feels none of it.
+    """
+
+    rate: float = 0.1
+
+    def body_force(
+        self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
+    ) -> tuple[float, float, float]:
+        """Return the drag on a particle with the peculiar velocity (u, v, w) [force]."""
+        drag = -self.rate * mass
+        return drag * u, drag * v, drag * w
+
+    def spin_drag(self) -> float:
+        """Return the rate at which spins relax to the flow's [1/time]."""
+        return self.rate
+
+
+@effect
+class Walls(NamedTuple):
+    """Two smooth walls across an axis (0, 1 or 2), at `low` and `high`; particles touch them as they touch each other.
+
+    The law's distance is twice that of a particle's center from the wall and its contact distance the diameter, as if
+    a mirror image came from behind. Walls stand still; the box must leave room for them.
+    """
+
+    axis: float = 1.0
+    low: float = 0.0
+    high: float = 1.0
+    law: Law = LinearSpring()
+    damping: float = 0.0
+
+    def body_force(
+        self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
+    ) -> tuple[float, float, float]:
+        """Return the push of the walls [force]."""
+        at, speed = x, u
+        if self.axis == 1.0:
+            at, speed = y, v
+        if self.axis == 2.0:
+            at, speed = z, w
+        push = 0.0
+        if at - self.low < radius:
+            push += -2.0 * law_first(self.law, 2.0 * (at - self.low), 2.0 * radius) - self.damping * speed
+        if self.high - at < radius:
+            push += 2.0 * law_first(self.law, 2.0 * (self.high - at), 2.0 * radius) - self.damping * speed
+        if self.axis == 0.0:
+            return push, 0.0, 0.0
+        if self.axis == 1.0:
+            return 0.0, push, 0.0
+        return 0.0, 0.0, push
+
+    def body_energy(self, x: float, y: float, z: float, mass: float, radius: float) -> float:
+        """Return the energy of a particle against both walls [energy]."""
+        at = x
+        if self.axis == 1.0:
+            at = y
+        if self.axis == 2.0:
+            at = z
+        energy = 0.0
+        if at - self.low < radius:
+            energy += law_energy(self.law, 2.0 * (at - self.low), 2.0 * radius)
+        if self.high - at < radius:
+            energy += law_energy(self.law, 2.0 * (self.high - at), 2.0 * radius)
+        return energy
+
+    def body_stiffness(self, radius: float) -> float:
+        """Return the stiffness at contact [energy/length^2]."""
+        return 4.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
+
+
+# fields that may be negative
+SIGNED = {Gravity: ("x", "y", "z"), Walls: ("low", "high")}

@@ -1,0 +1,104 @@
+"""Bonds: permanent springs between pairs of particles, which hold whether these touch or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import integer_array, positive_array, real
+from packmech.effects.laws import Law, LinearSpring, is_law
+from packmech.effects.pair import bound_effect
+
+
+@bound_effect
+@dataclass(frozen=True, eq=False)
+class Bonds:
+    """Permanent bonds: a normal spring of any distance, an unbounded tangential spring, and dashpots along both.
+
+    A bonded pair is no contact: the bond's compression stands for its repulsion. These are the permanent links of the
+    frictional model (section 5 of the corrected specification), not packmech's rigid links. `pm.bond_contacts` makes
+    them of the contacts of a packing.
+
+    Parameters
+    ----------
+    i_b, j_b
+        (B,) particles of each bond, i < j, or i == j with an image.
+    image_bd
+        (B, d) image vectors: the bond's vector is x_j - x_i + lattice @ image.
+    rest_length_b
+        (B,) distances at which the normal spring is slack [length].
+    compression, tension
+        Laws of the distance and the rest length below and above it.
+    tangential_stiffness
+        Of the tangential spring [energy/length^2].
+    damping, tangential_damping
+        Of the dashpots along and across the bond [mass/time].
+
+    """
+
+    i_b: NDArray[np.int64]
+    j_b: NDArray[np.int64]
+    image_bd: NDArray[np.int64]
+    rest_length_b: NDArray[np.float64]
+    compression: Law = LinearSpring()
+    tension: Law = LinearSpring()
+    tangential_stiffness: float = 1.0
+    damping: float = 0.0
+    tangential_damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        i = integer_array("i_b", self.i_b, shape=(None,))
+        j = integer_array("j_b", self.j_b, shape=i.shape)
+        image = np.asarray(self.image_bd)
+        image = integer_array("image_bd", image, shape=(len(i), image.shape[1] if image.ndim == 2 else None))
+        rest = positive_array("rest_length_b", self.rest_length_b, shape=i.shape)
+        if len(i) and min(int(i.min()), int(j.min())) < 0:
+            raise ValueError("i_b and j_b must not be negative")
+        flip = i > j
+        i, j = np.where(flip, j, i), np.where(flip, i, j)
+        image = np.where(flip[:, None], -image, image)
+        order = np.lexsort((*image.T[::-1], j, i))
+        for name, value in {
+            "i_b": i[order],
+            "j_b": j[order],
+            "image_bd": np.ascontiguousarray(image[order]),
+            "rest_length_b": rest[order],
+        }.items():
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        for name in ("compression", "tension"):
+            if not is_law(getattr(self, name)):
+                raise TypeError(f"{name} must be a law such as LinearSpring(...), got {getattr(self, name)!r}")
+        for name in ("tangential_stiffness", "damping", "tangential_damping"):
+            object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0))
+
+    def __len__(self) -> int:
+        return len(self.i_b)
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not Bonds:
+            return NotImplemented
+        return all(_same(getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def select(self, keep_b: NDArray[np.bool_]) -> Bonds:
+        """Return the bonds that are marked."""
+        return Bonds(
+            self.i_b[keep_b],
+            self.j_b[keep_b],
+            self.image_bd[keep_b],
+            self.rest_length_b[keep_b],
+            self.compression,
+            self.tension,
+            self.tangential_stiffness,
+            self.damping,
+            self.tangential_damping,
+        )
+
+
+def _same(one: Any, other: Any) -> bool:
+    return bool(np.array_equal(one, other)) if isinstance(one, np.ndarray) else bool(one == other)

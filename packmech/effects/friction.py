@@ -1,0 +1,37 @@
+"""Friction between touching particles: a tangential spring that gives way at Coulomb's limit."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from packmech.effects.pair import effect
+
+
+@effect
+class Friction(NamedTuple):
+    """A tangential spring and dashpot at each contact, whose force is capped at coefficient times the normal force.
+
+    The spring's stretch is the integral of the slip at the contact point since the contact closed, cut back where
+    the cap is reached: steady sliding feels coefficient * F_n at once, F_n the elastic normal force without
+    dashpots. Arms are the particles' shares of the distance, a_i = r_i d / (r_i + r_j), in the slip and in the torque:
+    angular momentum is kept exactly and energy is, where nothing slides and nothing is damped. Cundall and Strack
+    (1979) with the arms and the cap of section 5 of the corrected specification.
+
+    Parameters
+    ----------
+    coefficient
+        Coulomb's coefficient mu [1].
+    stiffness
+        Of the tangential spring [energy/length^2].
+    damping
+        Of the tangential dashpot [mass/time].
+
+    """
+
+    coefficient: float = 0.5
+    stiffness: float = 1.0
+    damping: float = 0.0
+
+    def tangential_force(self, stretch: float, slip: float) -> float:
+        """Return the force along the contact for a stretch of the spring and a slip speed, before the cap [force]."""
+        return self.stiffness * stretch + self.damping * slip
