@@ -138,6 +138,7 @@ CRYSTALS = {
         _polygon(12, (math.sqrt(6) + _ROOT_2) / 2, 15.0, _TRUNCATED_TRIHEXAGONAL),
         _RECTANGLE,
     ),
+    "reinforced kagome": reinforced_kagome(1),
     # small discs in the holes of others
     "filled square": Crystal(_SQUARE, ((0, 0), (0.5, 0.5)), _SAME_2, (0.5, (_ROOT_2 - 1) / 2)),
     "filled triangular": Crystal(

@@ -29,8 +29,9 @@ def lattice_packing(
     name
         2D, the corners of the eleven Archimedean tilings: ``"triangular"``, ``"square"``, ``"honeycomb"``,
         ``"kagome"``, ``"elongated triangular"``, ``"snub square"``, ``"snub hexagonal"``, ``"rhombitrihexagonal"``,
-        ``"truncated square"``, ``"truncated hexagonal"``, ``"truncated trihexagonal"``; with small discs in the holes:
-        ``"filled square"``, ``"filled triangular"``. 3D: ``"sc"``, ``"bcc"``, ``"fcc"``, ``"hcp"``, ``"diamond"``,
+        ``"truncated square"``, ``"truncated hexagonal"``, ``"truncated trihexagonal"``; ``"reinforced kagome"`` (the
+        densest of `reinforced_kagome_packing`); with small discs in the holes ``"filled square"``,
+        ``"filled triangular"``. 3D: ``"sc"``, ``"bcc"``, ``"fcc"``, ``"hcp"``, ``"diamond"``,
         ``"pyrochlore"`` (corner-sharing tetrahedra), ``"tunneled fcc"``, ``"tunneled hcp"`` (see `tunneled_packing`),
         ``"filled sc"`` (a small sphere in every cube).
     repeats

@@ -29,6 +29,7 @@ FACTS = {
     "truncated square": (4, 4, (3,), math.pi * (3 - 2 * math.sqrt(2))),
     "truncated hexagonal": (6, 12, (3,), math.pi * math.sqrt(3) / (7 + 4 * math.sqrt(3))),
     "truncated trihexagonal": (12, 24, (3,), math.pi / (3 + 2 * math.sqrt(3))),
+    "reinforced kagome": (8, 16, (6, 5, 5, 5, 5, 5, 5, 6), 8 / 9 * math.pi / (2 * math.sqrt(3))),
     "filled square": (2, 2, (8, 4), math.pi / 4 * (4 - 2 * math.sqrt(2))),
     "filled triangular": (3, 6, (12, 3, 3), math.pi / (2 * math.sqrt(3)) * (1 + 2 * (2 / math.sqrt(3) - 1) ** 2)),
     "sc": (1, 1, (6,), math.pi / 6),

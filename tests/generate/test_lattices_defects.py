@@ -91,6 +91,20 @@ def test_opening_a_contact_of_one_disc_makes_its_cell_a_rhombus(gap):
     )
 
 
+@pytest.mark.parametrize("gap", [5e-9, 5e-10])
+def test_a_network_that_empties_within_the_doubt_is_ambiguous_though_its_excess_stays_the_same(gap):
+    # two contacts hold the square cell, one more than the fewest; an empty network counts as one more, too
+    verdict = pm.classify_jamming(strain_packing(pm.lattice_packing("square"), gap * np.eye(2)))
+    assert len({level.excess for level in verdict.touching.levels}) == 1
+    assert (verdict.local, verdict.collective, verdict.strict) == ("ambiguous", "ambiguous", "not jammed")
+
+
+def test_a_doubtful_strict_answer_leaves_the_collective_one_that_no_gap_can_change():
+    # one disc in a fixed box is held by two contacts of its three already
+    verdict = pm.classify_jamming(open_contact(pm.lattice_packing("triangular"), 0, 5e-10))
+    assert (verdict.local, verdict.collective, verdict.strict) == ("jammed", "jammed", "ambiguous")
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

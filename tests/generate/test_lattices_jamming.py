@@ -29,6 +29,7 @@ JAMMED = {
     "truncated square": (False, False),
     "truncated hexagonal": (False, False),
     "truncated trihexagonal": (False, False),
+    "reinforced kagome": (True, True),
     "filled square": (True, True),
     "filled triangular": (True, True),
     "sc": (False, False),
