@@ -120,6 +120,8 @@ _PUBLIC = {
     "quench": "packmech.dynamics.quench",
     # dynamics
     "MotionTrace": "packmech.dynamics.simulate",
+    "ParticleShear": "packmech.dynamics.particle_shear",
+    "ParticleShearRun": "packmech.dynamics.particle_shear",
     "PlayedMotion": "packmech.dynamics.play",
     "SemiImplicitEuler": "packmech.dynamics.verlet",
     "Simulation": "packmech.dynamics.simulate",

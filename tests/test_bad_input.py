@@ -20,6 +20,7 @@ NAN, INF = float("nan"), float("inf")
 RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
+    "ParticleShearRun",
     "PlayedMotion",
     "Rattling", "ReaffixedLinks",
     "Run",
@@ -70,6 +71,23 @@ CALL = [3, "call"]
 TABLE = [3, "table", [1, 2]]
 
 BAD = {
+    # the reference package's experiment
+    **{
+        f"ParticleShear.{name}": POSITIVE
+        for name in (
+            "amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods",
+            "reinforcement_normal", "reinforcement_tangential",
+        )
+    },
+    **{
+        f"ParticleShear.{name}": NOT_NEGATIVE
+        for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio", "pre_periods", "post_periods")
+    },
+    "ParticleShear.size_ratio": [0.5, NAN, "1", None],
+    "ParticleShear.divergence": [-0.1, 1.1, NAN, "1", None],
+    "ParticleShear.cooling": [0.0, -1.0, 1.5, NAN, "1", None],
+    "ParticleShear.keep_viscosity": SWITCH,
+    "ParticleShear.law": CHOICE,
     # packings and boxes
     "lattice_dd": [np.zeros((2, 2)), [[1.0, NAN], [0.0, 1.0]], np.eye(4), np.ones((2, 3)), 3.0, "box", None, []],
     "position_nd": [[[0.0, NAN]], [[0.0, INF]], [[0.0]], [0.0, 0.0], [], np.zeros((0, 2)), "x", None, [[0.0, 1j]]],

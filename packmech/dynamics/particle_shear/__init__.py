@@ -1,0 +1,36 @@
+"""The reference package particleShear 1.0.2, step by step and faults included, so that old results can be checked.
+
+It stands alone: nothing else in packmech computes with it, and it shares no kernel with the native dynamics.
+
+Examples
+--------
+>>> from packmech.dynamics import particle_shear
+>>> experiment = particle_shear.ParticleShear(amplitude=0.2, particles=100)
+>>> experiment.steps, round(experiment.material.viscosity, 6)
+(13439, 2427.032391)
+
+"""
+
+from packmech.dynamics.particle_shear.advance import STRESSES, Evaluation, StepRules, Steps, advance
+from packmech.dynamics.particle_shear.demodulation import DRIFTS, Moduli, Periods, demodulate
+from packmech.dynamics.particle_shear.discs import Discs
+from packmech.dynamics.particle_shear.experiment import ParticleShear, ParticleShearRun
+from packmech.dynamics.particle_shear.material import Material, bond_force, normal_force
+
+__all__ = [
+    "DRIFTS",
+    "STRESSES",
+    "Discs",
+    "Evaluation",
+    "Material",
+    "Moduli",
+    "ParticleShear",
+    "ParticleShearRun",
+    "Periods",
+    "StepRules",
+    "Steps",
+    "advance",
+    "bond_force",
+    "demodulate",
+    "normal_force",
+]

@@ -1,0 +1,340 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""One time step of the reference package, in its order and with its faults, compiled.
+
+Change of the shear rate; contacts and forces, each pair visited twice; stress; kick; cooling; histories and drift;
+strain and wrap.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.compiled import device, kernel
+from packmech.dynamics.particle_shear.material import repulsion, tension
+from packmech.dynamics.particle_shear.pairs import BOND, OPEN, SLIP, STICK, image, list_pairs
+
+# rows of the stress array, by the names of `STRESSES`
+(LOVE_WEBER, EXTERNAL, ACCELERATION, UNBALANCED, TORQUE, INTERNAL_TORQUE, CENTRIFUGAL, OTSUKI, OVERALL) = range(9)
+
+
+class Motion(NamedTuple):
+    """Arrays that a step changes in place."""
+
+    position_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    spin_n: NDArray[np.float64]
+    angle_n: NDArray[np.float64]
+    carried_nd: NDArray[np.float64]
+
+
+class Body(NamedTuple):
+    """Arrays that stay."""
+
+    radius_n: NDArray[np.float64]
+    mass_n: NDArray[np.float64]
+
+
+class Cell(NamedTuple):
+    """Size of the cell [um], whether plates catch discs, and the step's constants."""
+
+    width: float
+    height: float
+    plates: bool
+    time_step: float
+    cooling: float
+    clears_all: bool
+    all_spin: bool
+    otsuki_flow: bool
+
+
+class Register(NamedTuple):
+    """What a force evaluation leaves: who is mobile, total forces and torques, their parts, and the Love-Weber sum.
+
+    A part is (F_x, F_y, T) by disc: from contacts inside the cell between mobile discs, from others on mobile discs,
+    and from all contacts.
+    """
+
+    mobile_n: NDArray[np.int64]
+    force_nd: NDArray[np.float64]
+    torque_n: NDArray[np.float64]
+    part_kn3: NDArray[np.float64]
+    virial_dd: NDArray[np.float64]
+
+
+@device
+def change_rate(motion, cell, change):
+    """Shift all velocities by an affine flow and its spin."""
+    for i in range(motion.spin_n.shape[0]):
+        motion.velocity_nd[i, 0] += (motion.position_nd[i, 1] - cell.height / 2.0) * change
+        motion.spin_n[i] -= change / 2.0
+
+
+@device
+def _add(part_n3, n, fx, fy, torque):
+    part_n3[n, 0] += fx
+    part_n3[n, 1] += fy
+    part_n3[n, 2] += torque
+
+
+@device
+def find_mobile(motion, body, cell, register):
+    """Say who is mobile now: with plates, who is farther than its radius from both."""
+    for i in range(body.radius_n.shape[0]):
+        y, r = motion.position_nd[i, 1], body.radius_n[i]
+        register.mobile_n[i] = 1 if (not cell.plates) or (y > r and y < cell.height - r) else 0
+    register.part_kn3[:] = 0.0
+
+
+@device
+def add_parts(motion, register):
+    """Set the totals, on top of forces that earlier steps left on caught discs."""
+    for i in range(register.mobile_n.shape[0]):
+        for a in range(2):
+            register.force_nd[i, a] = motion.carried_nd[i, a] + register.part_kn3[2, i, a]
+        register.torque_n[i] = register.part_kn3[2, i, 2]
+
+
+@device
+def two_visits(drag, spring, cap, first, second):
+    """Return the tangential force of a contact that may slip, whether its second visit slipped, and whether any did.
+
+    The lower-numbered disc visits with its history, then the higher-numbered with its own; each gives half of its
+    force. A visit that slips wipes both histories: the one after it sees the dashpot alone, and mostly sticks again.
+    """
+    # no branches: whether a contact slips is hard to foresee
+    one = drag + spring * first
+    slips = abs(one) > cap
+    two = drag + spring * (0.0 if slips else second)
+    slips_again = abs(two) > cap
+    force = (min(max(one, -cap), cap) + min(max(two, -cap), cap)) / 2.0
+    return force, slips_again, slips or slips_again
+
+
+@device
+def evaluate(motion, body, cell, material, strain, rate, pairs, register):
+    """Find who touches and fill the register; kinds and histories of the pairs change as contacts slip and part."""
+    find_mobile(motion, body, cell, register)
+    kind_p, history_p2, frame_p3 = pairs.kind_p, pairs.history_p2, pairs.frame_p3
+    r, x, v, spin, mobile_n = body.radius_n, motion.position_nd, motion.velocity_nd, motion.spin_n, register.mobile_n
+    bond_damping, bond_drag = material.viscosity, material.tangential_viscosity
+    if material.bond_viscosity_follows != 0.0:
+        bond_damping *= material.bond_normal_ratio
+        bond_drag *= material.bond_tangential_ratio
+    virial_xx, virial_xy, virial_yx, virial_yy = 0.0, 0.0, 0.0, 0.0
+    for p in range(pairs.i_p.shape[0]):
+        # unsigned numbers need no test for counting from the end
+        i, j, kind = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p]), kind_p[p]
+        raw_x, raw_y = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        dx, dy, up, along = image(raw_x, raw_y, cell.width, cell.height, strain)
+        rest = r[i] + r[j]
+        d = math.sqrt(dx * dx + dy * dy)
+        if kind != BOND and d >= rest:
+            if kind != OPEN:
+                kind_p[p] = OPEN
+                history_p2[p, 0] = 0.0
+                history_p2[p, 1] = 0.0
+            continue
+        # the package draws a fresh direction for coincident centers at every call; here it is the x axis
+        inverse = 1.0 / d if d > 0.0 else np.inf
+        nx, ny = (dx * inverse, dy * inverse) if d > 0.0 else (1.0, 0.0)
+        frame_p3[p, 0], frame_p3[p, 1], frame_p3[p, 2] = nx, ny, up
+        vx, vy = v[j, 0] - v[i, 0] - up * cell.height * rate, v[j, 1] - v[i, 1]
+        approach = vx * nx + vy * ny
+        slip = vy * nx - vx * ny - (r[i] * spin[i] + r[j] * spin[j])
+        elastic = repulsion(material, d, rest, rest * inverse)
+        if kind == BOND:
+            # a stretched bond keeps its tangential spring and loses its dashpot
+            drag = bond_drag * slip if d < rest else 0.0
+            spring = material.bond_tangential_ratio * material.tangential_stiffness
+            tangential = drag + spring * (history_p2[p, 0] + history_p2[p, 1]) / 2.0
+            pull = elastic if d < rest else tension(material, d - rest, rest)
+            normal = material.bond_normal_ratio * pull + bond_damping * approach
+        else:
+            normal = elastic + material.viscosity * approach
+            tangential, slips, wiped = two_visits(
+                material.tangential_viscosity * slip, material.tangential_stiffness,
+                material.friction_coefficient * abs(elastic), history_p2[p, 0], history_p2[p, 1],
+            )  # fmt: skip
+            kind_p[p] = SLIP if slips else STICK
+            history_p2[p, 0] = 0.0 if wiped else history_p2[p, 0]
+            history_p2[p, 1] = 0.0 if wiped else history_p2[p, 1]
+        fx, fy = normal * nx - tangential * ny, normal * ny + tangential * nx
+        # S1-3: the arms are the radii times d/(r_i + r_j), while the slip speed has the radii themselves
+        turn = d * pairs.inverse_p[p] * tangential
+        torque_i, torque_j = turn * r[i], turn * r[j]
+        _add(register.part_kn3[2], i, fx, fy, torque_i)
+        _add(register.part_kn3[2], j, -fx, -fy, torque_j)
+        if mobile_n[i] == 1 and mobile_n[j] == 1 and up == 0.0 and along == 0.0:
+            _add(register.part_kn3[0], i, fx, fy, torque_i)
+            _add(register.part_kn3[0], j, -fx, -fy, torque_j)
+            virial_xx -= fx * raw_x
+            virial_xy -= fx * raw_y
+            virial_yx -= fy * raw_x
+            virial_yy -= fy * raw_y
+        else:
+            if mobile_n[i] == 1:
+                _add(register.part_kn3[1], i, fx, fy, torque_i)
+            if mobile_n[j] == 1:
+                _add(register.part_kn3[1], j, -fx, -fy, torque_j)
+    add_parts(motion, register)
+    register.virial_dd[0, 0], register.virial_dd[0, 1] = virial_xx, virial_xy
+    register.virial_dd[1, 0], register.virial_dd[1, 1] = virial_yx, virial_yy
+
+
+@device
+def measure(motion, body, cell, rate, register, stress_sdd):
+    """Fill the nine tensors [Pa], compression positive; rows are the force's components, columns the position's."""
+    x, v = motion.position_nd, motion.velocity_nd
+    stress_sdd[:] = 0.0
+    flow = rate if cell.otsuki_flow else 0.0
+    torque, inner_torque, energy = 0.0, 0.0, 0.0
+    pxx, pxy, pyy = 0.0, 0.0, 0.0
+    outer, total = stress_sdd[EXTERNAL], stress_sdd[ACCELERATION]
+    for i in range(x.shape[0]):
+        dx, dy = x[i, 0] - cell.width / 2.0, x[i, 1] - cell.height / 2.0
+        torque += register.torque_n[i]
+        inner_torque += register.part_kn3[0, i, 2]
+        if register.mobile_n[i] == 1:
+            for a in range(2):
+                outer[a, 0] -= register.part_kn3[1, i, a] * dx
+                outer[a, 1] -= register.part_kn3[1, i, a] * dy
+                total[a, 0] += register.force_nd[i, a] * dx
+                total[a, 1] += register.force_nd[i, a] * dy
+        if cell.all_spin or register.mobile_n[i] == 1:
+            energy += body.mass_n[i] * body.radius_n[i] ** 2 * motion.spin_n[i] ** 2 / 4.0
+            px, py = v[i, 0] - flow * dy, v[i, 1]
+            pxx += body.mass_n[i] * px * px
+            pxy += body.mass_n[i] * px * py
+            pyy += body.mass_n[i] * py * py
+    stress_sdd[TORQUE, 1, 0] = torque / 2.0
+    stress_sdd[INTERNAL_TORQUE, 1, 0] = inner_torque / 2.0
+    stress_sdd[CENTRIFUGAL, 0, 0] = -energy
+    # the sign of the paper it follows, where tension is positive, in tensors where compression is
+    stress_sdd[OTSUKI, 0, 0], stress_sdd[OTSUKI, 1, 1] = -pxx, -pyy
+    stress_sdd[OTSUKI, 0, 1], stress_sdd[OTSUKI, 1, 0] = -pxy, -pxy
+    for s in (TORQUE, INTERNAL_TORQUE):
+        stress_sdd[s, 0, 1] = -stress_sdd[s, 1, 0]
+    stress_sdd[CENTRIFUGAL, 1, 1] = stress_sdd[CENTRIFUGAL, 0, 0]
+    stress_sdd[LOVE_WEBER] = register.virial_dd
+    stress_sdd[UNBALANCED] = stress_sdd[ACCELERATION]
+    stress_sdd[OVERALL] = stress_sdd[LOVE_WEBER] + stress_sdd[INTERNAL_TORQUE] + stress_sdd[CENTRIFUGAL]
+    # sums of force times length in 1e-18 J per metre of depth, over an area in um^2
+    stress_sdd *= 1e-6 / (cell.width * cell.height)
+
+
+@device
+def kick(motion, body, cell, rate, register):
+    """Accelerate by the register's forces, drag the caught discs with their plate, and cool towards the flow."""
+    v = motion.velocity_nd
+    dt = cell.time_step
+    for i in range(v.shape[0]):
+        y = motion.position_nd[i, 1]
+        if register.mobile_n[i] == 1:
+            for a in range(2):
+                v[i, a] += register.force_nd[i, a] / body.mass_n[i] * dt
+        else:
+            v[i, 0] = rate * cell.height / 2.0 if y > cell.height / 2.0 else -rate * cell.height / 2.0
+            v[i, 1] = 0.0
+        motion.spin_n[i] += register.torque_n[i] / (body.mass_n[i] * body.radius_n[i] ** 2 / 2.0) * dt
+        flow = (y - cell.height / 2.0) * rate
+        v[i, 0] = flow + (v[i, 0] - flow) * cell.cooling
+        v[i, 1] *= cell.cooling
+        motion.spin_n[i] *= cell.cooling
+        cleared = cell.clears_all or register.mobile_n[i] == 1
+        for a in range(2):
+            motion.carried_nd[i, a] = 0.0 if cleared else register.force_nd[i, a]
+
+
+@device
+def drift(motion, body, cell, strain, rate, pairs, new_nd):
+    """Turn, wind the histories and move, disc by disc: a disc sees the lower-numbered ones where they already are."""
+    x, v, spin, dt = motion.position_nd, motion.velocity_nd, motion.spin_n, cell.time_step
+    for i in range(x.shape[0]):
+        motion.angle_n[i] += spin[i] * dt
+        new_nd[i, 0] = x[i, 0] + v[i, 0] * dt
+        new_nd[i, 1] = x[i, 1] + v[i, 1] * dt
+    for p in range(pairs.i_p.shape[0]):
+        if pairs.kind_p[p] != OPEN:
+            one, other = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p])
+            winding = 0.0 if pairs.kind_p[p] == SLIP else dt
+            vx, vy = v[other, 0] - v[one, 0], v[other, 1] - v[one, 1]
+            rolled = body.radius_n[one] * spin[one] + body.radius_n[other] * spin[other]
+            nx, ny = pairs.frame_p3[p, 0], pairs.frame_p3[p, 1]
+            along = vx - pairs.frame_p3[p, 2] * cell.height * rate
+            pairs.history_p2[p, 0] += (vy * nx - along * ny - rolled) * winding
+            dx, dy, up, _ = image(
+                new_nd[one, 0] - x[other, 0], new_nd[one, 1] - x[other, 1], cell.width, cell.height, strain
+            )
+            d = math.sqrt(dx * dx + dy * dy)
+            inverse = 1.0 / d if d > 0.0 else 0.0
+            nx, ny = dx * inverse, dy * inverse
+            if d == 0.0:
+                nx = 1.0
+            along = -vx - up * cell.height * rate
+            pairs.history_p2[p, 1] += (-vy * nx - along * ny - rolled) * winding
+
+
+@device
+def wrap(motion, cell, strain, rate, new_nd):
+    """Put the discs at their new places, wrapped into the cell as it is strained now; return the longest own way.
+
+    A disc's own way is its way less that of the sheared flow where it was.
+    """
+    farthest = 0.0
+    x, v = motion.position_nd, motion.velocity_nd
+    for i in range(x.shape[0]):
+        own = v[i, 0] - (x[i, 1] - cell.height / 2.0) * rate
+        farthest = max(farthest, own * own + v[i, 1] * v[i, 1])
+        x[i, 0], x[i, 1] = new_nd[i, 0], new_nd[i, 1]
+        if x[i, 1] < 0.0 or x[i, 1] >= cell.height:
+            up = np.floor(x[i, 1] / cell.height)
+            x[i, 1] -= up * cell.height
+            x[i, 0] -= up * cell.height * strain
+            v[i, 0] -= up * cell.height * rate
+        if x[i, 0] < 0.0 or x[i, 0] >= cell.width:
+            x[i, 0] -= np.floor(x[i, 0] / cell.width) * cell.width
+    return math.sqrt(farthest) * cell.time_step
+
+
+@kernel
+def run_steps(motion, body, cell, material, clock, rate_t, margin, pairs, register, stress_tsdd, count_tk, strain_t):
+    """Advance by one step for every rate given; return the pairs, their last histories, and the strain, rate and time.
+
+    The histories are those of the last force evaluation, before the discs moved on. Saves the nine tensors, the numbers
+    of caught discs and of contacts and bonds, and the strain of every step's force evaluation.
+    """
+    strain, rate, time = clock
+    new_nd = np.empty_like(motion.position_nd)
+    seen_p2 = pairs.history_p2
+    reach = 2.0 * np.max(body.radius_n) + margin
+    # a list that nobody has made yet: the first step makes it
+    gone = np.inf
+    for t in range(rate_t.shape[0]):
+        if gone >= margin:
+            pairs = list_pairs(motion.position_nd, body.radius_n, cell.width, cell.height, strain, margin, pairs)
+            gone = 0.0
+        change_rate(motion, cell, rate_t[t] - rate)
+        rate = rate_t[t]
+        evaluate(motion, body, cell, material, strain, rate, pairs, register)
+        measure(motion, body, cell, rate, register, stress_tsdd[t])
+        strain_t[t] = strain
+        caught, touching = 0, 0
+        for i in range(body.radius_n.shape[0]):
+            caught += 1 - register.mobile_n[i]
+        for p in range(pairs.kind_p.shape[0]):
+            touching += pairs.kind_p[p] != OPEN
+        count_tk[t, 0] = caught
+        count_tk[t, 1] = touching
+        if t == rate_t.shape[0] - 1:
+            seen_p2 = pairs.history_p2.copy()
+        kick(motion, body, cell, rate, register)
+        drift(motion, body, cell, strain, rate, pairs, new_nd)
+        strain += rate * cell.time_step
+        # two discs approach by their own ways and by what the flow shrinks the longest distance that could matter
+        gone += 2.0 * wrap(motion, cell, strain, rate, new_nd) + reach * abs(rate) * cell.time_step
+        time += cell.time_step
+    return pairs, seen_p2, strain, rate, time
