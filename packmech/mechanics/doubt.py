@@ -48,7 +48,6 @@ def settle(
     strictly: Answer,
     touching: Touching,
     rest: RestCheck | None,
-    decide: Callable[[Contacts, bool], bool | None],
     judge: Callable[[Contacts], Judged],
 ) -> tuple[Answer, Answer]:
     """Return the collective and the strict answer, ambiguous where the packing's state leaves them open.
@@ -59,10 +58,8 @@ def settle(
         The answers by the contacts within the gap tolerance.
     touching, rest
         What was assumed.
-    decide
-        Whether other contacts of the same packing jam it: with (True) or without strain.
     judge
-        Gives all findings on other contacts.
+        Gives all findings on other contacts of the same packing.
 
     """
     reason = unrest(rest, touching)
@@ -73,11 +70,9 @@ def settle(
         fewer, more = touching.within(0), touching.within(2)
         jammed = (collectively.verdict == JAMMED, strictly.verdict == JAMMED)
         if jammed == (True, True):
-            held = decide(fewer, True)
-            kept = (held or decide(fewer, False), held)
+            kept = judge(fewer).jammed
         elif jammed == (True, False):
-            # while the whole backbone is collectively jammed, no part of it can be strictly jammed by itself
-            kept = (decide(fewer, False), decide(more, True) is False)
+            kept = (judge(fewer).jammed[0], judge(more).jammed[1] is False)
         else:
             collective, strict = judge(more).jammed
             kept = (collective is False, strict is False)

@@ -17,10 +17,10 @@ from packmech.measure.rattlers import without
 from packmech.mechanics.certificates import Finding, certify, yield_to_loads
 from packmech.mechanics.doubt import off_plateau, settle, undecided, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
-from packmech.mechanics.motions import MotionCone, motion_cone, unjamming_motion
+from packmech.mechanics.motions import MotionCone, unjamming_motion
 from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_firm, is_stable
-from packmech.mechanics.touching import LEAST_GAP, Touching, backbone_of, check_rest, find_touching
+from packmech.mechanics.touching import LEAST_GAP, Touching, check_rest, find_touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
 from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene
@@ -133,14 +133,6 @@ def classify_jamming(
             return carrying_contacts(packing, cone, network, solver, tolerance)
         return standing_contacts(cone, network, finding)
 
-    def jams(contacts: Contacts, strain: bool) -> bool | None:
-        network, kept = backbone_of(packing, contacts)
-        known, finding = judged.strict if strain else judged.collective
-        if _same(network, judged.network) and np.array_equal(kept, known.kept_n):
-            return finding.jammed
-        cone = motion_cone(packing, network, strain=strain, volume=volume, kept_n=kept)
-        return decide(cone).jammed if len(network) else False
-
     with single_thread():
         if contacts is None:
             touching = find_touching(packing, gap_tolerance)
@@ -163,7 +155,7 @@ def classify_jamming(
             collectively = replace(collectively, stable=_stable(scene, rattlers, strain=False, gap_tolerance=closed))
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain=True, gap_tolerance=closed))
             collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
-        collectively, strictly = settle(collectively, strictly, touching, rest, jams, judge)
+        collectively, strictly = settle(collectively, strictly, touching, rest, judge)
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
     emptied = len({level.contacts > 0 for level in touching.levels}) > 1
