@@ -95,14 +95,15 @@ class Verdict:
     Attributes
     ----------
     local
-        "jammed" when some particles hold each other in place one by one: what is left after the rattlers are taken out.
+        "jammed" when some particles hold each other in place one by one (d + 1 contacts or more, not all in one closed
+        half space; with links, each cluster with the others at rest): what is left after the rattlers are taken out.
     local_reason
         One sentence why.
     collectively, strictly
         The two other questions with their grounds; `collective` and `strict` are their verdicts.
     rattlers
-        (N,) particles that are not part of the backbone: not held by their contacts, or held by contacts that carry no
-        force in any state of self stress while the others are jammed.
+        (N,) particles that are not part of the backbone: not held by their contacts, or, while the others are jammed,
+        held by contacts that carry no force in any state of self stress, or able to move together against the others.
     network
         The contacts between backbone particles, in the packing's own numbers.
     touching

@@ -5,11 +5,15 @@ import json
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from scipy.optimize import linprog
 
 import packmech as pm
 from packmech.contacts.rattlers import _is_free
 from packmech.hard_cases.jamming_verdicts import three_in_a_hole
 from packmech.mechanics.judging import _largest_group
+from packmech.mechanics.motions import motion_cone
+from packmech.mechanics.programs import open_all
 from packmech.mechanics.touching import check_rest
 from packmech.mechanics.verdict_text import verdict_numbers
 from packmech.report import examine
@@ -162,3 +166,28 @@ def test_rest_compares_the_largest_net_force_with_the_mean_contact_force_of_the_
     largest = np.linalg.norm(pm.forces(pm.Scene(packing, effects)), axis=1).max()
     assert check.residual == pytest.approx(largest / np.abs(push).mean(), rel=1e-9, abs=1e-13)
     assert check.limit == max(1e-5, 8.0 * check.floor)
+
+
+def supported(cone):
+    """Return which contacts bear force, by the support program as printed: max sum u, R^T (u + v) + H^T m = 0, u <= 1."""
+    count, held = cone.opening.shape[0], cone.held.shape[0]
+    balance = sp.csr_array(sp.hstack([cone.opening.T, cone.opening.T, cone.held.T, cone.one_sided.T]))[cone.dimension :]
+    bounds = [(0, 1)] * count + [(0, None)] * count + [(None, None)] * held + [(0, None)] * cone.one_sided.shape[0]
+    cost = np.concatenate([-np.ones(count), np.zeros(balance.shape[1] - count)])
+    found = linprog(cost, A_eq=balance, b_eq=np.zeros(balance.shape[0]), bounds=bounds, method="highs-ipm")
+    assert found.status == 0 and np.abs(found.x[:count] - 0.5).min() > 0.4
+    return found.x[:count] > 0.5
+
+
+@pytest.mark.parametrize("strain", [False, True])
+@pytest.mark.parametrize("share", [1.0, 0.9, 0.6])
+@pytest.mark.parametrize("name", ["triangular", "kagome", "fcc", "linked"])
+def test_opening_program_finds_the_contacts_of_the_support_program(linked, name, share, strain):
+    if name == "linked":
+        packing = linked("jammed_dimer_strain")[0].packing
+    else:
+        packing = pm.lattice_packing(name, (2, 2, 2) if name == "fcc" else (3, 3))
+    contacts = pm.find_contacts(packing, gap_tolerance=1e-9)
+    kept = np.random.default_rng(7).random(len(contacts)) <= share
+    cone = motion_cone(packing, contacts.select(kept), strain=strain)
+    assert np.array_equal(open_all(cone).carrying_c, supported(cone))
