@@ -76,6 +76,7 @@ _PUBLIC = {
     "Trial": "packmech.accuracy",
     "WorkPrecision": "packmech.accuracy",
     "work_precision": "packmech.accuracy",
+    "record_motion": "packmech.recording_motion",
     "record_packing": "packmech.recording",
     "record_run": "packmech.recording",
     # mechanics

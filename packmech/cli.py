@@ -44,6 +44,9 @@ def parser() -> argparse.ArgumentParser:
     analyze.add_argument("--law", help="harmonic, hertz, ... of energy scale 1; else the file's own law, else harmonic")
     _outputs(analyze, record=None, out=False, seed=False)
 
+    unjam = _command(commands, "unjam", "ask whether a packing is jammed, and play the motion that unjams it")
+    _unjam_options(unjam)
+
     _command(commands, "scenes", "list the scenes that ship inside the package")
 
     accuracy = _command(commands, "accuracy", "measure what accuracy costs in time: tables and figures")
@@ -92,6 +95,20 @@ def _outputs(command: argparse.ArgumentParser, *, record: str | None, out: bool,
         command.add_argument("--seed", type=int, help="another seed for the scene's random start")
 
 
+def _unjam_options(command: argparse.ArgumentParser) -> None:
+    """Add the options of `packmech unjam`."""
+    command.add_argument("packing", help="a packing in a file, or the name of a lattice: square, kagome, ...")
+    command.add_argument("--repeats", type=int, nargs="+", metavar="N", help="cells of the lattice along each vector")
+    command.add_argument(
+        "--box", default="either", help='"fixed": the box stays; "free": it may strain; default: fixed if that unjams'
+    )
+    command.add_argument("--amplitude", type=float, default=0.5, help="how far to go, in diameters (default: 0.5)")
+    command.add_argument("--steps", type=int, default=50, help="in how many steps (default: 50)")
+    command.add_argument("--record", type=Path, metavar="FILE", help="Rerun recording (not written unless given)")
+    command.add_argument("--out", type=Path, metavar="FILE", help="write the packing at the end: .npz, .gsd or .txt")
+    command.add_argument("--json", type=Path, metavar="FILE", help="write the numbers as JSON")
+
+
 def _cement_options(command: argparse.ArgumentParser) -> None:
     """Add the options of `packmech cement`."""
     command.add_argument("--out", type=Path, default=Path("cementing"), help="folder to write to (default: cementing)")
@@ -125,6 +142,10 @@ def execute(given: argparse.Namespace) -> int:
         from packmech.cli_cement import run_cement
 
         return run_cement(given)
+    if given.command == "unjam":
+        from packmech.cli_unjam import unjam
+
+        return unjam(given)
     if given.command == "hard-cases":
         from packmech.cli_studies import run_hard_cases
 

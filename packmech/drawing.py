@@ -87,7 +87,7 @@ def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
     inside = packing.wrapped()
     contacts = find_contacts(inside)
     force_c = _relative_force(contacts, effects)
-    segments, pair_s = _lines(inside.position_nd, contacts.i_c, contacts.j_c, contacts.image_cd, contacts.vector_cd)
+    segments, pair_s = pair_lines(inside.position_nd, contacts.i_c, contacts.j_c, contacts.image_cd, contacts.vector_cd)
     copy_center, copy_of = _copies(inside)
     return Drawing(
         inside.position_nd,
@@ -100,7 +100,7 @@ def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
     )
 
 
-def _lines(
+def pair_lines(
     position_nd: NDArray[np.float64],
     i_c: NDArray[np.int64],
     j_c: NDArray[np.int64],
@@ -129,7 +129,7 @@ def _link_lines(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) 
         if mean > 0.0:
             tension_l = tension_of(link_gradients(packing), contacts, first_c) / mean
     vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
-    segments, link_s = _lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
+    segments, link_s = pair_lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
     shape_s = links.shape_l[link_s]
     tension_s = tension_l[link_s]
     return segments[~shape_s], tension_s[~shape_s], segments[shape_s], tension_s[shape_s]
@@ -151,7 +151,7 @@ def particle_colors(
     """Return (N, 3) colors: by size between two blues, linked clusters in hues of their own, rattlers in amber."""
     span = float(np.ptp(radius_n))
     share_n = (radius_n - radius_n.min()) / span if span > 0 else np.ones_like(radius_n)
-    color_nc = _between(SMALL, LARGE, share_n)
+    color_nc = between(SMALL, LARGE, share_n)
     if links is not None:
         linked = np.union1d(links.i_l, links.j_l)
         hue = number_by_first(links.clusters(len(radius_n))[linked]) % len(CLUSTERS)
@@ -168,7 +168,7 @@ def dimmed(color_nc: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def force_colors(force_s: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return (S, 3) colors from ember (no force) to pale yellow (three times the mean and above)."""
-    return _between(WEAK_FORCE, STRONG_FORCE, np.clip(force_s / 3.0, 0.0, 1.0))
+    return between(WEAK_FORCE, STRONG_FORCE, np.clip(force_s / 3.0, 0.0, 1.0))
 
 
 def force_radii(force_s: NDArray[np.float64], diameter: float, dimension: int) -> NDArray[np.float64]:
@@ -180,7 +180,7 @@ def tension_colors(tension_s: NDArray[np.float64], *, shape: bool) -> NDArray[np
     """Return (S, 3) colors of links: gray without force, green in tension, violet in compression, full at 2 means."""
     idle = IDLE_SHAPE if shape else IDLE_BOND
     share_s = np.clip(np.abs(tension_s) / 2.0, 0.0, 1.0)
-    pulled, pushed = _between(idle, TENSION, share_s), _between(idle, COMPRESSION, share_s)
+    pulled, pushed = between(idle, TENSION, share_s), between(idle, COMPRESSION, share_s)
     return np.where((tension_s >= 0.0)[:, None], pulled, pushed)
 
 
@@ -222,7 +222,8 @@ def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return np.concatenate(centers), np.concatenate(owners).astype(np.int64)
 
 
-def _between(low: tuple[int, ...], high: tuple[int, ...], share: NDArray[np.float64]) -> NDArray[np.uint8]:
+def between(low: tuple[int, ...], high: tuple[int, ...], share: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return (S, 3) colors that lie that share of the way from one to the other."""
     mixed: NDArray[np.uint8] = np.rint((1.0 - share[:, None]) * np.array(low) + share[:, None] * np.array(high)).astype(
         np.uint8
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,7 +77,7 @@ def record_packing(
     """
     if not isinstance(subject, Packing | Scene):
         raise TypeError(f"subject must be a Packing or a Scene, got {type(subject).__name__}")
-    _check_told(path, parameters, results)
+    check_told(path, parameters, results)
     told = dict(results or {})
     if isinstance(subject, Scene):
         told.setdefault("pressure", pressure(subject))
@@ -139,7 +140,7 @@ def record_run(
     instance("run", run, Run)
     instance("scene", scene, Scene)
     frames = integer("frames", frames, at_least=2)
-    _check_told(path, parameters, results)
+    check_told(path, parameters, results)
     if run.packing.particles != scene.packing.particles:
         raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
     final = scene.replace(packing=run.packing)
@@ -157,7 +158,8 @@ def record_run(
     return _write(film, path, _motions(modes, film, _stiffness(final), mode_count), parameters or {}, told, summary)
 
 
-def _check_told(path: Any, parameters: Any, results: Any) -> None:
+def check_told(path: Any, parameters: Any, results: Any) -> None:
+    """Check where to write, and that what is told comes by name."""
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"path must be a file name, got {path!r}")
     for name, value in (("parameters", parameters), ("results", results)):
@@ -182,9 +184,22 @@ def _write(
     results: Mapping[str, Any],
     summary: str,
 ) -> Path:
-    import rerun as rr
-
     from packmech.recording_layout import blueprint
+
+    layout = blueprint(film, motions, summary=bool(summary))
+    with opened(path, layout, film, parameters, results) as (stream, target):
+        _log_static(stream, film, motions, summary)
+        for block in _blocks(film):
+            _send_block(stream, film, block)
+    return target
+
+
+@contextmanager
+def opened(
+    path: str | Path, layout: Any, film: Film, parameters: Mapping[str, Any], results: Mapping[str, Any]
+) -> Iterator[tuple[rr.RecordingStream, Path]]:
+    """Open a recording, write properties and curves of the film, and give the stream and the absolute path."""
+    import rerun as rr
 
     target = Path(path).absolute()
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -192,20 +207,17 @@ def _write(
         pass
     stream = rr.RecordingStream("packmech")
     try:
-        stream.save(target, default_blueprint=blueprint(film, motions, summary=bool(summary)))
+        stream.save(target, default_blueprint=layout)
         stream.send_recording_name(target.stem)
         stream.send_property("packmech", rr.AnyValues(**properties_of(film, parameters, results)))
-        _log_static(stream, film, motions, summary)
         for name, (step_t, value_t) in film.curves.items():
             path_of = f"series/{name.replace(' ', '_')}"
             stream.log(path_of, rr.SeriesLines(names=name, colors=drawing.CURVE, widths=2.0), static=True)
             stream.send_columns(path_of, [rr.TimeColumn("step", sequence=step_t)], rr.Scalars.columns(scalars=value_t))
-        for block in _blocks(film):
-            _send_block(stream, film, block)
+        yield stream, target
     finally:
         stream.flush()
         stream.disconnect()
-    return target
 
 
 def _blocks(film: Film) -> list[range]:
@@ -308,7 +320,7 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
         _counts(drawing_f, "force_s"),
     )
     if film.final.links is not None:
-        _send_links(packing_f, drawing_f, send)
+        send_links(packing_f, drawing_f, send)
     outline_k = [line for d in drawing_f for line in d.outline_ed]
     send("world/box", strips.columns(strips=outline_k), [len(d.outline_ed) for d in drawing_f])
     state = rr.AnyValues.columns(
@@ -319,7 +331,7 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
     send("state/lattice", lattice, [packing.box.lattice_dd.size for packing in packing_f])
 
 
-def _send_links(packing_f: list[Packing], drawing_f: list[drawing.Drawing], send: Callable[..., None]) -> None:
+def send_links(packing_f: list[Packing], drawing_f: list[drawing.Drawing], send: Callable[..., None]) -> None:
     """Send the lines of the links, bonds and shapes apart, and the images that the exact positions have them at."""
     import rerun as rr
 

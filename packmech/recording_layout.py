@@ -22,21 +22,21 @@ def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Bluepr
         lines = [*lines, "/world/links/**"]
     pictures: list[rrb.Container | rrb.View]
     if flat:
-        pictures = [_world_view(film, "packing", [*particles, *lines])]
+        pictures = [world_view(film, "packing", [*particles, *lines])]
     else:  # lines inside solid spheres are not seen, so they have views of their own
-        pictures = [_world_view(film, "packing", particles), _world_view(film, "contact forces", ["/world/forces/**"])]
+        pictures = [world_view(film, "packing", particles), world_view(film, "contact forces", ["/world/forces/**"])]
         if film.final.links is not None:
-            sticks = _world_view(film, "links", ["/world/links/**"])
+            sticks = world_view(film, "links", ["/world/links/**"])
             pictures = [pictures[0], rrb.Horizontal(sticks, pictures[1])]
     middle: list[rrb.Container | rrb.View] = []
     if motions:
         shown = ["/world/particles"] if flat else []
-        views = [_world_view(film, motion.title, [*shown, f"/world/modes/{motion.name}/**"]) for motion in motions]
+        views = [world_view(film, motion.title, [*shown, f"/world/modes/{motion.name}/**"]) for motion in motions]
         middle.append(rrb.Tabs(*views, active_tab=0, name="lowest modes"))
     if summary:
         middle.append(rrb.TextDocumentView(origin="/summary", name="results"))
     columns = [(rrb.Vertical(*pictures), 5.0)]
-    columns += [(rrb.Vertical(*views), share) for views, share in ((middle, 3.0), (_plots(film), 2.4)) if views]
+    columns += [(rrb.Vertical(*views), share) for views, share in ((middle, 3.0), (plots(film), 2.4)) if views]
     steps = float(film.step_f[-1] - film.step_f[0])
     return rrb.Blueprint(
         rrb.Horizontal(*(column for column, _ in columns), column_shares=[share for _, share in columns]),
@@ -45,7 +45,7 @@ def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Bluepr
     )
 
 
-def _plots(film: Film) -> list[rrb.Container | rrb.View]:
+def plots(film: Film) -> list[rrb.Container | rrb.View]:
     """One plot for each curve; curves of a single point say nothing that the results do not."""
     first, last = int(film.step_f[0]), int(film.step_f[-1])
     edge = max(1, round(MARGIN * (last - first)))  # a last fall in one step should be seen
@@ -64,7 +64,8 @@ def _plots(film: Film) -> list[rrb.Container | rrb.View]:
     ]
 
 
-def _world_view(film: Film, name: str, shown: list[str]) -> rrb.View:
+def world_view(film: Film, name: str, shown: list[str]) -> rrb.View:
+    """Return a view of the box and of what is shown, wide enough for every packing of the film."""
     contents = ["/world/box/**", *shown]
     corner_kd = np.concatenate([np.concatenate(drawing.box_outline(packing.box)) for packing in film.packing_f])
     low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)

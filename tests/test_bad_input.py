@@ -261,6 +261,7 @@ BAD = {
     "work_precision.repeats": [*COUNT, None],
     "subject": [3, None, "packing"],
     "run": [3, None, touching()],
+    "played": [3, None, touching()],
     "frames": [1, 0, 2.5, "2", None],
     "modes": [3, "modes"],
     "mode_count": [-1, 2.5, "2", None],
@@ -317,6 +318,7 @@ def good(name, folder):
         },
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
+        "record_motion": {"played": pm.play_motion(touching(), np.eye(9, 2), steps=2), "path": folder / "m.rrd"},
         "law": {"cls": type(pm.Harmonic())},
         "effect": {"cls": type(pm.Repulsion())},
     }
