@@ -169,7 +169,7 @@ def test_rest_compares_the_largest_net_force_with_the_mean_contact_force_of_the_
 
 
 def supported(cone):
-    """Return which contacts bear force, by the support program as printed: max sum u, R^T (u + v) + H^T m = 0, u <= 1."""
+    """Return which contacts bear force, by the support program: max sum u, R^T (u + v) + H^T m = 0, u <= 1."""
     count, held = cone.opening.shape[0], cone.held.shape[0]
     balance = sp.csr_array(sp.hstack([cone.opening.T, cone.opening.T, cone.held.T, cone.one_sided.T]))[cone.dimension :]
     bounds = [(0, 1)] * count + [(0, None)] * count + [(None, None)] * held + [(0, None)] * cone.one_sided.shape[0]
