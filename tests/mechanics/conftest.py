@@ -1,6 +1,7 @@
 """Scenes that facts about mechanics are stated on."""
 
 import functools
+import importlib.util
 import json
 import pathlib
 from typing import NamedTuple
@@ -204,3 +205,13 @@ def dense_null():
         return left[:, rank:].T
 
     return make
+
+
+@pytest.fixture(scope="session")
+def simplex_answers():
+    """Return a function: whether contacts jam a packing, collectively and strictly, by `simplex_oracle.py`."""
+    place = pathlib.Path(__file__).with_name("simplex_oracle.py")
+    spec = importlib.util.spec_from_file_location("simplex_oracle", place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.answers
