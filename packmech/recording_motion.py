@@ -30,12 +30,12 @@ __all__ = ["record_motion"]
 STAYED, JUST_OPEN, OPENED, CLOSED = (255, 236, 170), (244, 170, 104), (226, 70, 70), (110, 226, 150)
 WIDE = 0.2
 # half widths of their lines [reference diameter]
-STAYED_WIDTH, OPENED_WIDTH = 0.05, 0.014
+STAYED_WIDTH, OPENED_WIDTH = 0.024, 0.014
 TRAIL, TRAIL_WIDTH = (170, 196, 226), 0.015
 GHOST = (78, 88, 104)
 # contacts that have opened wider than this are not drawn any more [1]
 FAR = 0.6
-ARROW_LENGTH, ARROW_WIDTH = 0.6, 0.035
+ARROW, ARROW_LENGTH, ARROW_WIDTH = (84, 222, 232), 0.6, 0.035
 
 
 def record_motion(
@@ -236,7 +236,7 @@ def _log_static(stream: rr.RecordingStream, film: Film, summary: str) -> None:
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/particles", points.from_fields(radii=start.radius_n, colors=color_nc), static=True)
     arrows = rr.Arrows2D if flat else rr.Arrows3D
-    stream.log("world/motion", arrows.from_fields(radii=ARROW_WIDTH * unit, colors=drawing.ARROW), static=True)
+    stream.log("world/motion", arrows.from_fields(radii=ARROW_WIDTH * unit, colors=ARROW), static=True)
     widths = {
         "contacts/stayed": (STAYED_WIDTH, STAYED),
         "contacts/closed": (STAYED_WIDTH, CLOSED),

@@ -228,3 +228,11 @@ def test_interrupt_hands_over_what_was_played():
 def test_motion_that_cannot_be_played_is_refused(motion, words):
     with pytest.raises((TypeError, ValueError), match=f"^{words}"):
         pm.play_motion(pm.lattice_packing("kagome", repeats=(2, 2)), motion)
+
+
+def test_motion_that_contacts_shorten_too_often_is_unfinished(monkeypatch):
+    scene, verdict = jammed_in_its_box()
+    monkeypatch.setattr("packmech.dynamics.play._MOST", 1)
+    played = pm.play_motion(scene, verdict.unjamming_motion, amplitude=0.2, steps=20)
+    assert (played.outcome, played.unjammed) == ("unfinished", False)
+    assert 0.0 < played.amplitude < 0.2
