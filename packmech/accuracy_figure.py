@@ -32,7 +32,8 @@ def draw(table: WorkPrecision, path: Path) -> None:
     if not quantities:
         raise ValueError("table must have at least one measured error to be drawn, got none")
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.9 * len(quantities) + 0.4, 6.6), layout="constrained")
+        width = max(3.9 * len(quantities) + 0.4, 7.2)
+        figure = Figure(figsize=(width, 6.6), layout="constrained")
         ax_rows = figure.subplots(2, len(quantities), squeeze=False)
         for column, quantity in enumerate(quantities):
             above, below = ax_rows[0][column], ax_rows[1][column]
@@ -55,7 +56,9 @@ def draw(table: WorkPrecision, path: Path) -> None:
         if any(trial.failed and trial.errors for trial in table.trials):
             handles.append(Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none"))
             labels.append("hollow: failed")
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
+        # a letter takes about 0.075 inches, a line and the space around it half an inch
+        fitting = int(width / (0.5 + 0.075 * max((len(label) for label in labels), default=1)))
+        figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 4, fitting)))
         heading = table.title or "work and precision"
         figure.suptitle(f"{heading}\nreference: {table.reference_is}" if table.reference_is else heading, fontsize=10)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -238,7 +238,8 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
         (
             ("accuracy", "guess"),
-            "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', got",
+            "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', "
+            "'jamming_2d', 'jamming_3d', 'gap_tolerance', got",
         ),
         (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
     ],

@@ -51,6 +51,8 @@ class Finding:
         Largest component of the net force of `weight` [mean contact force]; 0 without one.
     solves
         What each solver achieved.
+    longest
+        Longest motion of the load programs, of its bound; NaN where not asked.
     implied
         Whether it follows from the answer to the strict question and nothing was computed.
 
@@ -65,6 +67,7 @@ class Finding:
     balance: float = 0.0
     solves: tuple[Solve, ...] = ()
     implied: bool = False
+    longest: float = np.nan
 
 
 _VACUOUS = "no motion but translations exists for one particle in a fixed box: jammed without any condition"
@@ -95,12 +98,12 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
     for name in _order(solver, len(cone.kept_n)):
         stress = largest_smallest_force(cone, solver=name, tolerance=tolerance)
         solves.append(stress.solve)
-        finding = _checked(cone, softest, stress.weight, stress.motion, tuple(solves))
-        if finding.jammed is None and name == "highs":
-            # a simplex that found no self stress gives no motion: the opening program does
+        finding = proven(cone, softest, stress.weight, stress.motion, tuple(solves))
+        if finding.jammed is None and name != "clarabel":
+            # where no self stress exists these give no motion: the opening program does
             opened = open_all(cone, solver=name, tolerance=tolerance)
             solves.append(opened.solve)
-            finding = _checked(cone, softest, opened.weight, opened.motion, tuple(solves))
+            finding = proven(cone, softest, opened.weight, opened.motion, tuple(solves))
         if finding.jammed is not None:
             return finding
     return finding
@@ -110,14 +113,27 @@ def _order(solver: str, particles: int) -> tuple[str, ...]:
     return (solver,) if solver == "highs" or particles > SIMPLEX_PARTICLES else (solver, "highs")
 
 
-def _checked(
+def proven(
     cone: MotionCone,
     softest: float,
     weight: NDArray[np.float64],
     motion: NDArray[np.float64] | None,
     solves: tuple[Solve, ...],
 ) -> Finding:
-    """Return what the candidate forces or the candidate motion prove, for a cone of full rank."""
+    """Return what candidate forces or a candidate motion prove, for a cone of full rank.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    softest
+        Smallest over largest singular value of its rows [1].
+    weight, motion
+        (C + h + b,) forces and multipliers, and (n,) a motion or None, as `programs.largest_smallest_force` gives them.
+    solves
+        What the solvers achieved, the rank first.
+
+    """
     count = cone.opening.shape[0]
     mean = float(weight[:count].mean())
     smallest = -np.inf
@@ -160,12 +176,12 @@ def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
     return opening > ROUNDING * size and -float(stretch.min()) < LOADED * opening
 
 
-def _settled(cone: MotionCone, motion: NDArray[np.float64], solve: Solve) -> bool:
-    """Return whether a motion is admitted, and the load program's multipliers prove that none goes much farther.
+def _settled(cone: MotionCone, motion: NDArray[np.float64], size: float, solve: Solve) -> bool:
+    """Return whether contacts admit a motion and the load program's multipliers prove that none goes much farther.
 
-    A load of unit length moves what moves by about 1 / sqrt(n).
+    A load of unit length moves what moves by about 1 / sqrt(n). Where nothing moves the multipliers are proof enough.
     """
-    admitted = (cone.opening @ motion).min(initial=0.0) >= -LOADED * np.abs(motion).max(initial=0.0) - ROUNDING
+    admitted = size <= MOVED or (cone.opening @ motion).min(initial=0.0) >= -LOADED * np.abs(motion).max()
     return bool(admitted and np.sqrt(cone.unknowns) * abs(solve.gap) <= MOVED)
 
 
@@ -176,6 +192,7 @@ def yield_to_loads(
     bound: str = "ball",
     solver: str = "clarabel",
     tolerance: float = 1e-8,
+    fallback: bool = True,
 ) -> Finding:
     """Return whether the cone is trivial, by the source's programs: a random load b, then -b, move nothing.
 
@@ -187,6 +204,8 @@ def yield_to_loads(
         Draws the load.
     bound, solver, tolerance
         As in `programs.yield_to_load`.
+    fallback
+        Whether simplex may decide where the solver's answer did not pass the check.
 
     """
     if cone.unknowns == cone.dimension:
@@ -196,19 +215,20 @@ def yield_to_loads(
     solves: list[Solve] = []
     longest = 0.0
     for sign in (1.0, -1.0):
-        for name in _order(solver, len(cone.kept_n)):
+        for name in _order(solver, len(cone.kept_n)) if fallback else (solver,):
             shape = "box" if name == "highs" else bound
             motion, solve = yield_to_load(cone, sign * load, bound=shape, solver=name, tolerance=tolerance)
             solves.append(solve)
-            if _settled(cone, motion, solve):
+            size = float(np.sqrt(motion @ motion) if shape == "ball" else np.abs(motion).max())
+            if _settled(cone, motion, size, solve):
                 break
         else:
+            longest = max(longest, size)
             reason = f"no answer of the load program passed the check ({solve.status}, duality gap {solve.gap:.1e})"
-            return Finding(None, reason, solves=tuple(solves))
-        size = float(np.sqrt(motion @ motion) if shape == "ball" else np.abs(motion).max())
+            return Finding(None, reason, solves=tuple(solves), longest=longest)
         longest = max(longest, size)
         if size > MOVED:
             reason = f"a load moves the contacts apart (motion {size:.1e} of its bound)"
-            return Finding(False, reason, motion=motion, solves=tuple(solves))
+            return Finding(False, reason, motion=motion, solves=tuple(solves), longest=longest)
     reason = f"neither a random load nor its opposite moves anything (motion {longest:.1e} of its bound)"
-    return Finding(True, reason, solves=tuple(solves))
+    return Finding(True, reason, solves=tuple(solves), longest=longest)

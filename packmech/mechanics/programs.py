@@ -209,27 +209,12 @@ def yield_to_load(
         from packmech.mechanics.readable_programs import yield_to_load_readable
 
         return yield_to_load_readable(cone, load, bound, tolerance)
-    d, n, particles = cone.dimension, cone.unknowns, len(cone.kept_n)
+    n = cone.unknowns
     load = cone.without_translations(load)
     load = load / max(float(np.sqrt(load @ load)), 1e-300)
-    equal, limit = cone.held, np.inf
-    if bound == "box":
-        mean = sp.hstack([sp.kron(np.ones((1, particles)), sp.eye_array(d)), sp.csr_array((d, n - particles * d))])
-        equal, limit = sp.csr_array(sp.vstack([cone.held, mean], format="csr")), 1.0
-    below = -sp.csr_array(sp.vstack([cone.opening, cone.one_sided], format="csr"))
     # measured: fewest iterations with a load as long as this, where the solver scales its rows; the answer goes with it
     scale = 1.0 if bound == "box" else float(n)
-    program = Program(
-        scale * load,
-        equal,
-        np.zeros(equal.shape[0]),
-        below,
-        np.zeros(below.shape[0]),
-        np.full(n, -limit),
-        np.full(n, limit),
-        quadratic=0.0 if bound == "box" else 1.0,
-    )
-    found = SOLVE[solver](program, tolerance)
+    found = SOLVE[solver](load_program(cone, scale * load, bound), tolerance)
     motion = cone.without_translations(found.x / scale)
     length = float(np.sqrt(motion @ motion))
     if not len(found.below_multiplier):
@@ -244,6 +229,35 @@ def yield_to_load(
         ]
     )
     return motion, replace(found.solve, gap=load_gap(cone, load, motion, weight / scale, bound))
+
+
+def load_program(cone: MotionCone, load: NDArray[np.float64], bound: str) -> Program:
+    """Return the load program in a box, or for a ball the projection of minus the load on the cone of motions.
+
+    Parameters
+    ----------
+    cone, bound
+        As in `yield_to_load`.
+    load
+        (n,) load without translation.
+
+    """
+    d, n, particles = cone.dimension, cone.unknowns, len(cone.kept_n)
+    equal, limit = cone.held, np.inf
+    if bound == "box":
+        mean = sp.hstack([sp.kron(np.ones((1, particles)), sp.eye_array(d)), sp.csr_array((d, n - particles * d))])
+        equal, limit = sp.csr_array(sp.vstack([cone.held, mean], format="csr")), 1.0
+    below = -sp.csr_array(sp.vstack([cone.opening, cone.one_sided], format="csr"))
+    return Program(
+        load,
+        equal,
+        np.zeros(equal.shape[0]),
+        below,
+        np.zeros(below.shape[0]),
+        np.full(n, -limit),
+        np.full(n, limit),
+        quadratic=0.0 if bound == "box" else 1.0,
+    )
 
 
 def load_gap(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from packmech.accuracy_table import WorkPrecision
 
@@ -18,11 +19,13 @@ def studies() -> dict[str, Study]:
     Examples
     --------
     >>> list(studies())
-    ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing']
+    ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance']
 
     """
     from packmech.studies.constraint_bases import constraint_bases
     from packmech.studies.exact_hessian import exact_hessian
+    from packmech.studies.gap_tolerance import gap_tolerance
+    from packmech.studies.jamming_programs import jamming_programs
     from packmech.studies.minimizers import minimizers
     from packmech.studies.reaffixing import reaffixing
 
@@ -31,4 +34,7 @@ def studies() -> dict[str, Study]:
         "constraint_bases": constraint_bases,
         "exact_hessian": exact_hessian,
         "reaffixing": reaffixing,
+        "jamming_2d": partial(jamming_programs, 2),
+        "jamming_3d": partial(jamming_programs, 3),
+        "gap_tolerance": gap_tolerance,
     }
