@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
-from packmech.compiled import single_thread
+from packmech.compiled import kernel, single_thread
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.effects import contact_terms
@@ -31,19 +31,85 @@ _REFINEMENTS = 3
 
 def distance_gradients(pairs: Contacts) -> sp.csr_array:
     """Return the (C, N d) derivatives of the pairs' distances with respect to the positions, -n at i and +n at j."""
-    count, dimension = len(pairs), pairs.dimension
-    axis = np.arange(dimension)
-    column = np.concatenate([pairs.i_c[:, None] * dimension + axis, pairs.j_c[:, None] * dimension + axis], axis=1)
-    value = np.concatenate([-pairs.normal_cd, pairs.normal_cd], axis=1)
-    # a particle keeps its distance to its own image when it moves
-    value[pairs.i_c == pairs.j_c] = 0.0
-    start = np.arange(count + 1) * 2 * dimension
     import scipy.sparse as sp
 
-    matrix = sp.csr_array((value.ravel(), column.ravel(), start), shape=(count, pairs.particles * dimension))
-    matrix.sum_duplicates()
-    matrix.eliminate_zeros()
+    parts = _gradient_rows(pairs.i_c, pairs.j_c, pairs.normal_cd)
+    matrix = sp.csr_array(parts, shape=(len(pairs), pairs.particles * pairs.dimension))
+    matrix.has_canonical_format = True
     return matrix
+
+
+@kernel
+def _gradient_rows(i_c, j_c, normal_cd):  # type: ignore[no-untyped-def]
+    """Return data, columns and row starts of the pairs' gradients, without zeros; i <= j."""
+    count, d = normal_cd.shape
+    data, column = np.empty(2 * d * count), np.empty(2 * d * count, np.int32)
+    start = np.empty(count + 1, np.int32)
+    at = 0
+    for c in range(count):
+        start[c] = at
+        # a particle keeps its distance to its own image when it moves
+        if i_c[c] == j_c[c]:
+            continue
+        for end in range(2):
+            for a in range(d):
+                value = -normal_cd[c, a] if end == 0 else normal_cd[c, a]
+                if value != 0.0:
+                    data[at] = value
+                    column[at] = (i_c[c] if end == 0 else j_c[c]) * d + a
+                    at += 1
+    start[count] = at
+    return data[:at], column[:at], start
+
+
+@kernel
+def _gradient_products(i_l, j_l, normal_ld, particles, nudge):  # type: ignore[no-untyped-def]
+    """Return data, rows and column starts of the products of the links' gradients, `nudge` on the diagonal added."""
+    count, d = normal_ld.shape
+    first = np.zeros(particles + 2, np.int64)
+    for c in range(count):
+        if i_l[c] != j_l[c]:
+            first[i_l[c] + 2] += 1
+            first[j_l[c] + 2] += 1
+    for n in range(particles):
+        first[n + 2] += first[n + 1]
+    entry = np.empty(first[particles + 1], np.int64)
+    for c in range(count):
+        if i_l[c] != j_l[c]:
+            for n in (i_l[c], j_l[c]):
+                entry[first[n + 1]] = c
+                first[n + 1] += 1
+    most = count
+    for n in range(particles):
+        most += (first[n + 1] - first[n]) ** 2
+    data, row = np.empty(most), np.empty(most, np.int32)
+    start = np.empty(count + 1, np.int32)
+    place = np.full(count, -1, np.int64)
+    at = 0
+    for c in range(count):
+        start[c] = at
+        place[c] = at
+        row[at] = c
+        data[at] = nudge
+        at += 1
+        if i_l[c] != j_l[c]:
+            for n in (i_l[c], j_l[c]):
+                for h in range(first[n], first[n + 1]):
+                    other = entry[h]
+                    # both point away from the particle that they share, or both towards it, or not
+                    product = 0.0
+                    for a in range(d):
+                        product += normal_ld[c, a] * normal_ld[other, a]
+                    if (i_l[c] == n) != (i_l[other] == n):
+                        product = -product
+                    if place[other] < start[c]:
+                        place[other] = at
+                        row[at] = other
+                        data[at] = 0.0
+                        at += 1
+                    data[place[other]] += product
+    start[count] = at
+    return data[:at], row[:at], start
 
 
 def link_pairs(packing: Packing) -> Contacts:
@@ -124,7 +190,8 @@ def link_gradients(packing: Packing) -> LinkGradients:
         return LinkGradients(pairs, np.zeros(0, np.int64), gradient, dependent, lambda right: right, ())
     cluster = links.clusters(packing.particles)[links.i_l]
     # links share a particle or nothing: their products are sparse, and block diagonal by cluster
-    product = sp.csc_matrix(gradient @ gradient.T + _NUDGE * sp.eye_array(count))
+    parts = _gradient_products(pairs.i_c, pairs.j_c, pairs.normal_cd, packing.particles, _NUDGE)
+    product = sp.csc_matrix(parts, shape=(count, count))
     factor = spla.splu(
         product, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}
     )

@@ -10,7 +10,13 @@ from packmech.compiled import device
 # fronts from this size on leave most of their work to matrix products of blocks this wide
 LARGE = 96
 _BLOCK = 32
-_WIDE = 192
+WIDE = 192
+
+
+@device
+def work_size(n):
+    """Return how much working space elimination in an n x n front takes."""
+    return (2 * WIDE + _BLOCK) * n
 
 
 @device
@@ -64,25 +70,29 @@ def _eliminate_rows(front, n, begin, end, stop, panel):
 
 
 @device
-def _take_out(front, n, k, after, low, stop):
-    """Take the eliminated rows k..after out of the rows low..stop, by products of blocks."""
+def _take_out(front, n, k, after, low, stop, work):
+    """Take the eliminated rows k..after, at most WIDE, out of the rows low..stop, by products of blocks."""
     width = after - k
     rest = n - low
-    upper = np.empty((rest, width))
-    scaled = np.empty((stop - low, width))
+    many = stop - low
+    end = rest * width
+    upper = work[:end].reshape((rest, width))
+    scaled = work[end : end + many * width].reshape((many, width))
+    end += many * width
     inverse = np.empty(width)
     for a in range(width):
         inverse[a] = 1.0 / front[(k + a) * n + k + a]
     for j in range(rest):
         for a in range(width):
             upper[j, a] = front[(k + a) * n + low + j]
-    for j in range(stop - low):
+    for j in range(many):
         for a in range(width):
             scaled[j, a] = upper[j, a] * inverse[a]
     i = 0
-    while i < stop - low:
-        high = min(_BLOCK, stop - low - i)
-        change = np.dot(scaled[i : i + high], upper[i:].T)
+    while i < many:
+        high = min(_BLOCK, many - i)
+        change = work[end : end + high * (rest - i)].reshape((high, rest - i))
+        np.dot(scaled[i : i + high], upper[i:].T, change)
         for a in range(high):
             row = (low + i + a) * n + low + i
             for j in range(a, rest - i):
@@ -91,7 +101,7 @@ def _take_out(front, n, k, after, low, stop):
 
 
 @device
-def eliminate(front, n, begin, end, stop, panel):
+def eliminate(front, n, begin, end, stop, panel, work):
     """Eliminate the rows begin..end of the upper triangle of an n x n front from each other and those up to `stop`.
 
     The rows keep those of U, with the pivots on the diagonal.
@@ -101,25 +111,26 @@ def eliminate(front, n, begin, end, stop, panel):
         return
     k = begin
     while k < end:
-        last = min(k + _WIDE, end)
+        last = min(k + WIDE, end)
         inner = k
         while inner < last:
             after = min(inner + _BLOCK, last)
             _eliminate_rows(front, n, inner, after, after, panel)
             if after < last:
-                _take_out(front, n, inner, after, after, last)
+                _take_out(front, n, inner, after, after, last, work)
             inner = after
         if last < stop:
-            _take_out(front, n, k, last, last, stop)
+            _take_out(front, n, k, last, last, stop, work)
         k = last
 
 
 @device
-def finish(front, n, count, low, panel):
+def finish(front, n, count, low, panel, work):
     """Take the first rows, all eliminated, out of the rows from `low` on."""
     if n >= LARGE:
-        if count > 0 and low < n:
-            _take_out(front, n, 0, count, low, n)
+        if low < n:
+            for k in range(0, count, WIDE):
+                _take_out(front, n, k, min(k + WIDE, count), low, n, work)
         return
     for k in range(0, count, 4):
         _take_four(front, n, k, min(4, count - k), low, n, panel)

@@ -184,7 +184,8 @@ def elastic_moduli(
         contacts, links = backbone.contacts, backbone.links
         volume = scene.packing.box.volume
         terms = closed_terms(scene, contacts)
-        bonds = prestressed(contacts, terms, kind, links)
+        tension = None if links is None else tension_of(links, contacts, terms.first_c)
+        bonds = prestressed(contacts, terms, kind, links, tension)
         sums = bond_sums(*bonds)
         push = float((np.abs(terms.second_c) * contacts.distance_c + np.abs(terms.first_c)).max(initial=0.0))
         if links is None:
@@ -211,8 +212,8 @@ def elastic_moduli(
         firm = _across(firm_inverse(lifted, soft), stiff)
         force = np.abs(terms.first_c)
         net = sum_forces(contacts, -terms.first_c)
-        if links is not None:
-            net += sum_forces(links.pairs, -tension_of(links, contacts, terms.first_c))
+        if links is not None and tension is not None:
+            net += sum_forces(links.pairs, -tension)
     largest = float(np.sqrt((net**2).sum(axis=1)).max(initial=0.0))
     return Moduli(
         energy=energy,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from packmech.compiled import device, kernel
-from packmech.mechanics.dense_fronts import eliminate, finish, firm_links, reorder
+from packmech.mechanics.dense_fronts import eliminate, finish, firm_links, reorder, work_size
 
 # a link leaves where its pivot is at least this part of the unit of stiffness: growth stays below its inverse
 _FIRM = 1e-2
@@ -72,6 +72,7 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
     top_n = top_l = top = 0
     front = np.empty(4096)
     panel = np.empty((4, 256))
+    work = np.empty(work_size(256))
     own_n = np.empty(n_particles, np.int64)
     own_l = np.empty(n_links, np.int64)
     order = np.empty(n_links + 1, np.int64)
@@ -135,6 +136,7 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
             front = np.empty(max(n * n, 2 * front.shape[0]))
         if n > panel.shape[1]:
             panel = np.empty((4, 2 * n))
+            work = np.empty(work_size(2 * n))
         for k in range(n * n):
             front[k] = 0.0
         # numbers: own particles and their pairs, links that wake up, then the children
@@ -202,7 +204,7 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
         # elimination: particles, then the links that these hold
         own = inside * d
         stop = own + used_l
-        eliminate(front, n, 0, own, stop, panel)
+        eliminate(front, n, 0, own, stop, panel, work)
         for k in range(own):
             pivot = front[k * n + k]
             if not abs(pivot) > _LOST * firmness[own_n[k // d]]:
@@ -223,11 +225,11 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
                     order[h] = own_l[order[h]]
                 for h in range(used_l):
                     own_l[h] = order[h]
-            eliminate(front, n, own, own + done, stop, panel)
+            eliminate(front, n, own, own + done, stop, panel, work)
             for k in range(own, own + done):
                 negative += front[k * n + k] < 0.0
         pivot_count = own + done
-        finish(front, n, pivot_count, stop, panel)
+        finish(front, n, pivot_count, stop, panel, work)
         pivots[t] = pivot_count
         # keep the rows
         variables = _grown(variables, variable_start[t], n)

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.compiled import kernel
 from packmech.contacts import Contacts
 from packmech.effects import ContactTerms
 from packmech.measure.link_tension import LinkGradients, cluster_block, tension_of
@@ -26,25 +27,56 @@ class Prestressed(NamedTuple):
     second_c: NDArray[np.float64]
 
 
-def prestressed(contacts: Contacts, terms: ContactTerms, kind: str, links: LinkGradients | None) -> Prestressed:
+def prestressed(
+    contacts: Contacts,
+    terms: ContactTerms,
+    kind: str,
+    links: LinkGradients | None,
+    tension_l: NDArray[np.float64] | None = None,
+) -> Prestressed:
     """Return the pairs whose second derivatives make up the Hessian of the named kind.
 
-    "exact" adds each link as a bond with u' = its tension and u'' = 0; "paper" and "unstressed" have contacts only.
+    "exact" adds each link as a bond with u' = its tension (found here unless given) and u'' = 0; "paper" and
+    "unstressed" have contacts only.
     """
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     if links is None or kind != "exact":
         return Prestressed(contacts, first, terms.second_c)
-    tension = tension_of(links, contacts, terms.first_c)
+    tension = tension_of(links, contacts, terms.first_c) if tension_l is None else tension_l
     pairs, order = joined(contacts, links.pairs)
     first = np.concatenate([first, tension])[order]
     return Prestressed(pairs, first, np.concatenate([terms.second_c, np.zeros(len(tension))])[order])
+
+
+@kernel
+def _merged(i_c, j_c, image_cd, count):  # type: ignore[no-untyped-def]
+    """Return the order that merges the first `count` pairs and the others, each sorted by (i, j, image) already."""
+    order = np.empty(i_c.shape[0], np.int64)
+    a, b = 0, count
+    for k in range(i_c.shape[0]):
+        first = a < count
+        if first and b < i_c.shape[0]:
+            step = i_c[a] - i_c[b]
+            if step == 0:
+                step = j_c[a] - j_c[b]
+            for m in range(image_cd.shape[1]):
+                if step == 0:
+                    step = image_cd[a, m] - image_cd[b, m]
+            first = step <= 0
+        if first:
+            order[k] = a
+            a += 1
+        else:
+            order[k] = b
+            b += 1
+    return order
 
 
 def joined(one: Contacts, other: Contacts) -> tuple[Contacts, NDArray[np.int64]]:
     """Return the pairs of both, sorted by (i, j, image), and where each of them came from."""
     i, j = np.concatenate([one.i_c, other.i_c]), np.concatenate([one.j_c, other.j_c])
     image = np.concatenate([one.image_cd, other.image_cd])
-    order = np.lexsort((*image.T[::-1], j, i))
+    order = _merged(i, j, image, len(one))
     normal = np.concatenate([one.normal_cd, other.normal_cd])[order]
     distance = np.concatenate([one.distance_c, other.distance_c])[order]
     touching = np.concatenate([one.contact_distance_c, other.contact_distance_c])[order]

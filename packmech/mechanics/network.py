@@ -80,6 +80,9 @@ def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "rem
         links = None if packing.links is None else link_gradients(packing)
         return Network(contacts, np.arange(packing.particles), links)
     held = ~loose_particles(contacts) if packing.links is None else ~_by_cluster(packing, contacts)
+    if held.all():
+        links = None if packing.links is None else link_gradients(packing)
+        return Network(contacts, np.arange(packing.particles), links)
     number = np.cumsum(held) - 1
     kept = contacts.select(held[contacts.i_c] & held[contacts.j_c])
     renumbered = dataclasses.replace(
