@@ -1,7 +1,9 @@
 """Facts about the verdict as a whole: what is local, what is taken out, and how it reads."""
 
+import dataclasses
 import functools
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.optimize import linprog
 import packmech as pm
 from packmech.contacts.rattlers import _is_free
 from packmech.hard_cases.jamming_verdicts import three_in_a_hole
+from packmech.mechanics.doubt import settle
 from packmech.mechanics.judging import _largest_group
 from packmech.mechanics.motions import motion_cone
 from packmech.mechanics.programs import open_all
@@ -155,7 +158,7 @@ def test_gap_tolerance_is_seven_mean_overlaps_over_the_touching_pairs():
     assert [level.tolerance / touching.tolerance for level in touching.levels] == pytest.approx([0.1, 1.0, 10.0])
 
 
-@pytest.mark.parametrize("law", [pm.Harmonic(), pm.Hertz(), pm.PowerLaw(2.0, 3.0), pm.RepulsiveLennardJones()])
+@pytest.mark.parametrize("law", [pm.Harmonic(), pm.Hertz(), pm.RepulsiveLennardJones()])
 def test_rest_compares_the_largest_net_force_with_the_mean_contact_force_of_the_law(law):
     packing = soft(1e-4).packing
     effects = (pm.Repulsion(law=law),)
@@ -191,3 +194,20 @@ def test_opening_program_finds_the_contacts_of_the_support_program(linked, name,
     kept = np.random.default_rng(7).random(len(contacts)) <= share
     cone = motion_cone(packing, contacts.select(kept), strain=strain)
     assert np.array_equal(open_all(cone).carrying_c, supported(cone))
+
+
+@pytest.mark.parametrize(("more_is_strict", "strict"), [(False, NO), (True, OPEN), (None, OPEN)])
+def test_not_strictly_jammed_off_the_plateau_stands_only_if_no_part_of_the_widest_network_is(more_is_strict, strict):
+    verdict = pm.classify_jamming(pm.lattice_packing("square", (1, 1)))
+    assert (verdict.collective, verdict.strict) == (YES, NO)
+    few, at, many = verdict.touching.levels
+    levels = (few, at, dataclasses.replace(many, excess=many.excess + 1))
+    touching = dataclasses.replace(verdict.touching, levels=levels, rule="max(7 x mean overlap, 1e-09)")
+    answers = settle(
+        verdict.collectively,
+        verdict.strictly,
+        touching,
+        verdict.rest,
+        lambda contacts: SimpleNamespace(jammed=(True, more_is_strict)),
+    )
+    assert [answer.verdict for answer in answers] == [YES, strict]
