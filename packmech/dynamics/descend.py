@@ -6,6 +6,7 @@ enthalpy falls.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -62,7 +63,13 @@ def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volu
 
 
 def descend(
-    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None, *, iterations: int = 200
+    packing: Packing,
+    units: Units,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | None,
+    *,
+    iterations: int = 200,
+    watch: Callable[[Packing], None] | None = None,
 ) -> SoftState:
     """Return the packing at the bottom that Newton's method reaches going down, in reduced units.
 
@@ -72,6 +79,8 @@ def descend(
         As in `newton`.
     iterations
         Most iterations, those of the last digits not counted.
+    watch
+        Called with the packing after each accepted step.
 
     """
     network = network_of(packing, units, basis_kdd, pressure)
@@ -119,6 +128,9 @@ def descend(
             tie = max(_TIGHTER * tie, _FIRST)
             if tie > _MOST:
                 break
+            continue
+        if watch is not None:
+            watch(network.packing)
     end = newton(network.packing, units, basis_kdd, pressure)
     return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + looks)
 

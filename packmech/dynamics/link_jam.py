@@ -27,8 +27,9 @@ _TOUCHING = 1e-6
 _FIRST, _BOLDEST, _TIMID = 0.3, 0.03, 0.97
 _FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
 _FIRE_STEPS = 20_000
-# crystals of molecules may lie in valleys that nothing here follows to the end: give up after so many searches
-_SEARCHES = 6
+# crystals of molecules lie in valleys whose walls are contacts that just touch: steps of Newton's method are no longer
+# than those overlaps. Give up after so many searches, or looks at the forces that led to no balance
+_SEARCHES, _VAIN = 6, 1000
 
 
 def decompress_linked(
@@ -119,11 +120,13 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
     if done.outcome is Outcome.UNJAMMED or not done.contacts:
         return packing, Outcome.UNJAMMED
     with protocol.stage("shear stabilization") as figures:
-        state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, None)
+        state = _descended(protocol, protocol.reduced(packing), None, "shear stabilization")
+        looks = state.evaluations
         if not (_is_unjammed(state) or state.sound(protocol.force_tolerance)):
-            state = _searched(protocol, packing, None) or state
+            found, more = _searched(protocol, packing, None, "shear stabilization")
+            state, looks = found or state, looks + more
         protocol.last = protocol.restored(state.packing)
-        figures.steps, figures.force_evaluations = state.iterations, state.evaluations
+        figures.steps, figures.force_evaluations = state.iterations, looks
         figures.residual, figures.note = state.residual, "Newton's method, going down"
     if _is_unjammed(state):
         return protocol.last, Outcome.UNJAMMED
@@ -153,25 +156,23 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
 
     """
     state, now, factor = None, start, _FIRST
-    with protocol.stage("decompression with links") as figures:
-        taken = searched = 0
-        state = _at(protocol, packing, now)
+    name = "decompression with links"
+    with protocol.stage(name) as figures:
+        taken = searched = vain = 0
+        state = _at(protocol, packing, now, name)
         while state is not None and now > goal:
             ahead = max(goal, now * factor)
-            trial = descend(
-                state.packing,
-                protocol.units,
-                protocol.basis_kdd,
-                protocol.reduced_pressure(ahead),
-            )
+            trial = _descended(protocol, state.packing, ahead, name)
             figures.steps += trial.iterations
             figures.force_evaluations += trial.evaluations
             if not trial.sound(protocol.force_tolerance):
-                found = _searched(protocol, protocol.restored(state.packing), ahead)
+                found, looks = _searched(protocol, protocol.restored(state.packing), ahead, name)
+                figures.force_evaluations += looks
                 searched += 1
                 if found is None:
+                    vain += trial.evaluations + looks
                     factor = float(np.sqrt(factor))
-                    if factor > _TIMID or searched >= _SEARCHES:
+                    if factor > _TIMID or searched >= _SEARCHES or vain >= _VAIN:
                         break
                     continue
                 trial = found
@@ -183,8 +184,14 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
             _extrapolate(protocol, before, _depth(state.packing))
             protocol.last = protocol.restored(state.packing)
             figures.residual = state.residual
-            protocol.tell("decompression with links", pressure=now, packing=protocol.last, residual=state.residual)
+            protocol.tell(name, pressure=now, packing=protocol.last, residual=state.residual)
         figures.note = f"{taken} pressures, {searched} of them searched by FIRE with the box"
+        if state is not None and now > goal:
+            contacts = len(find_contacts(protocol.last))
+            figures.note += (
+                f"; given up in a valley that Newton's method follows too slowly between {contacts} contacts, "
+                f"which is common in crystals; in balance at pressure {now:.2e}"
+            )
     if state is None:
         return protocol.last, Outcome.NOT_JAMMED
     if now > goal:
@@ -192,27 +199,35 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
     return protocol.restored(state.packing), judge(state, protocol.force_tolerance)
 
 
-def _at(protocol: Protocol, packing: Packing, pressure: float) -> SoftState | None:
-    """Return the packing in stable balance at a pressure, or None."""
-    goal = protocol.reduced_pressure(pressure)
-    state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
-    return state if state.sound(protocol.force_tolerance) else _searched(protocol, packing, pressure)
-
-
-def _searched(protocol: Protocol, packing: Packing, pressure: float | None) -> SoftState | None:
-    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
+def _descended(protocol: Protocol, reduced: Packing, pressure: float | None, stage: str) -> SoftState:
+    """Return the packing, in reduced units, that Newton's method going down reaches at a pressure or at its volume."""
     goal = None if pressure is None else protocol.reduced_pressure(pressure)
+    return descend(reduced, protocol.units, protocol.basis_kdd, goal, watch=protocol.watcher(stage, reduced=True))
+
+
+def _at(protocol: Protocol, packing: Packing, pressure: float, stage: str) -> SoftState | None:
+    """Return the packing in stable balance at a pressure, or None."""
+    state = _descended(protocol, protocol.reduced(packing), pressure, stage)
+    return state if state.sound(protocol.force_tolerance) else _searched(protocol, packing, pressure, stage)[0]
+
+
+def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stage: str) -> tuple[SoftState | None, int]:
+    """Return the packing that FIRE with the box and then Newton's method find, if any, and how many looks that took."""
+    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
+    looks = 0
+    watch = protocol.watcher(stage, reduced=False)
     for tolerance in _FIRE_TOLERANCES:
         done = relax_strained(
-            protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=_FIRE_STEPS
+            protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=_FIRE_STEPS, watch=watch
         )
         packing = done.packing
-        state = descend(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+        state = _descended(protocol, protocol.reduced(packing), pressure, stage)
+        looks += state.evaluations
         if state.sound(protocol.force_tolerance):
-            return state
-        if done.merit > tolerance:
+            return state, looks
+        if done.merit > tolerance or looks > _VAIN:
             break
-    return None
+    return None, looks
 
 
 def _depth(packing: Packing) -> tuple[float, float]:

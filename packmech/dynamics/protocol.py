@@ -88,6 +88,16 @@ class Protocol:
         if self._progress is not None:
             self._progress(stage, figures)
 
+    def watcher(self, stage: str, *, reduced: bool) -> Callable[[Packing], None] | None:
+        """Return what passes packings on to whoever watches a stage, in reduced lengths or not; None if nobody does."""
+        if self._progress is None:
+            return None
+
+        def watch(packing: Packing) -> None:
+            self.tell(stage, packing=self.restored(packing) if reduced else packing)
+
+        return watch
+
     @contextmanager
     def stage(self, name: str) -> Iterator[Figures]:
         """Time one part of the protocol and keep what it achieved."""

@@ -7,6 +7,7 @@ particle.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ from packmech.packing import Packing
 _DELAY, _GROW, _SHRINK, _MIXING, _DECAY = 10, 1.1, 0.5, 0.15, 0.97
 _STEP, _STEP_MAX, _STEP_MIN = 0.3, 0.5, 0.02
 _FURTHEST = 0.1
+# steps between two looks of someone who watches
+_WATCHED = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,7 @@ def relax_strained(
     *,
     tolerance: float,
     step_limit: int,
+    watch: Callable[[Packing], None] | None = None,
 ) -> StrainRelaxation:
     """Return the packing relaxed in positions and strains.
 
@@ -63,6 +67,8 @@ def relax_strained(
         Both errors to stop at [1].
     step_limit
         Most steps.
+    watch
+        Called with the packing every few steps.
 
     """
     d, n = packing.dimension, packing.particles
@@ -83,6 +89,8 @@ def relax_strained(
         errors = _errors(now, basis, pressure)
         if max(errors) <= tolerance or step >= step_limit:
             return StrainRelaxation(packing.replace(position_nd=position, box=box), *errors, now.pressure, step)
+        if watch is not None and step and step % _WATCHED == 0:
+            watch(packing.replace(position_nd=position, box=box))
         if step % 64 == 0:
             stiffness = now.force_floor / program.space.resolution
             mobility = 5.0 / stiffness if stiffness > 0.0 else mobility

@@ -156,3 +156,32 @@ def test_a_link_to_a_particles_own_image_is_refused_by_name():
             call()
     alone = pm.independent_links(scene.packing)
     assert alone.rank == 0 and alone.packing.links is None
+
+
+def test_those_who_watch_get_every_step_down_with_its_links_at_their_lengths():
+    scene = dense(2, 1, count=10)
+    energies, errors = [], []
+
+    def watch(stage, figures):
+        if stage == "shear stabilization" and "packing" in figures and "note" not in figures:
+            energies.append(pm.energy(scene.replace(packing=figures["packing"])))
+            errors.append(np.abs(figures["packing"].link_error).max())
+
+    run = pm.shear_stabilize(scene, progress=watch)
+    assert run.ok and len(energies) >= 3
+    assert max(errors) <= 1e-13
+    # the last digits of the energy are rounding
+    assert (np.diff(energies) <= 1e-13 * energies[0]).all()
+
+
+@pytest.mark.slow
+def test_a_crystal_that_is_not_followed_to_the_end_says_so_and_is_in_balance_where_it_ends():
+    packing = pm.cluster_packing(50, pm.Dimer(), dimension=2, packing_fraction=0.35, seed=3, largest_overlap=0.1)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    run = pm.jam(scene, check=False)
+    assert run.force_evaluations < 20_000
+    if not run.ok:
+        assert run.outcome is pm.Outcome.STALLED
+        assert "given up in a valley" in run.stages[-1].note
+        assert run.residual <= 1e-5 and run.report["stress_anisotropy"] <= 1e-5
+        assert run.report["pressure"] > 1e-8
