@@ -34,6 +34,8 @@ class Sight(NamedTuple):
     contacts (dashpots included) and links; kinetic_stress_dd -(1/V) sum m u u^T with u = v - mean velocity; contacts
     the number of touching pairs; max_force and mean_force largest net force (links included) and mean contact force;
     link_error the largest error of a link over its scale; tension_l of the program's links [force].
+    overall_stress_dd with torques and spins, symmetric; strain gamma of the box and its rate; sliding the number of
+    contacts at Coulomb's cap; angular_momentum_k about the origin. The last five are of marches, else None or zero.
     """
 
     time: float
@@ -48,6 +50,11 @@ class Sight(NamedTuple):
     mean_force: float
     link_error: float
     tension_l: NDArray[np.float64]
+    overall_stress_dd: NDArray[np.float64] | None = None
+    strain: float = 0.0
+    strain_rate: float = 0.0
+    sliding: int = 0
+    angular_momentum_k: NDArray[np.float64] | None = None
 
     @property
     def total(self) -> float:

@@ -29,7 +29,7 @@ from packmech.dynamics.kernels import (
 from packmech.dynamics.method import Evaluation, Minimizer, Progress, Relaxation
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list, strain_list
 from packmech.dynamics.tether import workable_links
-from packmech.effects import pair_energy
+from packmech.effects import pair_energy, refuse_bound
 from packmech.links import Links
 from packmech.outcome import Outcome
 from packmech.packing import Packing
@@ -358,6 +358,7 @@ def build_program(scene: Scene) -> Program:
     started = time.process_time()
     instance("scene", scene, Scene)
     packing = scene.packing
+    refuse_bound("effects", scene.effects)
     effects = tuple(one for one in scene.effects if hasattr(type(one), "pair_energy"))
     if not effects:
         raise ValueError("effects must contain one with an energy, such as Repulsion(...), got none")

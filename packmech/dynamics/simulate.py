@@ -5,89 +5,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array
 from packmech.compiled import compile_clock, compiling_noted
 from packmech.dynamics.kernels import RUNNING
+from packmech.dynamics.march.journey import Marching, needs_march
 from packmech.dynamics.motion import Motion, Sight, choose_time_step
 from packmech.dynamics.program import build_program
 from packmech.dynamics.settings import check_manner
+from packmech.dynamics.simulation import MotionTrace, Simulation
+from packmech.dynamics.strain import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.verlet import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
 from packmech.interrupts import safe_interrupts
-from packmech.outcome import NotConverged, Outcome, Run, Stage, Trace
+from packmech.outcome import NotConverged, Outcome, Stage
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 Progress = Callable[[str, dict[str, Any]], None]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MotionTrace(Trace):
-    """A trace against time, kept at the steps that the caller asked for.
-
-    Attributes
-    ----------
-    time_t
-        (T,) times since the start [time].
-    kinetic_t
-        (T,) kinetic energies [energy]; energy_t are the potential ones.
-    momentum_td
-        (T, d) total momenta.
-    stress_tdd
-        (T, d, d) Cauchy stress of contacts, with their dashpots, and links, tension positive [energy/length^d];
-        pressure_t is -trace / d of it.
-    kinetic_stress_tdd
-        (T, d, d) kinetic part -(1/V) sum m u u^T of the velocities u less their mass-weighted mean; in no other figure.
-    link_error_t
-        (T,) largest error of a link, over the larger of its length and the mean diameter [1].
-    velocity_tnd
-        (T, N, d) velocities, or None when positions were not asked for.
-
-    """
-
-    time_t: NDArray[np.float64]
-    kinetic_t: NDArray[np.float64]
-    momentum_td: NDArray[np.float64]
-    stress_tdd: NDArray[np.float64]
-    kinetic_stress_tdd: NDArray[np.float64]
-    link_error_t: NDArray[np.float64]
-    velocity_tnd: NDArray[np.float64] | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Simulation(Run):
-    """A run through time: where it ended, what it kept on the way, and how well energy and momentum held.
-
-    Attributes
-    ----------
-    velocity_nd, mass_n
-        (N, d) velocities at the end [length/time]; (N,) masses.
-    dt
-        The time step [time].
-    energy_drift
-        Energy at the end less that at the start, over the largest |potential| + kinetic energy seen [1]. With dashpots
-        it holds what they took, without it is the method's error.
-    momentum_error
-        Largest change of the total momentum seen, over the largest sum of m |v| [1].
-    link_error
-        Largest error of a link seen, over the larger of its length and the mean diameter [1].
-    tension_l
-        (L,) forces in the links at the end, positive for tension [force]; none in redundant ones.
-
-    """
-
-    velocity_nd: NDArray[np.float64]
-    mass_n: NDArray[np.float64]
-    dt: float
-    energy_drift: float
-    momentum_error: float
-    link_error: float
-    tension_l: NDArray[np.float64]
 
 
 def simulate(
@@ -101,13 +40,16 @@ def simulate(
     temperature: float | None = None,
     seed: int | None = None,
     mass_n: ArrayLike | None = None,
+    spin_nk: ArrayLike | None = None,
+    strain: SteadyStrain | OscillatoryStrain | None = None,
+    held_n: ArrayLike | None = None,
     trace_every: int | None = None,
     trace_positions: bool = False,
     time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
 ) -> Simulation:
-    """Return the motion of the scene's particles through a given time, in the box as it is.
+    """Return the motion of the scene's particles through a given time, in the box as it is or as it is deformed.
 
     m dv/dt = forces of all effects, dashpots (`ContactDamping`) included, and of rigid links: lengths are restored in
     every step along the links at its start, velocities projected at its end (RATTLE). Without dashpots energy is
@@ -134,6 +76,13 @@ def simulate(
     mass_n
         (N,) masses. Unless given proportional to radius^d (one density for all), with mass 1 for a particle of the
         reference diameter.
+    spin_nk
+        (N, 1) spins at the start in a plane, (N, 3) in space [1/time], where particles turn (friction, bonds).
+    strain
+        How the box deforms: SteadyStrain(rate) or OscillatoryStrain(amplitude, frequency). Velocities are then peculiar
+        ones, v - L x: what follows the box has none.
+    held_n
+        (N,) True for particles that nothing pushes or turns; they follow the box.
     trace_every
         Keep figures every so many steps, in `trace`; the first and last step always.
     trace_positions
@@ -196,11 +145,18 @@ def simulate(
             raise ValueError("seed must be an integer where a temperature is given, got None")
     instance("trace_positions", trace_positions, bool)
     check_manner(progress, check)
+    spin = None
+    if spin_nk is not None:
+        spin = finite_array("spin_nk", spin_nk, shape=(shape[0], 1 if shape[1] == 2 else 3))
+    if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
+        raise TypeError(f"strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
     journey = _Journey(
         scene,
         mass,
         step,
         count,
+        march={"spin_nk": spin, "strain": strain, "held_n": _held(held_n, shape[0])},
+        second_order=isinstance(method, VelocityVerlet),
         trace_every=None if trace_every is None else integer("trace_every", trace_every, at_least=1),
         trace_positions=trace_positions,
         time_limit=math.inf if time_limit is None else positive("time_limit", time_limit),
@@ -218,6 +174,17 @@ def simulate(
     if check and not run.ok:
         raise NotConverged(run)
     return run
+
+
+def _held(held_n: Any, particles: int) -> NDArray[np.bool_] | None:
+    if held_n is None:
+        return None
+    held = np.asarray(held_n)
+    if held.dtype != bool:
+        raise TypeError(f"held_n must be True or False for each particle, got {held_n!r}")
+    if held.shape != (particles,):
+        raise ValueError(f"held_n must have shape ({particles},), got {held.shape}")
+    return held
 
 
 def _steps(steps: Any, duration: Any, longest: float) -> tuple[int, float]:
@@ -245,16 +212,22 @@ class _Journey:
         dt: float,
         steps: int,
         *,
+        march: dict[str, Any],
+        second_order: bool,
         trace_every: int | None,
         trace_positions: bool,
         time_limit: float,
         progress: Progress | None,
     ) -> None:
         self.began = time.process_time()
-        self.scene, self.mass_n, self.steps = scene, mass_n, steps
-        program = build_program(scene)
-        self.motion = Motion(program, scene.effects, 1.0 / mass_n[program.order_n], None, dt)
-        self.motion.affix()
+        self.scene, self.mass_n, self.steps, self.dt = scene, mass_n, steps, dt
+        self.motion: Any
+        if needs_march(scene, march["strain"]) or march["held_n"] is not None:
+            self.motion = Marching(scene, mass_n, dt, second_order=second_order, **march)
+        else:
+            program = build_program(scene)
+            self.motion = Motion(program, scene.effects, 1.0 / mass_n[program.order_n], None, dt)
+            self.motion.affix()
         self.build_seconds = time.process_time() - self.began
         self.trace_every = trace_every
         self.progress = progress
@@ -267,6 +240,8 @@ class _Journey:
         self.start = self.last = self._blank()
         self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))
         self.reached = 0
+        self.box: Box | None = None
+        self.spin_nk: NDArray[np.float64] | None = None
 
     def _blank(self) -> Sight:
         d = self.scene.packing.dimension
@@ -303,6 +278,8 @@ class _Journey:
     def _keep(self, now: Sight) -> None:
         motion, largest = self.motion, self.largest
         self.last, self.state, self.reached = now, motion.state(), motion.steps
+        if isinstance(motion, Marching):
+            self.box, self.spin_nk = motion.march.box(), motion.march.spins()
         moved = float(np.abs(now.momentum_d - self.start.momentum_d).max())
         seen = {"energy": abs(now.energy) + now.kinetic, "impulse": now.impulse, "momentum": moved}
         for name, value in {**seen, "link": now.link_error}.items():
@@ -334,14 +311,18 @@ class _Journey:
             trace=self._trace(),
             velocity_nd=self.state[1],
             mass_n=self.mass_n,
-            dt=self.motion.dt,
+            dt=self.dt,
             energy_drift=(last.total - self.start.total) / largest["energy"] if largest["energy"] > 0 else 0.0,
             momentum_error=largest["momentum"] / largest["impulse"] if largest["impulse"] > 0 else 0.0,
             link_error=largest["link"],
             tension_l=self.motion.tensions(last.tension_l),
+            spin_nk=self.spin_nk,
+            strain=last.strain,
         )
 
     def _packing(self) -> Packing:
+        if self.box is not None:
+            return self.scene.packing.replace(position_nd=self.state[0], box=self.box)
         return self.scene.packing.replace(position_nd=self.state[0])
 
     def _trace(self) -> MotionTrace | None:
@@ -362,5 +343,11 @@ class _Journey:
             stress_tdd=np.array([now.stress_dd for now in kept]),
             kinetic_stress_tdd=np.array([now.kinetic_stress_dd for now in kept]),
             link_error_t=np.array([now.link_error for now in kept]),
+            overall_stress_tdd=np.array(
+                [now.stress_dd if now.overall_stress_dd is None else now.overall_stress_dd for now in kept]
+            ),
+            strain_t=np.array([now.strain for now in kept]),
+            strain_rate_t=np.array([now.strain_rate for now in kept]),
+            sliding_t=np.array([now.sliding for now in kept], dtype=np.int64),
             velocity_tnd=None if self.position_t is None else np.array(self.velocity_t),
         )

@@ -33,6 +33,7 @@ from packmech.effects.pair import (
     pair_energy,
     pair_first,
     pair_second,
+    refuse_bound,
     registered_effects,
 )
 from packmech.effects.repulsion import Repulsion
@@ -70,6 +71,7 @@ __all__ = [
     "pair_energy",
     "pair_first",
     "pair_second",
+    "refuse_bound",
     "registered_effects",
     "registered_laws",
     "spin_drag",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.march.contact import BondTable
+from packmech.dynamics.march.bonding import BondTable
 from packmech.effects import Bonds
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form, device, kernel
 from packmech.contacts.cells import PairTable, find_pairs
-from packmech.dynamics.march.contact import BondTable
+from packmech.dynamics.march.bonding import BondTable
 from packmech.dynamics.march.flow import ANCHORED, GAMMA, OUTER_ANCHORED, is_still, map_between
 from packmech.dynamics.pair_list import (
     AGE,

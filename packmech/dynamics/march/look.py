@@ -12,9 +12,11 @@ from typing import Any
 from numba import literal_unroll, types
 
 from packmech.compiled import compiled_form, device, kernel
-from packmech.dynamics.march.contact import bond_ends, bond_first, slide, slip_in_space, spun
+from packmech.dynamics.march.bonding import bond_ends, bond_first
 from packmech.dynamics.march.flow import GAMMA, gamma_at, is_still, rates, with_flow
 from packmech.dynamics.march.lists import crossing_of, within_of
+from packmech.dynamics.march.rubbing import slide
+from packmech.dynamics.march.springs import slip_in_space, spun
 from packmech.effects import body_energy, law_energy, pair_energy, pair_first
 
 # columns of a ledger

@@ -13,11 +13,11 @@ from packmech.box import Box
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.bonds import bond_table
-from packmech.dynamics.march.contact import Pace
 from packmech.dynamics.march.flow import GAMMA, NUMBERS, Flow, Still, gamma_at, set_flow
 from packmech.dynamics.march.lists import Space, Track, empty_track
 from packmech.dynamics.march.look import COLUMNS, look
 from packmech.dynamics.march.memory import Stretches, read_stretches, write_stretches
+from packmech.dynamics.march.springs import Pace
 from packmech.dynamics.march.steps import Acting, State, march, start_march
 from packmech.dynamics.march.tally import Ledger
 from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list

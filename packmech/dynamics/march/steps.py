@@ -19,9 +19,10 @@ from numba import literal_unroll, types
 
 from packmech.compiled import compiled_form, device, kernel
 from packmech.dynamics.kernels import NOT_FINITE, RUNNING
-from packmech.dynamics.march.contact import Pace, contact_pass
+from packmech.dynamics.march.contact import contact_pass
 from packmech.dynamics.march.flow import gamma_at, is_still, map_between, rates, set_flow, turning
 from packmech.dynamics.march.lists import crossing_of, deform_images, keep_up, within_of
+from packmech.dynamics.march.springs import Pace
 from packmech.dynamics.march.tally import tally
 from packmech.dynamics.pair_list import AGE, TRAVEL
 from packmech.effects import body_force, spin_drag
