@@ -208,10 +208,16 @@ def dense_null():
 
 
 @pytest.fixture(scope="session")
-def simplex_answers():
-    """Return a function: whether contacts jam a packing, collectively and strictly, by `simplex_oracle.py`."""
+def simplex_oracle():
+    """Return the module of that name beside this file: the definition of jamming, decided by HiGHS' simplex method."""
     place = pathlib.Path(__file__).with_name("simplex_oracle.py")
     spec = importlib.util.spec_from_file_location("simplex_oracle", place)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.answers
+    return module
+
+
+@pytest.fixture(scope="session")
+def simplex_answers(simplex_oracle):
+    """Return a function: whether contacts jam a packing, collectively and strictly, by that module."""
+    return simplex_oracle.answers
