@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from packmech.compiled import device, kernel
-from packmech.mechanics.dense_fronts import eliminate, finish, firm_links, reorder, work_size
+from packmech.mechanics.dense_fronts import LARGE, eliminate, finish, firm_links, reorder, work_size
 
 # a link leaves where its pivot is at least this part of the unit of stiffness: growth stays below its inverse
 _FIRM = 1e-2
@@ -40,12 +40,13 @@ def _add_block(front, n, row, column, block, factor):
 
 
 @kernel
-def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_graph, normal_ld, unit, pinned):
-    """Return (failed, negative pivots, fronts): the factored system.
+def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_graph, normal_ld, unit, pinned, space):
+    """Return (failed, negative pivots, fronts, space): the factored system.
 
     Unknowns are N d displacements, then L link forces; the rows of the links are `unit` times the gradients, and unit
     n n stands in the particles' blocks too. `fronts` is (variables, first variable of each node, rows of U, first entry
-    of each node, pivots of each node).
+    of each node, pivots of each node). `space` is working space, grown where need be: numbers of rows, waiting numbers,
+    front, panels of it; the factored system stands in it.
     """
     member, node_start, children = tree
     start, neighbor, edge = graph
@@ -60,19 +61,19 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
     firmness = np.zeros(n_particles)  # largest diagonal entry of each particle's own block
     variables = np.empty(4 * (n_particles * d + n_links) + 64, np.int64)
     variable_start = np.zeros(nodes + 1, np.int64)
-    rows = np.empty((90 if d == 2 else 360) * (n_particles * d + n_links) + 64)
+    rows, waiting, front, work = space
+    usual = (90 if d == 2 else 360) * (n_particles * d + n_links)
+    if rows.shape[0] < usual:
+        rows = np.empty(usual)
     row_start = np.zeros(nodes + 1, np.int64)
     pivots = np.zeros(nodes, np.int64)
     # what is left of finished nodes: particles, links and numbers, on three stacks
     waiting_n = np.empty(1024, np.int64)
     waiting_l = np.empty(256, np.int64)
-    waiting = np.empty(65536)
     sizes = np.empty((nodes + 1, 2), np.int64)
     height = 0
     top_n = top_l = top = 0
-    front = np.empty(4096)
     panel = np.empty((4, 256))
-    work = np.empty(work_size(256))
     own_n = np.empty(n_particles, np.int64)
     own_l = np.empty(n_links, np.int64)
     order = np.empty(n_links + 1, np.int64)
@@ -136,7 +137,8 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
             front = np.empty(max(n * n, 2 * front.shape[0]))
         if n > panel.shape[1]:
             panel = np.empty((4, 2 * n))
-            work = np.empty(work_size(2 * n))
+        if n >= LARGE and work_size(n) > work.shape[0]:
+            work = np.empty(work_size(n) * 5 // 4)
         for k in range(n * n):
             front[k] = 0.0
         # numbers: own particles and their pairs, links that wake up, then the children
@@ -208,14 +210,14 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
         for k in range(own):
             pivot = front[k * n + k]
             if not abs(pivot) > _LOST * firmness[own_n[k // d]]:
-                return True, 0, (variables, variable_start, rows, row_start, pivots)
+                return True, 0, (variables, variable_start, rows, row_start, pivots), (rows, waiting, front, work)
             negative += pivot < 0.0
         done = 0
         if used_l > 0:
             root = t == nodes - 1
             done = firm_links(front, n, own, used_l, unit * (_LOST if root else _FIRM), unit * _GOOD, order)
             if root and done < used_l:
-                return True, 0, (variables, variable_start, rows, row_start, pivots)
+                return True, 0, (variables, variable_start, rows, row_start, pivots), (rows, waiting, front, work)
             same = True
             for h in range(used_l):
                 same = same and order[h] == h
@@ -274,4 +276,4 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
             place[own_n[m]] = -1
         for m in range(inside):
             gone[own_n[m]] = True
-    return False, negative, (variables, variable_start, rows, row_start, pivots)
+    return False, negative, (variables, variable_start, rows, row_start, pivots), (rows, waiting, front, work)

@@ -8,6 +8,7 @@ negative pivots less one for each link count the unstable motions (Haynsworth).
 
 from __future__ import annotations
 
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,11 @@ _GOOD = 1e-9
 # particles in a set that is cut no more, and places of each cut that are tried, by dimension
 _LEAF = {2: 8, 3: 8}
 _TRIALS = {2: 1, 3: 9}
+
+
+# the most working space that a thread keeps from one call to the next [bytes]
+_KEPT_BYTES = 48e6
+_kept = threading.local()
 
 
 class FrontResponse(NamedTuple):
@@ -91,6 +97,18 @@ def _corrected(answer, step, link_i, link_j, normal_ld, size):
     return out
 
 
+def _space() -> tuple[NDArray[np.float64], ...]:
+    """Return this thread's working space: memory new from the system costs as much as a fifth of the arithmetic."""
+    space: tuple[NDArray[np.float64], ...] = getattr(_kept, "space", (np.empty(64),) * 4)
+    return space
+
+
+def _keep(space: tuple[NDArray[np.float64], ...]) -> None:
+    """Keep the working space for the next call, unless it is large."""
+    if sum(array.nbytes for array in space) <= _KEPT_BYTES:
+        _kept.space = space
+
+
 def cut_places(position_nd: NDArray[np.float64], box: Box) -> NDArray[np.float64]:
     """Return the distances of the wrapped positions from the faces of the reduced box: cuts are parallel to these."""
     small, _ = box.reduced()
@@ -139,10 +157,21 @@ def relax_by_fronts(
         shifted = sums.diagonal_ndd.copy()
         for a in range(dimension):
             shifted[:, a, a] += sign * shift[:, a]
-        found: tuple[bool, int, Any] = factor_fronts(
-            tree, graph, sums.pair_pdd, shifted, link_i, link_j, (link_start, link_entry), normal, mean, pinned
+        failed, below, fronts, grown = factor_fronts(
+            tree,
+            graph,
+            sums.pair_pdd,
+            shifted,
+            link_i,
+            link_j,
+            (link_start, link_entry),
+            normal,
+            mean,
+            pinned,
+            _space(),
         )
-        return found
+        _keep(grown)
+        return failed, below, fronts
 
     failed, below, fronts = factor(-1.0)
     if failed:

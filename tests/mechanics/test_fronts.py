@@ -10,6 +10,7 @@ from packmech.mechanics.front_solve import solve_fronts
 from packmech.mechanics.fronts import factor_fronts
 
 UNIT = 0.7
+NO_SPACE = (np.empty(1),) * 4
 
 
 def _system(particles, dimension, seed, shift):
@@ -50,7 +51,9 @@ def _system(particles, dimension, seed, shift):
 
     def factor(leaf, trials):
         tree = dissect(place, graph[0], graph[1], pinned, leaf, trials)
-        return factor_fronts(tree, graph, block, diagonal, link_i, link_j, (start, entry), toward, UNIT, pinned)
+        return factor_fronts(
+            tree, graph, block, diagonal, link_i, link_j, (start, entry), toward, UNIT, pinned, NO_SPACE
+        )[:3]
 
     return factor, dense[np.ix_(kept, kept)], kept
 
@@ -83,8 +86,8 @@ def test_two_links_of_one_pair_are_seen_to_depend_on_each_other():
     tree = dissect(np.eye(3)[:, :2], graph[0], graph[1], 2, 1, 1)
     stiff = np.tile(np.eye(2), (3, 1, 1))
     normal = np.array([[1.0, 0.0], [1.0, 0.0]])
-    failed, _, _ = factor_fronts(
-        tree, graph, np.zeros((len(none), 2, 2)), stiff, *link, (graph[0], graph[2]), normal, 1.0, 2
+    failed, _, _, _ = factor_fronts(
+        tree, graph, np.zeros((len(none), 2, 2)), stiff, *link, (graph[0], graph[2]), normal, 1.0, 2, NO_SPACE
     )
     assert failed
 
