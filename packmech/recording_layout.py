@@ -65,9 +65,13 @@ def plots(film: Film) -> list[rrb.Container | rrb.View]:
 
 
 def world_view(film: Film, name: str, shown: list[str]) -> rrb.View:
-    """Return a view of the box and of what is shown, wide enough for every packing of the film."""
+    """Return a view of the box and of what is shown, wide enough for the packings of the film's later half.
+
+    A packing that is compressed from far away would otherwise end as a spot in a corner.
+    """
     contents = ["/world/box/**", *shown]
-    corner_kd = np.concatenate([np.concatenate(drawing.box_outline(packing.box)) for packing in film.packing_f])
+    seen = film.packing_f[len(film.packing_f) // 2 :]
+    corner_kd = np.concatenate([np.concatenate(drawing.box_outline(packing.box)) for packing in seen])
     low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)
     if film.final.dimension == 2:
         extent = float(np.max(high - low))

@@ -18,6 +18,8 @@ from packmech.report import examine
 from packmech.report_table import result_rows, summary_markdown
 
 PRESSURES = 24
+# frames, thinned evenly
+MOST = 150
 
 
 def record(name: str, target: Path) -> None:
@@ -28,20 +30,25 @@ def record(name: str, target: Path) -> None:
     step_t, packing_t = [0], [scene.packing]
 
     def watch(stage: str, figures: dict[str, Any]) -> None:
-        if stage == "relaxation":
-            step_t.append(int(figures["steps"]))
+        if "packing" in figures:
+            # stages that do not count their steps show one packing after the other
+            step_t.append(max(before + int(figures.get("steps", 0)), step_t[-1] + 1))
             packing_t.append(figures["packing"])
 
     tolerance = drive.force_tolerance
+    before = 0
     run = pm.shear_stabilize(scene, pressure=0.05, force_tolerance=tolerance, progress=watch)
-    steps = run.steps
     for pressure in np.geomspace(0.05, drive.pressure, PRESSURES)[1:]:
-        step_t.append(steps)
-        packing_t.append(run.packing)
+        before = step_t[-1] + 1
         run = pm.shear_stabilize(
-            scene.replace(packing=run.packing), pressure=float(pressure), force_tolerance=tolerance
+            scene.replace(packing=run.packing), pressure=float(pressure), force_tolerance=tolerance, progress=watch
         )
-        steps += max(run.steps, 10)
+    steps = step_t[-1] + 1
+    step_t.append(steps)
+    packing_t.append(run.packing)
+    if len(step_t) > MOST:
+        keep = np.unique(np.linspace(0, len(step_t) - 1, MOST).astype(int))
+        step_t, packing_t = [step_t[k] for k in keep], [packing_t[k] for k in keep]
     report = examine(scene.replace(packing=run.packing), strain="free", modes=10)
     whole = pm.Run(
         run.packing, run.outcome, run.residual, steps, run.force_evaluations, run.seconds,
