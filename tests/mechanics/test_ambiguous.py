@@ -83,6 +83,8 @@ def self_stresses(packing, contacts, strain):
 
 
 SWEEP = list(itertools.product([32], PRESSURES, ["fixed", "free"], [1]))
+# off the plateau, and sure: pairs in doubt that the jammed network does without
+SURE = [(32, 1e-4, "free", 2), (32, 1e-5, "fixed", 2), (64, 1e-5, "fixed", 2)]
 LONG = list(itertools.product([32, 64, 128], PRESSURES, ["fixed", "free"], [1, 2]))
 
 
@@ -93,6 +95,14 @@ def test_ambiguous_comes_exactly_where_the_definition_leaves_the_answer_open(cas
         verdict = pm.classify_jamming(made(*case), method=method)
         assert (verdict.collective, verdict.strict) == expected
         assert verdict.touching.on_plateau == level
+
+
+@pytest.mark.parametrize("case", SURE, ids=str)
+def test_jammed_stands_off_the_plateau_where_the_pairs_in_doubt_cannot_matter(case, simplex_oracle):
+    answers = (YES, YES if case[2] == "free" else NO)
+    assert predicted(made(*case), simplex_oracle) == (answers, False)
+    verdict = pm.classify_jamming(made(*case))
+    assert (verdict.collective, verdict.strict) == answers and not verdict.touching.on_plateau
 
 
 @pytest.mark.slow
