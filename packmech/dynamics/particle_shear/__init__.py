@@ -16,9 +16,14 @@ from packmech.dynamics.particle_shear.demodulation import DRIFTS, Moduli, Period
 from packmech.dynamics.particle_shear.discs import Discs
 from packmech.dynamics.particle_shear.experiment import ParticleShear, ParticleShearRun
 from packmech.dynamics.particle_shear.material import Material, bond_force, normal_force
+from packmech.dynamics.particle_shear.prepare import bond_fragments, prepared_discs
+from packmech.dynamics.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, judge
+from packmech.dynamics.particle_shear.text_file import Preparation, TextData, read_text, write_text
 
 __all__ = [
     "DRIFTS",
+    "SCENARIOS",
+    "STATEMENTS",
     "STRESSES",
     "Discs",
     "Evaluation",
@@ -27,10 +32,19 @@ __all__ = [
     "ParticleShear",
     "ParticleShearRun",
     "Periods",
+    "Preparation",
+    "Row",
+    "Scenario",
     "StepRules",
     "Steps",
+    "TextData",
     "advance",
     "bond_force",
+    "bond_fragments",
     "demodulate",
+    "judge",
     "normal_force",
+    "prepared_discs",
+    "read_text",
+    "write_text",
 ]

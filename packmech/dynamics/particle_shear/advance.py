@@ -138,7 +138,9 @@ class Steps:
 def _start_pairs(discs: Discs) -> Pairs:
     kinds = np.array([KINDS[str(kind)] for kind in discs.kind_c], dtype=np.int64)
     i_p, j_p = (np.array(discs.contact_ck[:, k]) for k in (0, 1))
-    return Pairs(i_p, j_p, kinds, np.array(discs.history_ck), np.zeros(len(kinds)), np.zeros((len(kinds), 3)))
+    state_p8 = np.zeros((len(kinds), 8))
+    state_p8[:, :2] = discs.history_ck
+    return Pairs(i_p, j_p, kinds, state_p8)
 
 
 def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: ArrayLike) -> Steps:
@@ -169,16 +171,17 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
     rate_t = check.finite_array("strain_rate_t", strain_rate_t, shape=(None,), what="step")
     count, steps = discs.discs, len(rate_t)
     motion = Motion(*(np.array(getattr(discs, name)) for name in Motion._fields))
-    body = Body(discs.radius_n.copy(), discs.mass_n.copy())
+    push_n, turn_n = rules.time_step / discs.mass_n, rules.time_step / discs.inertia_n
+    body = Body(discs.radius_n.copy(), discs.mass_n.copy(), push_n, turn_n)
     cell = Cell(
         discs.width, discs.height, bool(rules.plates), rules.time_step, rules.cooling,
         bool(rules.clears_forces), bool(rules.all_spin), bool(rules.otsuki_flow),
     )  # fmt: skip
     register = Register(
-        np.zeros(count, np.int64), np.zeros((count, 2)), np.zeros(count), np.zeros((3, count, 3)), np.zeros((2, 2))
+        np.zeros((count, 8)), np.zeros((count, 2, 4)), np.zeros((count, 2)), np.zeros(count), np.zeros((2, 2))
     )
     stress_tsdd, count_tk, strain_t = np.empty((steps, 9, 2, 2)), np.empty((steps, 2), np.int64), np.empty(steps)
-    pairs, seen_p2, strain, rate, time = run_steps(
+    pairs, seen_p8, strain, rate, time = run_steps(
         motion, body, cell, material.checked(), (discs.strain, discs.strain_rate, discs.time), rate_t,
         MARGIN * float(np.mean(discs.radius_n)), _start_pairs(discs), register, stress_tsdd, count_tk, strain_t,
     )  # fmt: skip
@@ -192,7 +195,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         *(motion.position_nd, body.radius_n, body.mass_n, motion.velocity_nd, motion.spin_n, motion.angle_n),
         contact_ck=np.stack([pairs.i_p[held], pairs.j_p[held]], axis=1),
         kind_c=np.array([names[int(kind)] for kind in pairs.kind_p[held]], dtype="U5"),
-        history_ck=pairs.history_p2[held],
+        history_ck=pairs.state_p8[held, :2],
         width=discs.width,
         height=discs.height,
         strain=strain,
@@ -200,12 +203,13 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         time=time,
         carried_nd=motion.carried_nd,
     )
-    (inner_n3, outer_n3, _), caught_n = register.part_kn3, register.mobile_n == 0
+    mobile_n = register.row_n8[:, 6] == 1.0
+    inner_n4, outer_n4 = register.part_n24[:, 0], np.where(mobile_n[:, None], register.part_n24[:, 1], 0.0)
     last = Evaluation(
-        *(~caught_n, register.force_nd, register.torque_n, inner_n3[:, :2], outer_n3[:, :2], inner_n3[:, 2]),
-        outer_torque_n=outer_n3[:, 2],
+        *(mobile_n, register.force_nd, register.torque_n, inner_n4[:, :2], outer_n4[:, :2], inner_n4[:, 2]),
+        outer_torque_n=outer_n4[:, 2],
         stress_sdd=stress_tsdd[-1],
-        history_ck=seen_p2[held],
+        history_ck=seen_p8[held, :2],
     )
     # the clock of the package adds up its steps one by one
     time_t = np.add.accumulate(np.concatenate([[discs.time], np.full(steps - 1, rules.time_step)]))

@@ -7,6 +7,7 @@ than the list's margin, and every step looks at the listed pairs alone: the same
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,14 +19,15 @@ OPEN, STICK, SLIP, BOND = 0, 1, 2, 3
 
 
 class Pairs(NamedTuple):
-    """Near pairs i < j in order: kinds, the two histories, 1/(r_i + r_j), and where i last saw j (n_x, n_y, copy)."""
+    """Near pairs i < j in order, their kinds, and what a contact needs at hand.
+
+    That is, in a row of 8: the two histories, 1/(r_i + r_j), and where i last saw j: n_x, n_y, number of the copy.
+    """
 
     i_p: NDArray[np.int64]
     j_p: NDArray[np.int64]
     kind_p: NDArray[np.int64]
-    history_p2: NDArray[np.float64]
-    inverse_p: NDArray[np.float64]
-    frame_p3: NDArray[np.float64]
+    state_p8: NDArray[np.float64]
 
 
 @device
@@ -34,27 +36,30 @@ def image(dx, dy, width, height, strain):
 
     In a strongly sheared cell this is not always the nearest image; it is for all distances below half the height.
     """
-    up, along = 0.0, 0.0
-    if dy >= height / 2.0 or dy < -height / 2.0:
-        up = np.floor(dy / height + 0.5)
+    up, along = 0, 0
+    if abs(dy) >= height / 2.0:
+        up = math.floor(dy / height + 0.5)
         dy -= up * height
         dx -= up * height * strain
-    if dx >= width / 2.0 or dx < -width / 2.0:
-        along = np.floor(dx / width + 0.5)
+    if abs(dx) >= width / 2.0:
+        along = math.floor(dx / width + 0.5)
         dx -= along * width
     return dx, dy, up, along
 
 
 @device
-def _near(position_nd, radius_n, i, j, width, height, strain, margin):
-    reach = radius_n[i] + radius_n[j] + margin
-    y = abs(position_nd[j, 1] - position_nd[i, 1])
-    if y > reach and height - y > reach:
-        return False
-    dx, dy, _, _ = image(
-        position_nd[j, 0] - position_nd[i, 0], position_nd[j, 1] - position_nd[i, 1], width, height, strain
-    )
-    return dx * dx + dy * dy < reach * reach
+def _find_near(x_n, y_n, radius_n, i, width, height, strain, margin, near_n):
+    """Flag the discs after the i-th that are near it; without branches, so that it is done for several at a time."""
+    shift = height * strain - math.floor(height * strain / width) * width
+    for j in range(i + 1, x_n.shape[0]):
+        dx, dy = x_n[j] - x_n[i], y_n[j] - y_n[i]
+        up = (1.0 if dy >= height / 2.0 else 0.0) - (1.0 if dy < -height / 2.0 else 0.0)
+        dy -= up * height
+        dx -= up * shift
+        for _ in range(2):
+            dx -= (width if dx >= width / 2.0 else 0.0) - (width if dx < -width / 2.0 else 0.0)
+        reach = radius_n[i] + radius_n[j] + margin
+        near_n[j] = dx * dx + dy * dy < reach * reach
 
 
 @kernel
@@ -63,30 +68,33 @@ def list_pairs(position_nd, radius_n, width, height, strain, margin, old):
 
     Pairs of the old list that are in contact or bonded stay, wherever they are, with their state.
     """
-    count = radius_n.shape[0]
-    room = 8 * count + old.i_p.shape[0]
-    i_p, j_p, from_p = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+    count, listed = radius_n.shape[0], old.i_p.shape[0]
+    x_n, y_n = position_nd[:, 0].copy(), position_nd[:, 1].copy()
+    near_n = np.zeros(count, np.bool_)
+    ij_p3 = np.empty((8 * count + listed, 3), np.int64)
     found, seen = 0, 0
     for i in range(count):
+        _find_near(x_n, y_n, radius_n, i, width, height, strain, margin, near_n)
+        first = seen
+        while seen < listed and old.i_p[seen] == i:
+            if old.kind_p[seen] != OPEN:
+                near_n[old.j_p[seen]] = True
+            seen += 1
+        if found + count > ij_p3.shape[0]:
+            ij_p3 = np.concatenate((ij_p3, np.empty_like(ij_p3)))
         for j in range(i + 1, count):
-            while seen < old.i_p.shape[0] and (old.i_p[seen] < i or (old.i_p[seen] == i and old.j_p[seen] < j)):
-                seen += 1
-            kept = -1
-            if seen < old.i_p.shape[0] and old.i_p[seen] == i and old.j_p[seen] == j and old.kind_p[seen] != OPEN:
-                kept = seen
-            if kept >= 0 or _near(position_nd, radius_n, i, j, width, height, strain, margin):
-                if found == room:
-                    room *= 2
-                    i_p = np.concatenate((i_p, np.empty(found, np.int64)))
-                    j_p = np.concatenate((j_p, np.empty(found, np.int64)))
-                    from_p = np.concatenate((from_p, np.empty(found, np.int64)))
-                i_p[found], j_p[found], from_p[found] = i, j, kept
+            if near_n[j]:
+                while first < seen and old.j_p[first] < j:
+                    first += 1
+                kept = first < seen and old.j_p[first] == j and old.kind_p[first] != OPEN
+                ij_p3[found, 0], ij_p3[found, 1], ij_p3[found, 2] = i, j, first if kept else -1
                 found += 1
-    kind_p, history_p2, inverse_p = np.zeros(found, np.int64), np.zeros((found, 2)), np.empty(found)
+    i_p, j_p, from_p = ij_p3[:found, 0].copy(), ij_p3[:found, 1].copy(), ij_p3[:found, 2].copy()
+    kind_p, state_p8 = np.zeros(found, np.int64), np.zeros((found, 8))
     for p in range(found):
-        inverse_p[p] = 1.0 / (radius_n[i_p[p]] + radius_n[j_p[p]])
+        state_p8[p, 2] = 1.0 / (radius_n[i_p[p]] + radius_n[j_p[p]])
         if from_p[p] >= 0:
             kind_p[p] = old.kind_p[from_p[p]]
-            history_p2[p, 0] = old.history_p2[from_p[p], 0]
-            history_p2[p, 1] = old.history_p2[from_p[p], 1]
-    return Pairs(i_p[:found].copy(), j_p[:found].copy(), kind_p, history_p2, inverse_p, np.zeros((found, 3)))
+            state_p8[p, 0] = old.state_p8[from_p[p], 0]
+            state_p8[p, 1] = old.state_p8[from_p[p], 1]
+    return Pairs(i_p, j_p, kind_p, state_p8)

@@ -32,10 +32,12 @@ class Motion(NamedTuple):
 
 
 class Body(NamedTuple):
-    """Arrays that stay."""
+    """Arrays that stay; the last two are what a force and a torque add to speed and spin in one step."""
 
     radius_n: NDArray[np.float64]
     mass_n: NDArray[np.float64]
+    push_n: NDArray[np.float64]
+    turn_n: NDArray[np.float64]
 
 
 class Cell(NamedTuple):
@@ -52,16 +54,16 @@ class Cell(NamedTuple):
 
 
 class Register(NamedTuple):
-    """What a force evaluation leaves: who is mobile, total forces and torques, their parts, and the Love-Weber sum.
+    """What a force evaluation reads and leaves, packed by disc so that a contact touches few cache lines.
 
-    A part is (F_x, F_y, T) by disc: from contacts inside the cell between mobile discs, from others on mobile discs,
-    and from all contacts.
+    Rows are (x, y, v_x, v_y, r w, r, 1 if mobile, 0); parts are (F_x, F_y, T, 0) from contacts inside the cell between
+    mobile discs, and from all others.
     """
 
-    mobile_n: NDArray[np.int64]
+    row_n8: NDArray[np.float64]
+    part_n24: NDArray[np.float64]
     force_nd: NDArray[np.float64]
     torque_n: NDArray[np.float64]
-    part_kn3: NDArray[np.float64]
     virial_dd: NDArray[np.float64]
 
 
@@ -74,28 +76,25 @@ def change_rate(motion, cell, change):
 
 
 @device
-def _add(part_n3, n, fx, fy, torque):
-    part_n3[n, 0] += fx
-    part_n3[n, 1] += fy
-    part_n3[n, 2] += torque
-
-
-@device
-def find_mobile(motion, body, cell, register):
-    """Say who is mobile now: with plates, who is farther than its radius from both."""
+def pack(motion, body, cell, register):
+    """Fill the rows and say who is mobile now: with plates, who is farther than its radius from both."""
+    row_n8, x, v = register.row_n8, motion.position_nd, motion.velocity_nd
     for i in range(body.radius_n.shape[0]):
-        y, r = motion.position_nd[i, 1], body.radius_n[i]
-        register.mobile_n[i] = 1 if (not cell.plates) or (y > r and y < cell.height - r) else 0
-    register.part_kn3[:] = 0.0
+        y, r = x[i, 1], body.radius_n[i]
+        row_n8[i, 0], row_n8[i, 1], row_n8[i, 2], row_n8[i, 3] = x[i, 0], y, v[i, 0], v[i, 1]
+        row_n8[i, 4], row_n8[i, 5] = r * motion.spin_n[i], r
+        row_n8[i, 6] = 1.0 if (not cell.plates) or (y > r and y < cell.height - r) else 0.0
+    register.part_n24[:] = 0.0
 
 
 @device
 def add_parts(motion, register):
     """Set the totals, on top of forces that earlier steps left on caught discs."""
-    for i in range(register.mobile_n.shape[0]):
+    for i in range(register.torque_n.shape[0]):
         for a in range(2):
-            register.force_nd[i, a] = motion.carried_nd[i, a] + register.part_kn3[2, i, a]
-        register.torque_n[i] = register.part_kn3[2, i, 2]
+            total = register.part_n24[i, 0, a] + register.part_n24[i, 1, a]
+            register.force_nd[i, a] = motion.carried_nd[i, a] + total
+        register.torque_n[i] = register.part_n24[i, 0, 2] + register.part_n24[i, 1, 2]
 
 
 @device
@@ -105,7 +104,6 @@ def two_visits(drag, spring, cap, first, second):
     The lower-numbered disc visits with its history, then the higher-numbered with its own; each gives half of its
     force. A visit that slips wipes both histories: the one after it sees the dashpot alone, and mostly sticks again.
     """
-    # no branches: whether a contact slips is hard to foresee
     one = drag + spring * first
     slips = abs(one) > cap
     two = drag + spring * (0.0 if slips else second)
@@ -116,10 +114,11 @@ def two_visits(drag, spring, cap, first, second):
 
 @device
 def evaluate(motion, body, cell, material, strain, rate, pairs, register):
-    """Find who touches and fill the register; kinds and histories of the pairs change as contacts slip and part."""
-    find_mobile(motion, body, cell, register)
-    kind_p, history_p2, frame_p3 = pairs.kind_p, pairs.history_p2, pairs.frame_p3
-    r, x, v, spin, mobile_n = body.radius_n, motion.position_nd, motion.velocity_nd, motion.spin_n, register.mobile_n
+    """Fill the register and return how many contacts there are; kinds and histories change as they slip and part."""
+    contacts = 0
+    pack(motion, body, cell, register)
+    kind_p, state_p8, row_n8, part_n24 = pairs.kind_p, pairs.state_p8, register.row_n8, register.part_n24
+    shear = cell.height * rate
     bond_damping, bond_drag = material.viscosity, material.tangential_viscosity
     if material.bond_viscosity_follows != 0.0:
         bond_damping *= material.bond_normal_ratio
@@ -128,61 +127,63 @@ def evaluate(motion, body, cell, material, strain, rate, pairs, register):
     for p in range(pairs.i_p.shape[0]):
         # unsigned numbers need no test for counting from the end
         i, j, kind = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p]), kind_p[p]
-        raw_x, raw_y = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        raw_x, raw_y = row_n8[j, 0] - row_n8[i, 0], row_n8[j, 1] - row_n8[i, 1]
         dx, dy, up, along = image(raw_x, raw_y, cell.width, cell.height, strain)
-        rest = r[i] + r[j]
+        ri, rj = row_n8[i, 5], row_n8[j, 5]
+        rest = ri + rj
         d = math.sqrt(dx * dx + dy * dy)
         if kind != BOND and d >= rest:
             if kind != OPEN:
                 kind_p[p] = OPEN
-                history_p2[p, 0] = 0.0
-                history_p2[p, 1] = 0.0
+                state_p8[p, 0] = 0.0
+                state_p8[p, 1] = 0.0
             continue
         # the package draws a fresh direction for coincident centers at every call; here it is the x axis
         inverse = 1.0 / d if d > 0.0 else np.inf
         nx, ny = (dx * inverse, dy * inverse) if d > 0.0 else (1.0, 0.0)
-        frame_p3[p, 0], frame_p3[p, 1], frame_p3[p, 2] = nx, ny, up
-        vx, vy = v[j, 0] - v[i, 0] - up * cell.height * rate, v[j, 1] - v[i, 1]
+        vx, vy = row_n8[j, 2] - row_n8[i, 2] - up * shear, row_n8[j, 3] - row_n8[i, 3]
         approach = vx * nx + vy * ny
-        slip = vy * nx - vx * ny - (r[i] * spin[i] + r[j] * spin[j])
+        slip = vy * nx - vx * ny - (row_n8[i, 4] + row_n8[j, 4])
+        inner = row_n8[i, 6] * row_n8[j, 6] if up == 0 and along == 0 else 0.0
+        first, second = state_p8[p, 0], state_p8[p, 1]
+        inverse_rest = state_p8[p, 2]
         elastic = repulsion(material, d, rest, rest * inverse)
         if kind == BOND:
             # a stretched bond keeps its tangential spring and loses its dashpot
             drag = bond_drag * slip if d < rest else 0.0
             spring = material.bond_tangential_ratio * material.tangential_stiffness
-            tangential = drag + spring * (history_p2[p, 0] + history_p2[p, 1]) / 2.0
+            tangential = drag + spring * (first + second) / 2.0
             pull = elastic if d < rest else tension(material, d - rest, rest)
             normal = material.bond_normal_ratio * pull + bond_damping * approach
         else:
             normal = elastic + material.viscosity * approach
             tangential, slips, wiped = two_visits(
                 material.tangential_viscosity * slip, material.tangential_stiffness,
-                material.friction_coefficient * abs(elastic), history_p2[p, 0], history_p2[p, 1],
+                material.friction_coefficient * abs(elastic), first, second,
             )  # fmt: skip
             kind_p[p] = SLIP if slips else STICK
-            history_p2[p, 0] = 0.0 if wiped else history_p2[p, 0]
-            history_p2[p, 1] = 0.0 if wiped else history_p2[p, 1]
+            first, second = (0.0, 0.0) if wiped else (first, second)
+        state_p8[p, 0], state_p8[p, 1] = first, second
+        state_p8[p, 3], state_p8[p, 4], state_p8[p, 5] = nx, ny, up
         fx, fy = normal * nx - tangential * ny, normal * ny + tangential * nx
         # S1-3: the arms are the radii times d/(r_i + r_j), while the slip speed has the radii themselves
-        turn = d * pairs.inverse_p[p] * tangential
-        torque_i, torque_j = turn * r[i], turn * r[j]
-        _add(register.part_kn3[2], i, fx, fy, torque_i)
-        _add(register.part_kn3[2], j, -fx, -fy, torque_j)
-        if mobile_n[i] == 1 and mobile_n[j] == 1 and up == 0.0 and along == 0.0:
-            _add(register.part_kn3[0], i, fx, fy, torque_i)
-            _add(register.part_kn3[0], j, -fx, -fy, torque_j)
-            virial_xx -= fx * raw_x
-            virial_xy -= fx * raw_y
-            virial_yx -= fy * raw_x
-            virial_yy -= fy * raw_y
-        else:
-            if mobile_n[i] == 1:
-                _add(register.part_kn3[1], i, fx, fy, torque_i)
-            if mobile_n[j] == 1:
-                _add(register.part_kn3[1], j, -fx, -fy, torque_j)
+        turn = d * inverse_rest * tangential
+        contacts += 1
+        part = np.uint64(0 if inner == 1.0 else 1)
+        part_n24[i, part, 0] += fx
+        part_n24[i, part, 1] += fy
+        part_n24[i, part, 2] += turn * ri
+        part_n24[j, part, 0] -= fx
+        part_n24[j, part, 1] -= fy
+        part_n24[j, part, 2] += turn * rj
+        virial_xx -= inner * fx * raw_x
+        virial_xy -= inner * fx * raw_y
+        virial_yx -= inner * fy * raw_x
+        virial_yy -= inner * fy * raw_y
     add_parts(motion, register)
     register.virial_dd[0, 0], register.virial_dd[0, 1] = virial_xx, virial_xy
     register.virial_dd[1, 0], register.virial_dd[1, 1] = virial_yx, virial_yy
+    return contacts
 
 
 @device
@@ -193,18 +194,17 @@ def measure(motion, body, cell, rate, register, stress_sdd):
     flow = rate if cell.otsuki_flow else 0.0
     torque, inner_torque, energy = 0.0, 0.0, 0.0
     pxx, pxy, pyy = 0.0, 0.0, 0.0
-    outer, total = stress_sdd[EXTERNAL], stress_sdd[ACCELERATION]
+    exx, exy, eyx, eyy, axx, axy, ayx, ayy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(x.shape[0]):
         dx, dy = x[i, 0] - cell.width / 2.0, x[i, 1] - cell.height / 2.0
         torque += register.torque_n[i]
-        inner_torque += register.part_kn3[0, i, 2]
-        if register.mobile_n[i] == 1:
-            for a in range(2):
-                outer[a, 0] -= register.part_kn3[1, i, a] * dx
-                outer[a, 1] -= register.part_kn3[1, i, a] * dy
-                total[a, 0] += register.force_nd[i, a] * dx
-                total[a, 1] += register.force_nd[i, a] * dy
-        if cell.all_spin or register.mobile_n[i] == 1:
+        inner_torque += register.part_n24[i, 0, 2]
+        if register.row_n8[i, 6] == 1.0:
+            fx, fy = register.part_n24[i, 1, 0], register.part_n24[i, 1, 1]
+            exx, exy, eyx, eyy = exx + fx * dx, exy + fx * dy, eyx + fy * dx, eyy + fy * dy
+            fx, fy = register.force_nd[i, 0], register.force_nd[i, 1]
+            axx, axy, ayx, ayy = axx + fx * dx, axy + fx * dy, ayx + fy * dx, ayy + fy * dy
+        if cell.all_spin or register.row_n8[i, 6] == 1.0:
             energy += body.mass_n[i] * body.radius_n[i] ** 2 * motion.spin_n[i] ** 2 / 4.0
             px, py = v[i, 0] - flow * dy, v[i, 1]
             pxx += body.mass_n[i] * px * px
@@ -219,63 +219,72 @@ def measure(motion, body, cell, rate, register, stress_sdd):
     for s in (TORQUE, INTERNAL_TORQUE):
         stress_sdd[s, 0, 1] = -stress_sdd[s, 1, 0]
     stress_sdd[CENTRIFUGAL, 1, 1] = stress_sdd[CENTRIFUGAL, 0, 0]
-    stress_sdd[LOVE_WEBER] = register.virial_dd
-    stress_sdd[UNBALANCED] = stress_sdd[ACCELERATION]
-    stress_sdd[OVERALL] = stress_sdd[LOVE_WEBER] + stress_sdd[INTERNAL_TORQUE] + stress_sdd[CENTRIFUGAL]
+    stress_sdd[EXTERNAL, 0, 0], stress_sdd[EXTERNAL, 0, 1] = -exx, -exy
+    stress_sdd[EXTERNAL, 1, 0], stress_sdd[EXTERNAL, 1, 1] = -eyx, -eyy
+    stress_sdd[ACCELERATION, 0, 0], stress_sdd[ACCELERATION, 0, 1] = axx, axy
+    stress_sdd[ACCELERATION, 1, 0], stress_sdd[ACCELERATION, 1, 1] = ayx, ayy
     # sums of force times length in 1e-18 J per metre of depth, over an area in um^2
-    stress_sdd *= 1e-6 / (cell.width * cell.height)
+    unit = 1e-6 / (cell.width * cell.height)
+    for a in range(2):
+        for b in range(2):
+            stress_sdd[LOVE_WEBER, a, b] = register.virial_dd[a, b]
+            stress_sdd[UNBALANCED, a, b] = stress_sdd[ACCELERATION, a, b]
+            spinning = stress_sdd[INTERNAL_TORQUE, a, b] + stress_sdd[CENTRIFUGAL, a, b]
+            stress_sdd[OVERALL, a, b] = stress_sdd[LOVE_WEBER, a, b] + spinning
+            for s in range(9):
+                stress_sdd[s, a, b] *= unit
 
 
 @device
 def kick(motion, body, cell, rate, register):
     """Accelerate by the register's forces, drag the caught discs with their plate, and cool towards the flow."""
     v = motion.velocity_nd
-    dt = cell.time_step
     for i in range(v.shape[0]):
         y = motion.position_nd[i, 1]
-        if register.mobile_n[i] == 1:
+        if register.row_n8[i, 6] == 1.0:
             for a in range(2):
-                v[i, a] += register.force_nd[i, a] / body.mass_n[i] * dt
+                v[i, a] += register.force_nd[i, a] * body.push_n[i]
         else:
             v[i, 0] = rate * cell.height / 2.0 if y > cell.height / 2.0 else -rate * cell.height / 2.0
             v[i, 1] = 0.0
-        motion.spin_n[i] += register.torque_n[i] / (body.mass_n[i] * body.radius_n[i] ** 2 / 2.0) * dt
+        motion.spin_n[i] += register.torque_n[i] * body.turn_n[i]
         flow = (y - cell.height / 2.0) * rate
         v[i, 0] = flow + (v[i, 0] - flow) * cell.cooling
         v[i, 1] *= cell.cooling
         motion.spin_n[i] *= cell.cooling
-        cleared = cell.clears_all or register.mobile_n[i] == 1
+        cleared = cell.clears_all or register.row_n8[i, 6] == 1.0
         for a in range(2):
             motion.carried_nd[i, a] = 0.0 if cleared else register.force_nd[i, a]
 
 
 @device
-def drift(motion, body, cell, strain, rate, pairs, new_nd):
+def drift(motion, body, cell, strain, rate, pairs, register, new_nd):
     """Turn, wind the histories and move, disc by disc: a disc sees the lower-numbered ones where they already are."""
-    x, v, spin, dt = motion.position_nd, motion.velocity_nd, motion.spin_n, cell.time_step
+    x, v, spin, dt, row_n8 = motion.position_nd, motion.velocity_nd, motion.spin_n, cell.time_step, register.row_n8
+    shear = cell.height * rate
     for i in range(x.shape[0]):
         motion.angle_n[i] += spin[i] * dt
         new_nd[i, 0] = x[i, 0] + v[i, 0] * dt
         new_nd[i, 1] = x[i, 1] + v[i, 1] * dt
+        row_n8[i, 2], row_n8[i, 3], row_n8[i, 4] = v[i, 0], v[i, 1], body.radius_n[i] * spin[i]
     for p in range(pairs.i_p.shape[0]):
         if pairs.kind_p[p] != OPEN:
             one, other = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p])
             winding = 0.0 if pairs.kind_p[p] == SLIP else dt
-            vx, vy = v[other, 0] - v[one, 0], v[other, 1] - v[one, 1]
-            rolled = body.radius_n[one] * spin[one] + body.radius_n[other] * spin[other]
-            nx, ny = pairs.frame_p3[p, 0], pairs.frame_p3[p, 1]
-            along = vx - pairs.frame_p3[p, 2] * cell.height * rate
-            pairs.history_p2[p, 0] += (vy * nx - along * ny - rolled) * winding
-            dx, dy, up, _ = image(
-                new_nd[one, 0] - x[other, 0], new_nd[one, 1] - x[other, 1], cell.width, cell.height, strain
-            )
+            state_p8 = pairs.state_p8
+            vx, vy = row_n8[other, 2] - row_n8[one, 2], row_n8[other, 3] - row_n8[one, 3]
+            rolled = row_n8[one, 4] + row_n8[other, 4]
+            along = vx - state_p8[p, 5] * shear
+            state_p8[p, 0] += (vy * state_p8[p, 3] - along * state_p8[p, 4] - rolled) * winding
+            new_x, new_y = row_n8[one, 0] + row_n8[one, 2] * dt, row_n8[one, 1] + row_n8[one, 3] * dt
+            dx, dy, up, _ = image(new_x - row_n8[other, 0], new_y - row_n8[other, 1], cell.width, cell.height, strain)
             d = math.sqrt(dx * dx + dy * dy)
             inverse = 1.0 / d if d > 0.0 else 0.0
             nx, ny = dx * inverse, dy * inverse
             if d == 0.0:
                 nx = 1.0
-            along = -vx - up * cell.height * rate
-            pairs.history_p2[p, 1] += (-vy * nx - along * ny - rolled) * winding
+            along = -vx - up * shear
+            state_p8[p, 1] += (-vy * nx - along * ny - rolled) * winding
 
 
 @device
@@ -291,12 +300,12 @@ def wrap(motion, cell, strain, rate, new_nd):
         farthest = max(farthest, own * own + v[i, 1] * v[i, 1])
         x[i, 0], x[i, 1] = new_nd[i, 0], new_nd[i, 1]
         if x[i, 1] < 0.0 or x[i, 1] >= cell.height:
-            up = np.floor(x[i, 1] / cell.height)
+            up = math.floor(x[i, 1] / cell.height)
             x[i, 1] -= up * cell.height
             x[i, 0] -= up * cell.height * strain
             v[i, 0] -= up * cell.height * rate
         if x[i, 0] < 0.0 or x[i, 0] >= cell.width:
-            x[i, 0] -= np.floor(x[i, 0] / cell.width) * cell.width
+            x[i, 0] -= math.floor(x[i, 0] / cell.width) * cell.width
     return math.sqrt(farthest) * cell.time_step
 
 
@@ -309,7 +318,7 @@ def run_steps(motion, body, cell, material, clock, rate_t, margin, pairs, regist
     """
     strain, rate, time = clock
     new_nd = np.empty_like(motion.position_nd)
-    seen_p2 = pairs.history_p2
+    seen_p8 = pairs.state_p8
     reach = 2.0 * np.max(body.radius_n) + margin
     # a list that nobody has made yet: the first step makes it
     gone = np.inf
@@ -319,22 +328,19 @@ def run_steps(motion, body, cell, material, clock, rate_t, margin, pairs, regist
             gone = 0.0
         change_rate(motion, cell, rate_t[t] - rate)
         rate = rate_t[t]
-        evaluate(motion, body, cell, material, strain, rate, pairs, register)
+        count_tk[t, 1] = evaluate(motion, body, cell, material, strain, rate, pairs, register)
         measure(motion, body, cell, rate, register, stress_tsdd[t])
         strain_t[t] = strain
-        caught, touching = 0, 0
+        caught = 0
         for i in range(body.radius_n.shape[0]):
-            caught += 1 - register.mobile_n[i]
-        for p in range(pairs.kind_p.shape[0]):
-            touching += pairs.kind_p[p] != OPEN
+            caught += register.row_n8[i, 6] == 0.0
         count_tk[t, 0] = caught
-        count_tk[t, 1] = touching
         if t == rate_t.shape[0] - 1:
-            seen_p2 = pairs.history_p2.copy()
+            seen_p8 = pairs.state_p8.copy()
         kick(motion, body, cell, rate, register)
-        drift(motion, body, cell, strain, rate, pairs, new_nd)
+        drift(motion, body, cell, strain, rate, pairs, register, new_nd)
         strain += rate * cell.time_step
         # two discs approach by their own ways and by what the flow shrinks the longest distance that could matter
         gone += 2.0 * wrap(motion, cell, strain, rate, new_nd) + reach * abs(rate) * cell.time_step
         time += cell.time_step
-    return pairs, seen_p2, strain, rate, time
+    return pairs, seen_p8, strain, rate, time
