@@ -7,12 +7,12 @@ that closes no contact. An answer that passes neither check is none, whatever th
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.mechanics.motions import FLOPPY, MotionCone
+from packmech.mechanics.motions import FLOPPY, ROUNDS, MotionCone
 from packmech.mechanics.programs import largest_smallest_force, open_all, yield_to_load
 from packmech.outcome import Outcome, Solve
 
@@ -76,6 +76,9 @@ _VACUOUS = "no motion but translations exists for one particle in a fixed box: j
 def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e-8) -> Finding:
     """Return whether the cone is trivial, by rank and the force program.
 
+    At full rank the number of states of self stress is known. Where there is only one it is all that the program can
+    choose from, and projection finds it to rounding: then the default solver has nothing to do unless a force pulls.
+
     Parameters
     ----------
     cone
@@ -94,6 +97,10 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
     if softest**2 <= FLOPPY:
         reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
         return Finding(False, reason, softest, motion=motion, solves=(rank,))
+    if solver == "clarabel" and cone.rows.shape[0] - (cone.unknowns - cone.dimension) == 1:
+        finding = _only_state(cone, softest, rank)
+        if finding.jammed:
+            return finding
     solves = [rank]
     for name in _order(solver, len(cone.kept_n)):
         stress = largest_smallest_force(cone, solver=name, tolerance=tolerance)
@@ -107,6 +114,33 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
         if finding.jammed is not None:
             return finding
     return finding
+
+
+def _only_state(cone: MotionCone, softest: float, rank: Solve) -> Finding:
+    """Return what the only state of self stress proves: what any weights leave when they are made to balance.
+
+    The duality gap is that of the force program. With a motion that lengthens every contact by t / C and shortens the
+    one of the smallest force t by 1, to an error e at most, no state has a smallest force above t + e sum |weight|.
+    """
+    start = time.process_time()
+    count = cone.opening.shape[0]
+    finding = proven(cone, softest, cone.balanced(np.ones(cone.rows.shape[0])), None, (rank,))
+    if finding.weight is None:
+        return finding
+    stretch = np.zeros(cone.rows.shape[0])
+    stretch[:count] = finding.smallest_force / count
+    stretch[np.argmin(finding.weight[:count])] -= 1.0
+    # what the contacts' lengths cannot follow of it
+    error = float(np.abs(cone.balanced(stretch)).max())
+    found = Solve(
+        Outcome.CONVERGED,
+        residual=finding.balance,
+        gap=float(np.abs(finding.weight).sum()) * error,
+        iterations=ROUNDS,
+        seconds=time.process_time() - start,
+        status="projection on the only state of self stress: Solved",
+    )
+    return replace(finding, solves=(rank, found))
 
 
 def _order(solver: str, particles: int) -> tuple[str, ...]:

@@ -29,6 +29,8 @@ FLOPPY = 1e-10
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
+# projections on the weights that balance, each removing what rounding left of the one before
+ROUNDS = 3
 # the volume's row counts as held by others when less than this of it is left
 _HELD = 1e-7
 
@@ -185,7 +187,7 @@ class MotionCone:
         result = weight.copy()
         if self.unknowns == self.dimension:
             return result
-        for _ in range(3):
+        for _ in range(ROUNDS):
             result -= self.rows @ self._solve(self.without_translations(self.rows.T @ result))
         return result
 

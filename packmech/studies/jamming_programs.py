@@ -23,10 +23,10 @@ from packmech.mechanics.touching import backbone_of, find_touching
 
 PARTICLES, SEED, PRESSURE = {2: 256, 3: 128}, 1, 1e-8
 TOLERANCES = tuple(10.0**-k for k in range(4, 11))
-JAMMED, OPENED = "the jammed packing", "the packing without its weakest contact"
+JAMMED, OPENED = "jammed packing", "packing less its weakest contact"
 # what a motion must exceed to be one, of its bound
 MOVED = 1e-3
-INTERIOR = "loads in a box, HiGHS interior point, unchecked"
+INTERIOR = "loads in a box, HiGHS interior, unchecked"
 
 
 class Pair(NamedTuple):
@@ -164,7 +164,7 @@ def trial(dimension: int, method: Callable[[MotionCone, float | None, float], To
         OPENED: method(pair.opened, None, tolerance),
     }
     truth = {JAMMED: True, OPENED: False}
-    bad = [f"{_word(one.jammed)} of {name}" for name, one in found.items() if one.jammed is not truth[name]]
+    bad = [f"{_word(one.jammed)}, {name}" for name, one in found.items() if one.jammed is not truth[name]]
     work = {f"verdict on {name}": _number(one.jammed, truth[name]) for name, one in found.items()}
     return Answer({name: one.error for name, one in found.items()}, not bad, work=work, note="; ".join(bad))
 
@@ -196,11 +196,12 @@ def told(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it."""
     lines = [
         "Errors. Jammed packing: of loads the longest motion left over its bound (exactly 0), of the certificate the",
-        "relative error of the smallest force. Without the weakest contact: largest shortening of a contact over the",
+        "relative error of the smallest force. Less its weakest contact: largest shortening of a contact over the",
         "largest lengthening in the motion found. Verdicts: right, wrong, or none where no number passed the check.",
-        "CPU seconds for both packings together, median of three.",
+        "CPU seconds for both packings together, median of three. The forces of `pm.classify_jamming` are exact to",
+        "rounding at any tolerance: it projects the program's on those that balance before it judges them.",
         "",
-        f"| method | tolerance | error, {JAMMED} | verdict | error, without a contact | verdict | CPU s |",
+        f"| method | tolerance | error, {JAMMED} | verdict | error, {OPENED} | verdict | CPU s |",
         "|---|---|---|---|---|---|---|",
     ]
     for method in table.methods:

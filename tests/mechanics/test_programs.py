@@ -193,13 +193,18 @@ def lying(outcome, garble):
     return solve
 
 
+def crystal():
+    """Return the motions of a jammed crystal with many states of self stress, so that the program has to choose."""
+    return cone_of(pm.lattice_packing("triangular", 4))
+
+
 LIES = [Outcome.CONVERGED, Outcome.INFEASIBLE, Outcome.INACCURATE]
 
 
 @pytest.mark.parametrize("outcome", LIES)
 @pytest.mark.parametrize(("without", "jammed"), [(None, True), (17, False)])
 def test_wrong_answer_of_a_solver_is_caught_and_simplex_decides(monkeypatch, outcome, without, jammed):
-    cone = cone_of(hard_packing("2d-64-shape-fixed-0"), without=without)
+    cone = crystal() if jammed else cone_of(hard_packing("2d-64-shape-fixed-0"), without=without)
     monkeypatch.setitem(linear_programs.SOLVE, "clarabel", lying(outcome, lambda x: 1.0 - 3.0 * x))
     finding = certify(cone)
     assert finding.jammed is jammed
@@ -214,7 +219,7 @@ def test_wrong_status_alone_does_not_spoil_a_good_certificate(monkeypatch, outco
 
 
 def test_when_no_solver_gives_a_proof_nothing_is_claimed(monkeypatch):
-    cone = cone_of(hard_packing("2d-64-shape-fixed-0"))
+    cone = crystal()
     for name in ("clarabel", "highs"):
         monkeypatch.setitem(linear_programs.SOLVE, name, lying(Outcome.CONVERGED, lambda x: 1.0 - 3.0 * x))
     finding = certify(cone)
@@ -223,7 +228,7 @@ def test_when_no_solver_gives_a_proof_nothing_is_claimed(monkeypatch):
 
 
 def test_large_systems_do_not_fall_back_on_simplex(monkeypatch):
-    cone = cone_of(hard_packing("2d-64-shape-fixed-0"))
+    cone = crystal()
     monkeypatch.setattr(certificates, "SIMPLEX_PARTICLES", 10)
     monkeypatch.setitem(linear_programs.SOLVE, "clarabel", lying(Outcome.INACCURATE, lambda x: 0.0 * x))
     assert certify(cone).jammed is None
@@ -244,3 +249,11 @@ def test_a_motion_that_enlarges_the_box_proves_nothing():
     growth[-3:-1] = 1.0
     assert (cone.opening @ growth).min() > 0
     assert not closes_nothing(cone, growth)
+
+
+@pytest.mark.parametrize(("name", "strain"), [("2d-64-shape-fixed-0", False), ("2d-32-shape-free-2", True)])
+def test_only_state_of_self_stress_is_what_the_program_chooses(name, strain):
+    cone = cone_of(hard_packing(name), strain)
+    projected, chosen = certify(cone), certify(cone, solver="highs")
+    assert "projection" in projected.solves[-1].status and "HiGHS" in chosen.solves[-1].status
+    assert np.abs(projected.weight - chosen.weight).max() < 1e-9

@@ -48,8 +48,8 @@ def test_error_of_the_certificate_falls_with_the_tolerance():
 def test_a_method_that_says_the_wrong_thing_is_kept_as_a_failure(small_pair):
     answer = study.trial(2, lambda cone, force, tolerance: study.Told(cone is small_pair.opened, 0.5), 1e-8)
     assert not answer.converged
-    assert "'not jammed' said of the jammed packing" in answer.note
-    assert f"'jammed' said of {study.OPENED}" in answer.note
+    assert f"'not jammed' said, {study.JAMMED}" in answer.note
+    assert f"'jammed' said, {study.OPENED}" in answer.note
 
 
 def test_a_method_that_says_nothing_is_neither_right_nor_wrong():
