@@ -1,11 +1,13 @@
 """CPU time per step of the preset beside the reference package's own, all nine tensors measured at every step.
 
-Run: python tests/benchmarks/bench_particle_shear.py
+Run: OMP_NUM_THREADS=1 python tests/benchmarks/bench_particle_shear.py
+The last column is for the reference machine of the calibration loop.
 """
 
 import time
 
 import numpy as np
+from calibration import REFERENCE_NS, calibrate
 
 from packmech.dynamics import particle_shear as ps
 
@@ -29,12 +31,15 @@ def seconds_per_step(count, centers, steps=2240):
 
 
 def main():
-    print(f"{'discs':>6} {'bonds':>6} {'contacts':>9} {'us/step':>9} {'ns/contact':>11} {'times faster':>13}")
+    slower = calibrate() / REFERENCE_NS
+    print(
+        f"{'discs':>6} {'bonds':>6} {'contacts':>9} {'us/step':>9} {'ns/contact':>11} {'times faster':>13} {'there':>7}"
+    )
     for (count, centers), package in PACKAGE.items():
         seconds, contacts = seconds_per_step(count, centers)
         print(
             f"{count:6d} {'yes' if centers else 'no':>6} {contacts:9d} {seconds * 1e6:9.2f} "
-            f"{seconds / contacts * 1e9:11.1f} {package / seconds:13.0f}"
+            f"{seconds / contacts * 1e9:11.1f} {package / seconds:13.0f} {package / seconds * slower:7.0f}"
         )
 
 

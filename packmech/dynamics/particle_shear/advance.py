@@ -138,9 +138,9 @@ class Steps:
 def _start_pairs(discs: Discs) -> Pairs:
     kinds = np.array([KINDS[str(kind)] for kind in discs.kind_c], dtype=np.int64)
     i_p, j_p = (np.array(discs.contact_ck[:, k]) for k in (0, 1))
-    state_p8 = np.zeros((len(kinds), 8))
-    state_p8[:, :2] = discs.history_ck
-    return Pairs(i_p, j_p, kinds, state_p8)
+    state_p9 = np.zeros((len(kinds), 9))
+    state_p9[:, :2] = discs.history_ck
+    return Pairs(i_p, j_p, kinds, state_p9)
 
 
 def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: ArrayLike) -> Steps:
@@ -181,7 +181,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         np.zeros((count, 8)), np.zeros((count, 2, 4)), np.zeros((count, 2)), np.zeros(count), np.zeros((2, 2))
     )
     stress_tsdd, count_tk, strain_t = np.empty((steps, 9, 2, 2)), np.empty((steps, 2), np.int64), np.empty(steps)
-    pairs, seen_p8, strain, rate, time = run_steps(
+    pairs, seen_p9, strain, rate, time = run_steps(
         motion, body, cell, material.checked(), (discs.strain, discs.strain_rate, discs.time), rate_t,
         MARGIN * float(np.mean(discs.radius_n)), _start_pairs(discs), register, stress_tsdd, count_tk, strain_t,
     )  # fmt: skip
@@ -195,7 +195,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         *(motion.position_nd, body.radius_n, body.mass_n, motion.velocity_nd, motion.spin_n, motion.angle_n),
         contact_ck=np.stack([pairs.i_p[held], pairs.j_p[held]], axis=1),
         kind_c=np.array([names[int(kind)] for kind in pairs.kind_p[held]], dtype="U5"),
-        history_ck=pairs.state_p8[held, :2],
+        history_ck=pairs.state_p9[held, :2],
         width=discs.width,
         height=discs.height,
         strain=strain,
@@ -209,7 +209,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         *(mobile_n, register.force_nd, register.torque_n, inner_n4[:, :2], outer_n4[:, :2], inner_n4[:, 2]),
         outer_torque_n=outer_n4[:, 2],
         stress_sdd=stress_tsdd[-1],
-        history_ck=seen_p8[held, :2],
+        history_ck=seen_p9[held, :2],
     )
     # the clock of the package adds up its steps one by one
     time_t = np.add.accumulate(np.concatenate([[discs.time], np.full(steps - 1, rules.time_step)]))

@@ -21,13 +21,14 @@ OPEN, STICK, SLIP, BOND = 0, 1, 2, 3
 class Pairs(NamedTuple):
     """Near pairs i < j in order, their kinds, and what a contact needs at hand.
 
-    That is, in a row of 8: the two histories, 1/(r_i + r_j), and where i last saw j: n_x, n_y, number of the copy.
+    That is, in a row of 9: the two histories, 1/(r_i + r_j), and where i last saw j: n_x, n_y, the number of the copy,
+    the distance and its inverse, and 1 if the contact crosses the cell's boundary.
     """
 
     i_p: NDArray[np.int64]
     j_p: NDArray[np.int64]
     kind_p: NDArray[np.int64]
-    state_p8: NDArray[np.float64]
+    state_p9: NDArray[np.float64]
 
 
 @device
@@ -90,11 +91,11 @@ def list_pairs(position_nd, radius_n, width, height, strain, margin, old):
                 ij_p3[found, 0], ij_p3[found, 1], ij_p3[found, 2] = i, j, first if kept else -1
                 found += 1
     i_p, j_p, from_p = ij_p3[:found, 0].copy(), ij_p3[:found, 1].copy(), ij_p3[:found, 2].copy()
-    kind_p, state_p8 = np.zeros(found, np.int64), np.zeros((found, 8))
+    kind_p, state_p9 = np.zeros(found, np.int64), np.zeros((found, 9))
     for p in range(found):
-        state_p8[p, 2] = 1.0 / (radius_n[i_p[p]] + radius_n[j_p[p]])
+        state_p9[p, 2] = 1.0 / (radius_n[i_p[p]] + radius_n[j_p[p]])
         if from_p[p] >= 0:
             kind_p[p] = old.kind_p[from_p[p]]
-            state_p8[p, 0] = old.state_p8[from_p[p], 0]
-            state_p8[p, 1] = old.state_p8[from_p[p], 1]
-    return Pairs(i_p, j_p, kind_p, state_p8)
+            state_p9[p, 0] = old.state_p9[from_p[p], 0]
+            state_p9[p, 1] = old.state_p9[from_p[p], 1]
+    return Pairs(i_p, j_p, kind_p, state_p9)

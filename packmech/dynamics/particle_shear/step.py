@@ -113,11 +113,33 @@ def two_visits(drag, spring, cap, first, second):
 
 
 @device
+def look(cell, strain, pairs, register):
+    """Fill in where the lower disc of each pair sees the other; apart from the forces, as roots and quotients wait."""
+    row_n8, state_p9 = register.row_n8, pairs.state_p9
+    for p in range(pairs.i_p.shape[0]):
+        # unsigned numbers need no test for counting from the end
+        i, j = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p])
+        dx, dy, up, along = image(
+            row_n8[j, 0] - row_n8[i, 0], row_n8[j, 1] - row_n8[i, 1], cell.width, cell.height, strain
+        )
+        d = math.sqrt(dx * dx + dy * dy)
+        inverse = 1.0 / d if d > 0.0 else np.inf
+        # the package draws a fresh direction for coincident centers at every call; here it is the x axis
+        state_p9[p, 3] = dx * inverse if d > 0.0 else 1.0
+        state_p9[p, 4] = dy * inverse if d > 0.0 else 0.0
+        state_p9[p, 5] = up
+        state_p9[p, 6] = d
+        state_p9[p, 7] = inverse
+        state_p9[p, 8] = 0.0 if up == 0 and along == 0 else 1.0
+
+
+@device
 def evaluate(motion, body, cell, material, strain, rate, pairs, register):
     """Fill the register and return how many contacts there are; kinds and histories change as they slip and part."""
     contacts = 0
     pack(motion, body, cell, register)
-    kind_p, state_p8, row_n8, part_n24 = pairs.kind_p, pairs.state_p8, register.row_n8, register.part_n24
+    look(cell, strain, pairs, register)
+    kind_p, state_p9, row_n8, part_n24 = pairs.kind_p, pairs.state_p9, register.row_n8, register.part_n24
     shear = cell.height * rate
     bond_damping, bond_drag = material.viscosity, material.tangential_viscosity
     if material.bond_viscosity_follows != 0.0:
@@ -125,29 +147,23 @@ def evaluate(motion, body, cell, material, strain, rate, pairs, register):
         bond_drag *= material.bond_tangential_ratio
     virial_xx, virial_xy, virial_yx, virial_yy = 0.0, 0.0, 0.0, 0.0
     for p in range(pairs.i_p.shape[0]):
-        # unsigned numbers need no test for counting from the end
         i, j, kind = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p]), kind_p[p]
-        raw_x, raw_y = row_n8[j, 0] - row_n8[i, 0], row_n8[j, 1] - row_n8[i, 1]
-        dx, dy, up, along = image(raw_x, raw_y, cell.width, cell.height, strain)
-        ri, rj = row_n8[i, 5], row_n8[j, 5]
+        ri, rj, d = row_n8[i, 5], row_n8[j, 5], state_p9[p, 6]
         rest = ri + rj
-        d = math.sqrt(dx * dx + dy * dy)
         if kind != BOND and d >= rest:
             if kind != OPEN:
                 kind_p[p] = OPEN
-                state_p8[p, 0] = 0.0
-                state_p8[p, 1] = 0.0
+                state_p9[p, 0] = 0.0
+                state_p9[p, 1] = 0.0
             continue
-        # the package draws a fresh direction for coincident centers at every call; here it is the x axis
-        inverse = 1.0 / d if d > 0.0 else np.inf
-        nx, ny = (dx * inverse, dy * inverse) if d > 0.0 else (1.0, 0.0)
-        vx, vy = row_n8[j, 2] - row_n8[i, 2] - up * shear, row_n8[j, 3] - row_n8[i, 3]
+        nx, ny = state_p9[p, 3], state_p9[p, 4]
+        vx, vy = row_n8[j, 2] - row_n8[i, 2] - state_p9[p, 5] * shear, row_n8[j, 3] - row_n8[i, 3]
         approach = vx * nx + vy * ny
         slip = vy * nx - vx * ny - (row_n8[i, 4] + row_n8[j, 4])
-        inner = row_n8[i, 6] * row_n8[j, 6] if up == 0 and along == 0 else 0.0
-        first, second = state_p8[p, 0], state_p8[p, 1]
-        inverse_rest = state_p8[p, 2]
-        elastic = repulsion(material, d, rest, rest * inverse)
+        inner = row_n8[i, 6] * row_n8[j, 6] * (1.0 - state_p9[p, 8])
+        first, second = state_p9[p, 0], state_p9[p, 1]
+        inverse_rest = state_p9[p, 2]
+        elastic = repulsion(material, d, rest, rest * state_p9[p, 7])
         if kind == BOND:
             # a stretched bond keeps its tangential spring and loses its dashpot
             drag = bond_drag * slip if d < rest else 0.0
@@ -163,8 +179,7 @@ def evaluate(motion, body, cell, material, strain, rate, pairs, register):
             )  # fmt: skip
             kind_p[p] = SLIP if slips else STICK
             first, second = (0.0, 0.0) if wiped else (first, second)
-        state_p8[p, 0], state_p8[p, 1] = first, second
-        state_p8[p, 3], state_p8[p, 4], state_p8[p, 5] = nx, ny, up
+        state_p9[p, 0], state_p9[p, 1] = first, second
         fx, fy = normal * nx - tangential * ny, normal * ny + tangential * nx
         # S1-3: the arms are the radii times d/(r_i + r_j), while the slip speed has the radii themselves
         turn = d * inverse_rest * tangential
@@ -176,10 +191,11 @@ def evaluate(motion, body, cell, material, strain, rate, pairs, register):
         part_n24[j, part, 0] -= fx
         part_n24[j, part, 1] -= fy
         part_n24[j, part, 2] += turn * rj
-        virial_xx -= inner * fx * raw_x
-        virial_xy -= inner * fx * raw_y
-        virial_yx -= inner * fy * raw_x
-        virial_yy -= inner * fy * raw_y
+        inner_x, inner_y = inner * d * nx, inner * d * ny
+        virial_xx -= fx * inner_x
+        virial_xy -= fx * inner_y
+        virial_yx -= fy * inner_x
+        virial_yy -= fy * inner_y
     add_parts(motion, register)
     register.virial_dd[0, 0], register.virial_dd[0, 1] = virial_xx, virial_xy
     register.virial_dd[1, 0], register.virial_dd[1, 1] = virial_yx, virial_yy
@@ -271,11 +287,11 @@ def drift(motion, body, cell, strain, rate, pairs, register, new_nd):
         if pairs.kind_p[p] != OPEN:
             one, other = np.uint64(pairs.i_p[p]), np.uint64(pairs.j_p[p])
             winding = 0.0 if pairs.kind_p[p] == SLIP else dt
-            state_p8 = pairs.state_p8
+            state_p9 = pairs.state_p9
             vx, vy = row_n8[other, 2] - row_n8[one, 2], row_n8[other, 3] - row_n8[one, 3]
             rolled = row_n8[one, 4] + row_n8[other, 4]
-            along = vx - state_p8[p, 5] * shear
-            state_p8[p, 0] += (vy * state_p8[p, 3] - along * state_p8[p, 4] - rolled) * winding
+            along = vx - state_p9[p, 5] * shear
+            state_p9[p, 0] += (vy * state_p9[p, 3] - along * state_p9[p, 4] - rolled) * winding
             new_x, new_y = row_n8[one, 0] + row_n8[one, 2] * dt, row_n8[one, 1] + row_n8[one, 3] * dt
             dx, dy, up, _ = image(new_x - row_n8[other, 0], new_y - row_n8[other, 1], cell.width, cell.height, strain)
             d = math.sqrt(dx * dx + dy * dy)
@@ -284,7 +300,7 @@ def drift(motion, body, cell, strain, rate, pairs, register, new_nd):
             if d == 0.0:
                 nx = 1.0
             along = -vx - up * shear
-            state_p8[p, 1] += (-vy * nx - along * ny - rolled) * winding
+            state_p9[p, 1] += (-vy * nx - along * ny - rolled) * winding
 
 
 @device
@@ -318,7 +334,7 @@ def run_steps(motion, body, cell, material, clock, rate_t, margin, pairs, regist
     """
     strain, rate, time = clock
     new_nd = np.empty_like(motion.position_nd)
-    seen_p8 = pairs.state_p8
+    seen_p9 = pairs.state_p9
     reach = 2.0 * np.max(body.radius_n) + margin
     # a list that nobody has made yet: the first step makes it
     gone = np.inf
@@ -336,11 +352,11 @@ def run_steps(motion, body, cell, material, clock, rate_t, margin, pairs, regist
             caught += register.row_n8[i, 6] == 0.0
         count_tk[t, 0] = caught
         if t == rate_t.shape[0] - 1:
-            seen_p8 = pairs.state_p8.copy()
+            seen_p9 = pairs.state_p9.copy()
         kick(motion, body, cell, rate, register)
         drift(motion, body, cell, strain, rate, pairs, register, new_nd)
         strain += rate * cell.time_step
         # two discs approach by their own ways and by what the flow shrinks the longest distance that could matter
         gone += 2.0 * wrap(motion, cell, strain, rate, new_nd) + reach * abs(rate) * cell.time_step
         time += cell.time_step
-    return pairs, seen_p8, strain, rate, time
+    return pairs, seen_p9, strain, rate, time
