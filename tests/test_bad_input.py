@@ -163,6 +163,7 @@ BAD = {
     "stiffness": [NAN, INF, 0.0, -1.0, "1", None, True],
     "exponent": [NAN, INF, 1.0, -1.0, "2", None, True],
     "coefficient": [NAN, INF, -1.0, "1", None, True],
+    "onset": [NAN, INF, -1.0, "fast", None, True],
     # contacts and measures
     "gap_tolerance": [NAN, INF, -2.0, "0", None, [0.0]],
     "contacts": [3, "contacts", contacts_of_another()],
