@@ -69,13 +69,17 @@ _PUBLIC = {
     "find_rattlers": "packmech.measure",
     "remove_rattlers": "packmech.measure",
     # measures
+    "Demodulation": "packmech.measure",
     "coordination_number": "packmech.measure",
+    "demodulate": "packmech.measure",
     "energy": "packmech.measure",
     "forces": "packmech.measure",
     "link_tension": "packmech.measure",
     "packing_fraction": "packmech.measure",
     "pressure": "packmech.measure",
+    "softening_strain": "packmech.measure",
     "stress_tensor": "packmech.measure",
+    "yield_strain": "packmech.measure",
     # accuracy and recording
     "Answer": "packmech.accuracy",
     "Trial": "packmech.accuracy",

@@ -19,6 +19,7 @@ NAN, INF = float("nan"), float("inf")
 # made by packmech for users to read, not by users
 RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
+    "Demodulation",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "ParticleShearRun",
     "PlayedMotion",
@@ -169,6 +170,15 @@ BAD = {
     "contacts": [3, "contacts", contacts_of_another()],
     "parts": CHOICE,
     "rattlers": CHOICE,
+    # demodulation
+    "phase_t": ["phase", 3, None, [], [0.0, NAN], np.zeros(400), np.linspace(7.0, 7.1, 400)],
+    "stress_t": ["stress", 3, None, [], [0.0], np.full(400, NAN)],
+    "skip_periods": NOT_NEGATIVE,
+    "demodulate.periods": [0.0, 1.0, NAN, "1"],
+    "amplitude_a": [3, "a", None, [], [0.1, 0.1], [0.1, -0.1], [0.1, NAN]],
+    "storage_a": [3, "a", None, [], [0.1], [0.1, NAN]],
+    "loss_a": [3, "a", None, [], [0.1], [0.1, NAN]],
+    "remaining": [NAN, 0.0, 1.0, "1", None],
     # jamming
     "pressure": POSITIVE,
     "force_tolerance": POSITIVE,
@@ -308,6 +318,9 @@ def good(name, folder):
         "density_of_states": {"source": scene()},
         "quench": {"scene": scene(), "force_tolerance": 1e-6},
         "simulate": {"scene": scene(), "steps": 2},
+        "demodulate": {"phase_t": np.linspace(0.0, 20.0, 400), "stress_t": np.zeros(400), "amplitude": 0.1},
+        "yield_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5], "loss_a": [1.0, 1.0]},
+        "softening_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5]},
         "play_motion": {"packing": touching(), "motion": np.eye(9, 2), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
         "cementing_curve": {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from packmech.measure.counting import coordination_number, packing_fraction
+from packmech.measure.demodulation import Demodulation, demodulate, softening_strain, yield_strain
 from packmech.measure.link_tension import link_tension
 from packmech.measure.rattlers import find_rattlers, remove_rattlers
 from packmech.measure.stress import (
@@ -16,8 +17,10 @@ from packmech.measure.stress import (
 )
 
 __all__ = [
+    "Demodulation",
     "contact_stress",
     "coordination_number",
+    "demodulate",
     "energy",
     "find_rattlers",
     "force_balance",
@@ -26,6 +29,8 @@ __all__ = [
     "packing_fraction",
     "pressure",
     "remove_rattlers",
+    "softening_strain",
     "stress_tensor",
     "sum_forces",
+    "yield_strain",
 ]
