@@ -189,12 +189,6 @@ def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: bool, gap_to
     return is_firm(scene.replace(packing=backbone), strain=strain, gap_tolerance=gap_tolerance)
 
 
-def _same(one: Contacts, other: Contacts) -> bool:
-    return all(
-        np.array_equal(a, b) for a, b in ((one.i_c, other.i_c), (one.j_c, other.j_c), (one.image_cd, other.image_cd))
-    )
-
-
 def _emptied(answer: Answer, rounds: int) -> Answer:
     """Return the answer, told that the source's rule to take out what moves, again and again, left nothing."""
     if answer.verdict != NOT_JAMMED:
