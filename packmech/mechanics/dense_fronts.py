@@ -4,19 +4,34 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
 from packmech.compiled import device
 
-# fronts from this size on leave most of their work to matrix products of blocks this wide
-LARGE = 96
+# fronts from this size on leave most of their work to matrix products of blocks of this many rows, twice as many in
+# broad fronts; so many rows are eliminated from each other before
+LARGE = 64
 _BLOCK = 32
+_BROAD = 200
+_INNER = 16
 WIDE = 192
+
+# BLAS's dgemm as numba's own `np.dot` calls it, but into a part of a matrix: C = alpha A B + beta C by columns
+_NUMBER = types.CPointer(types.float64)
+matrix_product = types.ExternalFunction(
+    "numba_xxgemm",
+    types.intc(
+        types.char, types.char, types.char, types.intp, types.intp, types.intp,
+        _NUMBER, _NUMBER, types.intp, _NUMBER, types.intp, _NUMBER, _NUMBER, types.intp,
+    ),
+)  # fmt: skip
+_KIND, _PLAIN, _TURNED = ord("d"), ord("n"), ord("t")
 
 
 @device
 def work_size(n):
     """Return how much working space elimination in an n x n front takes."""
-    return (2 * WIDE + _BLOCK) * n
+    return WIDE * n + 2
 
 
 @device
@@ -73,30 +88,23 @@ def _eliminate_rows(front, n, begin, end, stop, panel):
 def _take_out(front, n, k, after, low, stop, work):
     """Take the eliminated rows k..after, at most WIDE, out of the rows low..stop, by products of blocks."""
     width = after - k
-    rest = n - low
     many = stop - low
-    end = rest * width
-    upper = work[:end].reshape((rest, width))
-    scaled = work[end : end + many * width].reshape((many, width))
-    end += many * width
-    inverse = np.empty(width)
+    work[0], work[1] = -1.0, 1.0
+    scaled = work[2:]
     for a in range(width):
-        inverse[a] = 1.0 / front[(k + a) * n + k + a]
-    for j in range(rest):
-        for a in range(width):
-            upper[j, a] = front[(k + a) * n + low + j]
-    for j in range(many):
-        for a in range(width):
-            scaled[j, a] = upper[j, a] * inverse[a]
-    i = 0
-    while i < many:
-        high = min(_BLOCK, many - i)
-        change = work[end : end + high * (rest - i)].reshape((high, rest - i))
-        np.dot(scaled[i : i + high], upper[i:].T, change)
-        for a in range(high):
-            row = (low + i + a) * n + low + i
-            for j in range(a, rest - i):
-                front[row + j] -= change[a, j]
+        row = (k + a) * n
+        inverse = 1.0 / front[row + k + a]
+        for j in range(many):
+            scaled[a * many + j] = front[row + low + j] * inverse
+    tall = _BLOCK if n - low < _BROAD else 2 * _BLOCK
+    i = low
+    while i < stop:
+        high = min(tall, stop - i)
+        # read by columns, as the product does, the rows are transposed: C^T -= U^T S
+        matrix_product(
+            _KIND, _PLAIN, _TURNED, n - i, high, width, work.ctypes, front[k * n + i :].ctypes, n,
+            scaled[i - low :].ctypes, many, work[1:].ctypes, front[i * n + i :].ctypes, n,
+        )  # fmt: skip
         i += high
 
 
@@ -114,7 +122,7 @@ def eliminate(front, n, begin, end, stop, panel, work):
         last = min(k + WIDE, end)
         inner = k
         while inner < last:
-            after = min(inner + _BLOCK, last)
+            after = min(inner + _INNER, last)
             _eliminate_rows(front, n, inner, after, after, panel)
             if after < last:
                 _take_out(front, n, inner, after, after, last, work)

@@ -18,7 +18,7 @@ from packmech.mechanics.factor import NotDefinite, factorize
 from packmech.mechanics.hessian import KINDS, bordered, closed_terms
 from packmech.mechanics.link_fronts import cut_places, relax_by_fronts
 from packmech.mechanics.link_relaxation import linked_system, negative_motions, relax_linked, soft_shift
-from packmech.mechanics.link_rows import independent_rows, link_strains, prestressed, stiff_strains
+from packmech.mechanics.link_rows import independent_rows, prestressed, stiff_strains
 from packmech.mechanics.moduli import Moduli, cauchy_tangent, firm_inverse, with_infinities
 from packmech.mechanics.network import held_network
 from packmech.mechanics.rigidity import TOUCHING
@@ -32,13 +32,12 @@ _REFINEMENTS = 8
 
 
 class _Relaxation(NamedTuple):
-    """Displacements (N d, s) under each unit strain, and what the positions' Hessian is like."""
+    """The (s, s) stiffness that relaxation takes from the strains, and what the positions' Hessian is like."""
 
-    response_xe: NDArray[np.float64]
+    relief_ee: NDArray[np.float64] | float
     negative: int
     floppy: int
     residual: float
-    pull_ee: NDArray[np.float64] | float = 0.0  # what the links' forces do to the strains
 
 
 def _pinned(sums: BondSums, count_n: NDArray[np.int64]) -> tuple[NDArray[np.bool_], sp.csr_array]:
@@ -59,10 +58,9 @@ def _shift(matrix: sp.csr_array) -> sp.dia_array:
 def _relax(sums: BondSums, count_n: NDArray[np.int64], push: float) -> _Relaxation:
     """Return how the particles relax; `push` is the size of a contact's force under a unit strain."""
     keep, matrix = _pinned(sums, count_n)
-    response = np.zeros_like(sums.coupling_nde)
-    right = -sums.coupling_nde[keep].reshape(matrix.shape[0], response.shape[2])
+    right = -sums.coupling_nde[keep].reshape(matrix.shape[0], len(sums.strain_ee))
     if not matrix.shape[0]:
-        return _Relaxation(response.reshape(-1, response.shape[2]), 0, 0, 0.0)
+        return _Relaxation(0.0, 0, 0, 0.0)
     floppy = 0
     try:
         factor = factorize(matrix, kind="symmetric")
@@ -86,8 +84,7 @@ def _relax(sums: BondSums, count_n: NDArray[np.int64], push: float) -> _Relaxati
         if reached >= size:
             break
         solution, residual, size = better, left, reached
-    response[keep] = solution.reshape(-1, *response.shape[1:])
-    return _Relaxation(response.reshape(-1, response.shape[2]), negative, floppy, size / push if push else 0.0)
+    return _Relaxation(right.T @ solution, negative, floppy, size / push if push else 0.0)
 
 
 def _negative_total(sums: BondSums, count_n: NDArray[np.int64], links: LinkGradients | None) -> int:
@@ -107,18 +104,15 @@ def _relax_with_links(
     """Return how the particles relax where links keep their lengths, and the links' share of the stiffness."""
     exact = relax_by_fronts(sums, links, place_nd, int(np.argmax(count_n)), push) if len(count_n) else None
     if exact is not None:
-        pull = link_strains(links)[~links.dependent_l].T @ exact.multiplier
-        return _Relaxation(exact.response, exact.negative, exact.floppy, exact.residual, pull)
+        return _Relaxation(*exact)
     keep, matrix = _pinned(sums, count_n)
     dimension = links.pairs.dimension
     gradient, stretch = independent_rows(links)
     moving = np.repeat(keep, dimension)
     right = -sums.coupling_xe[moving]
     found = relax_linked(linked_system(matrix, gradient[:, moving]), right, -stretch, push, dimension)
-    response = np.zeros_like(sums.coupling_xe)
-    response[moving] = found.response
-    pull = stretch.T @ found.multiplier
-    return _Relaxation(response, found.negative, found.floppy, found.residual, pull)
+    relief = right.T @ found.response - stretch.T @ found.multiplier
+    return _Relaxation(relief, found.negative, found.floppy, found.residual)
 
 
 def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -195,7 +189,7 @@ def elastic_moduli(
             relaxation = _relax_with_links(sums, contacts.count_n(), links, push, place)
         stiff = stiff_strains(links, contacts.dimension)
         affine = sums.strain_ee / volume
-        relaxed = sums.strain_ee + sums.coupling_xe.T @ relaxation.response_xe + relaxation.pull_ee
+        relaxed = sums.strain_ee - relaxation.relief_ee
         energy = _across((relaxed + relaxed.T) / (2.0 * volume), stiff)
         stress = contact_stress(bonds.pairs, bonds.first_c, volume)
         cauchy = _across(cauchy_tangent(energy, stress), stiff)

@@ -25,9 +25,9 @@ from packmech.mechanics.link_relaxation import SOFT
 from packmech.mechanics.link_rows import link_strains
 
 _REFINEMENTS = 12
-_DONE = 1e-13
-# what is left unbalanced of the loads, above which the springs beside the links are tried in vain
-_GOOD = 1e-9
+# what may be left unbalanced of the loads: the stiffness is wrong by its square (a second solve would be for nothing);
+# where more is left the springs beside the links are tried in vain
+_DONE = 1e-8
 # particles in a set that is cut no more, and places of each cut that are tried, by dimension
 _LEAF = {2: 8, 3: 8}
 _TRIALS = {2: 1, 3: 9}
@@ -39,10 +39,9 @@ _kept = threading.local()
 
 
 class FrontResponse(NamedTuple):
-    """Response (N d, k) and multipliers (L, k) of the independent links, and what the constrained Hessian is like."""
+    """The (s, s) stiffness that relaxation takes from the strains, and what the constrained Hessian is like."""
 
-    response: NDArray[np.float64]
-    multiplier: NDArray[np.float64]
+    relief_ee: NDArray[np.float64]
     negative: int
     floppy: int
     residual: float
@@ -119,7 +118,10 @@ def cut_places(position_nd: NDArray[np.float64], box: Box) -> NDArray[np.float64
 def relax_by_fronts(
     sums: BondSums, links: LinkGradients, place_nd: NDArray[np.float64], pinned: int, push: float
 ) -> FrontResponse | None:
-    """Return u and m with H u + G^T m = -coupling and G u = -(strain derivatives of the lengths), one particle held.
+    """Return what particles and links relax of the stiffness: B^T A^-1 B, A = [[H, G^T], [G, 0]], one particle held.
+
+    B holds the mixed derivatives with respect to the strains, of the energy and of the links' lengths. With an answer Y
+    that leaves R = B - A Y it is B^T Y + Y^T R up to R^T A^-1 R, of second order in what is left.
 
     Parameters
     ----------
@@ -199,8 +201,8 @@ def relax_by_fronts(
         if not now < reached:
             break
         answer, left, reached = better, rest, now
-    if not reached <= _GOOD * weight:
+    if not reached <= _DONE * weight:
         return None
     residual = reached / push if push else 0.0
-    response = np.ascontiguousarray(answer[:, :size].T)
-    return FrontResponse(response, mean * answer[:, size:].T, negative, floor - negative, residual)
+    relief = load @ answer.T + answer @ left.T
+    return FrontResponse(relief, negative, floor - negative, residual)
