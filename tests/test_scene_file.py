@@ -343,7 +343,10 @@ REFUSED = {
         law('kind = "harmonic", energy_scale = "1"'),
         r"effects\[0\].law.energy_scale must be a number, got '1'",
     ),
-    "drive kind": (drive('kind = "push"'), "drive.kind must be one of 'cement', 'jam', 'quench', 'shear-stabilize', got 'push'"),
+    "drive kind": (
+        drive('kind = "push"'),
+        "drive.kind must be one of 'cement', 'jam', 'quench', 'shear-stabilize', got 'push'",
+    ),
     "drive field": (drive('kind = "jam"\ntolerance = 1'), "drive.tolerance must be a field of jam-drive"),
     "drive method": (
         drive('kind = "jam"\nmethod = "fire"'),
