@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.compiled import kernel
 from packmech.links import image_offsets
 from packmech.packing import Packing
 
@@ -59,6 +60,11 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
     # fewer links than this never suffice, nor do links around the box
     look = (size > 1) & (bonds >= size * d - d * (d + 1) // 2)
     look[cluster[winding]] = False
+    if not look.any():
+        return rigid
+    # two beads and a link: nothing but translations and rotations is left
+    rigid[look[cluster] & (size[cluster] == 2)] = True
+    look &= size > 2
     for beads, links_each in np.unique(np.stack([size[look], bonds[look]], axis=1), axis=0).tolist():
         alike = np.flatnonzero(look & (size == beads) & (bonds == links_each))
         at_once = max(1, _ENTRIES // (beads * d * max(links_each, 1)))
@@ -71,6 +77,40 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
     return rigid
 
 
+@kernel
+def _mask(i_c, j_c, image_cd, rigid_n, cluster_n, offset_nd, code_l, image_ld):  # type: ignore[no-untyped-def]
+    """Return which pairs stand within a rigid cluster, or at a link's image; `code_l` rises."""
+    count, d = image_cd.shape
+    particles = rigid_n.shape[0]
+    out = np.zeros(count, np.bool_)
+    for c in range(count):
+        i, j = i_c[c], j_c[c]
+        if cluster_n[i] != cluster_n[j]:
+            continue
+        if rigid_n[i] and i != j:
+            same = True
+            for a in range(d):
+                same = same and image_cd[c, a] == offset_nd[j, a] - offset_nd[i, a]
+            if same:
+                out[c] = True
+                continue
+        code = i * particles + j
+        low, high = 0, code_l.shape[0]
+        while low < high:
+            middle = (low + high) // 2
+            if code_l[middle] < code:
+                low = middle + 1
+            else:
+                high = middle
+        while low < code_l.shape[0] and code_l[low] == code and not out[c]:
+            same = True
+            for a in range(d):
+                same = same and image_cd[c, a] == image_ld[low, a]
+            out[c] = same
+            low += 1
+    return out
+
+
 class Excluded:
     """The pairs of a packing that count as no contacts; made once for a packing and its later positions."""
 
@@ -78,7 +118,6 @@ class Excluded:
         links = packing.links
         assert links is not None
         self._links = links
-        self._particles = packing.particles
         self._offset, _ = image_offsets(links, packing.particles)
         self._cluster = links.clusters(packing.particles)
         self._rigid = rigid_clusters(packing)
@@ -86,12 +125,7 @@ class Excluded:
 
     def mask(self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], image_cd: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return (C,) which of the pairs i <= j count as no contacts."""
-        out = self._rigid[i_c] & (self._cluster[i_c] == self._cluster[j_c])
-        out &= (image_cd == self._offset[j_c] - self._offset[i_c]).all(axis=1) & (i_c != j_c)
-        code = i_c * self._particles + j_c
-        first, last = np.searchsorted(self._code, code), np.searchsorted(self._code, code, side="right")
-        for k in range(int((last - first).max(initial=0))):
-            have = first + k < last
-            link = np.where(have, first + k, 0)
-            out |= have & (image_cd == self._links.image_ld[link]).all(axis=1)
-        return np.asarray(out, dtype=bool)
+        out: NDArray[np.bool_] = _mask(
+            i_c, j_c, image_cd, self._rigid, self._cluster, self._offset, self._code, self._links.image_ld
+        )
+        return out

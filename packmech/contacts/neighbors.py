@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.compiled import kernel
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 
 
@@ -24,6 +25,32 @@ class Candidates(NamedTuple):
     i_c: NDArray[np.int64]
     j_c: NDArray[np.int64]
     image_cd: NDArray[np.int64]
+
+
+@kernel
+def _as_given(i_p, code_p, image_kd, bits, step_nd, change_dd):  # type: ignore[no-untyped-def]
+    """Return the pairs with images for the positions and vectors as given, and whether some pair has several."""
+    count, d = i_p.shape[0], change_dd.shape[0]
+    i_c, j_c, image_cd = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, d), np.int64)
+    several = False
+    for c in range(count):
+        i, j = np.int64(i_p[c]), np.int64(code_p[c]) >> bits
+        k = np.int64(code_p[c]) & ((1 << bits) - 1)
+        sign = 0
+        for a in range(d):
+            total = 0
+            for b in range(d):
+                total += change_dd[a, b] * (np.int64(image_kd[k, b]) - step_nd[j, b] + step_nd[i, b])
+            image_cd[c, a] = total
+            if sign == 0 and total != 0:
+                sign = 1 if total > 0 else -1
+        # a particle and its image are one pair: its first component along the given vectors is to be positive
+        if i == j and sign < 0:
+            for a in range(d):
+                image_cd[c, a] *= -1
+        several = several or (c > 0 and i == i_c[c - 1] and j == j_c[c - 1])
+        i_c[c], j_c[c] = i, j
+    return i_c, j_c, image_cd, several
 
 
 def candidate_pairs(
@@ -56,17 +83,9 @@ def candidate_pairs(
     row[:, :d] = wrapped
     row[:, 3] = radius_n
     table = find_pairs((0,) * d, row, size_levels(radius_n), frame_of(small), float(scale), float(skin))
-    i_c = table.i_p.astype(np.int64)
-    j_c = (table.code_p >> np.uint32(table.bits)).astype(np.int64)
-    image = table.image_kd[table.code_p & np.uint32((1 << table.bits) - 1), :d].astype(np.int64)
-    image_cd = (image - step[j_c] + step[i_c]) @ change.T
-    # a particle and its image are one pair: its first component along the given vectors is to be positive
-    for k in np.flatnonzero(i_c == j_c):
-        if image_cd[k][np.flatnonzero(image_cd[k])[0]] < 0:
-            image_cd[k] *= -1
+    i_c, j_c, image_cd, several = _as_given(table.i_p, table.code_p, table.image_kd, table.bits, step, change)
     # the search sorts by (i, j) already; only the images of one pair may want sorting along the given vectors
-    again = np.flatnonzero((i_c[1:] == i_c[:-1]) & (j_c[1:] == j_c[:-1]))
-    if len(again):
+    if several:
         sort = np.lexsort((*image_cd.T[::-1], j_c, i_c))
         image_cd = image_cd[sort]
     return Candidates(i_c, j_c, np.ascontiguousarray(image_cd))

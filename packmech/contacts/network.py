@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance, real
+from packmech.compiled import kernel
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.packing import Packing
 
@@ -78,6 +79,39 @@ class Contacts:
         return np.bincount(ends, minlength=self.particles)
 
 
+@kernel
+def _geometry(position_nd, radius_n, lattice_dd, i_c, j_c, image_cd):  # type: ignore[no-untyped-def]
+    """Return normals, distances and sums of radii of the pairs, and whether no centers coincide."""
+    count, d = image_cd.shape
+    normal, distance, sigma = np.empty((count, d)), np.empty(count), np.empty(count)
+    apart = True
+    for c in range(count):
+        i, j = i_c[c], j_c[c]
+        largest = 0.0
+        for a in range(d):
+            shift = 0.0
+            for b in range(d):
+                shift += image_cd[c, b] * lattice_dd[a, b]
+            x = position_nd[j, a] - position_nd[i, a] + shift
+            normal[c, a] = x
+            largest = max(largest, abs(x))
+        # scaled by the largest component, so that no unit of length under- or overflows
+        square = 0.0
+        safe = largest if largest > 0.0 else 1.0
+        for a in range(d):
+            part = normal[c, a] / safe
+            square += part * part
+        length = safe * np.sqrt(square)
+        distance[c] = length
+        sigma[c] = radius_n[i] + radius_n[j]
+        if largest > 0.0:
+            for a in range(d):
+                normal[c, a] /= length
+        else:
+            apart = False
+    return normal, distance, sigma, apart
+
+
 def pair_contacts(
     packing: Packing, i_c: NDArray[np.int64], j_c: NDArray[np.int64], image_cd: NDArray[np.int64]
 ) -> Contacts:
@@ -94,19 +128,12 @@ def pair_contacts(
         (C,), (C,), (C, d) pairs and images.
 
     """
-    position = packing.position_nd
-    vector = position[j_c] - position[i_c] + image_cd @ packing.box.lattice_dd.T
-    # scaled by the largest component, so that no unit of length under- or overflows
-    largest = np.abs(vector).max(axis=1, initial=0.0)
-    safe = np.where(largest > 0, largest, 1.0)
-    distance = safe * np.sqrt(((vector / safe[:, None]) ** 2).sum(axis=1))
-    normal = np.zeros_like(vector)
-    apart = largest > 0
-    normal[apart] = vector[apart] / distance[apart, None]
-    if not apart.all():
-        distance = np.where(apart, distance, 0.0)
-        normal[~apart] = coincident_normal(i_c[~apart], j_c[~apart], packing.dimension)
-    sigma = packing.radius_n[i_c] + packing.radius_n[j_c]
+    normal, distance, sigma, apart = _geometry(
+        packing.position_nd, packing.radius_n, packing.box.lattice_dd, i_c, j_c, image_cd
+    )
+    if not apart:
+        here = distance == 0.0
+        normal[here] = coincident_normal(i_c[here], j_c[here], packing.dimension)
     return Contacts(i_c, j_c, image_cd, normal, distance, sigma, packing.particles, packing.dimension)
 
 

@@ -8,6 +8,8 @@ never do.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,6 +73,40 @@ def _within_half_plane(x: NDArray[np.float64], y: NDArray[np.float64], count: in
 
 
 @device
+def _surely_balanced(normal: NDArray[np.float64], count: int) -> bool:
+    """Return whether the first `count` vectors of space obviously span it and balance; False says nothing.
+
+    With r = sum n and M = sum n n, forces 1 - n . M^-1 r balance; are all positive, no direction is free.
+    """
+    r0 = r1 = r2 = xx = yy = zz = yz = xz = xy = 0.0
+    for k in range(count):
+        n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
+        r0 += n0
+        r1 += n1
+        r2 += n2
+        xx += n0 * n0
+        yy += n1 * n1
+        zz += n2 * n2
+        yz += n1 * n2
+        xz += n0 * n2
+        xy += n0 * n1
+    # cofactors
+    c0, c1, c2 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    c3, c4, c5 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    volume = xx * c0 + xy * c1 + xz * c2
+    mean = (xx + yy + zz) / 3.0
+    if not volume > _PLAIN * mean * mean * mean:
+        return False
+    f0 = (c0 * r0 + c1 * r1 + c2 * r2) / volume
+    f1 = (c1 * r0 + c3 * r1 + c4 * r2) / volume
+    f2 = (c2 * r0 + c4 * r1 + c5 * r2) / volume
+    for k in range(count):
+        if normal[k, 0] * f0 + normal[k, 1] * f1 + normal[k, 2] * f2 > 1.0 - _PLAIN:
+            return False
+    return True
+
+
+@device
 def _is_free(normal: NDArray[np.float64], count: int) -> bool:
     """Return whether a particle with the first `count` rows of `normal` as its contact normals can move."""
     d = normal.shape[1]
@@ -78,6 +114,8 @@ def _is_free(normal: NDArray[np.float64], count: int) -> bool:
         return True
     if d == 2:
         return _within_half_plane(normal[:, 0], normal[:, 1], count)
+    if _surely_balanced(normal, count):
+        return False
     # If any motion is free, one is that slides along some contact a: look for it in the plane across each normal.
     x = np.empty(count)
     y = np.empty(count)
@@ -141,6 +179,28 @@ def _find_loose(
     return loose
 
 
+@kernel
+def _outward(i_c: NDArray[np.int64], j_c: NDArray[np.int64], normal_cd: NDArray[np.float64], particles: int) -> Any:
+    """Return where each particle's contacts start, its neighbors, and the normals towards these."""
+    count, d = normal_cd.shape
+    start = np.zeros(particles + 2, np.int64)
+    for c in range(count):
+        start[i_c[c] + 2] += 1
+        start[j_c[c] + 2] += 1
+    for n in range(particles):
+        start[n + 2] += start[n + 1]
+    neighbor, outward = np.empty(2 * count, np.int64), np.empty((2 * count, d))
+    for side in range(2):
+        for c in range(count):
+            own, other = (i_c[c], j_c[c]) if side == 0 else (j_c[c], i_c[c])
+            at = start[own + 1]
+            start[own + 1] += 1
+            neighbor[at] = other
+            for a in range(d):
+                outward[at, a] = normal_cd[c, a] if side == 0 else -normal_cd[c, a]
+    return start[: particles + 1], neighbor, outward
+
+
 def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
     """Return, for each particle, whether the given contacts leave it free, the free ones removed first.
 
@@ -150,12 +210,9 @@ def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
         The contacts; one with the particle's own image holds it from both sides.
 
     """
-    end = np.concatenate([contacts.i_c, contacts.j_c])
-    order = np.argsort(end, kind="stable")
-    neighbor = np.concatenate([contacts.j_c, contacts.i_c])[order]
-    outward = np.concatenate([contacts.normal_cd, -contacts.normal_cd])[order]
-    start = np.concatenate([[0], np.cumsum(np.bincount(end, minlength=contacts.particles))])
-    loose: NDArray[np.bool_] = _find_loose(start, neighbor, outward)
+    loose: NDArray[np.bool_] = _find_loose(
+        *_outward(contacts.i_c, contacts.j_c, contacts.normal_cd, contacts.particles)
+    )
     return loose
 
 
