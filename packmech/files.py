@@ -159,7 +159,8 @@ def read_law(path: PathLike) -> Any:
 
     def read() -> Any:
         text = _arrays(found).get("law")
-        return None if text is None else from_table(json.loads(str(text)), "law", kinds_of(registered_laws()))
+        laws = kinds_of(registered_laws())
+        return None if text is None else from_table(json.loads(str(text)), "law", laws, {"law": laws})
 
     return _in_file(found, read)
 

@@ -105,6 +105,8 @@ def _check_numbers(where: str, record: Any) -> None:
     for name, value in zip(record._fields, record, strict=True):
         if is_law(value):
             _check_numbers(f"{where}.{name}", value)
+        elif name == "law":
+            raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {value!r}")
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
         elif name in ("energy_scale", "stiffness") and value <= 0:
@@ -113,6 +115,17 @@ def _check_numbers(where: str, record: Any) -> None:
             raise ValueError(f"{where}.{name} must not be negative, got {value!r}")
         elif name == "exponent" and value < 1.5:
             raise ValueError(f"{where}.{name} must be at least 1.5 for continuous forces, got {value!r}")
+    fault = record.fault() if hasattr(record, "fault") else ""
+    if fault:
+        raise ValueError(f"{where}.{fault}")
+
+
+def _check_bound(where: str, record: Any) -> None:
+    """Check the laws of an effect that checked its arrays itself."""
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        if is_law(value):
+            _check_numbers(f"{where}.{field.name}", value)
 
 
 def _plain(record: Any) -> Any:
@@ -162,9 +175,8 @@ class Scene:
             if not is_effect(one):
                 raise TypeError(f"effects[{k}] must be an effect such as Repulsion(...), got {one!r}")
             if is_bound(one):
+                _check_bound(f"effects[{k}]", one)
                 continue
-            if hasattr(one, "law") and not is_law(one.law):
-                raise TypeError(f"effects[{k}].law must be a law such as Harmonic(...), got {one.law!r}")
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):

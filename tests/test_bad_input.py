@@ -163,6 +163,13 @@ BAD = {
     "energy_scale": [NAN, INF, 0.0, -1.0, "1", None, True],
     "stiffness": [NAN, INF, 0.0, -1.0, "1", None, True],
     "exponent": [NAN, INF, 1.0, -1.0, "2", None, True],
+    "divergence": [NAN, -0.1, 1.1, "1", None, True],
+    "cap": [NAN, INF, 0.9, -1.0, "1", None, True],
+    "begin": [NAN, 0.0, -0.1, 1.1, "1", None, True],
+    "end": [NAN, 0.1, -0.1, 1.1, "1", None, True],
+    "slope": [NAN, -0.1, 1.1, "1", None, True],
+    "PlateauRepulsion.law": ["hertz", 3, None, pm.Hertz, Toothless()],
+    "ExponentialTension.fraction": [NAN, INF, 0.0, -1.0, "1", None, True],
     "coefficient": [NAN, INF, -1.0, "1", None, True],
     "onset": [NAN, INF, -1.0, "fast", None, True],
     # contacts and measures

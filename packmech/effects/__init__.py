@@ -8,6 +8,7 @@ from packmech.effects.body import SIGNED, BackgroundDamping, Gravity, Walls
 from packmech.effects.bonds import Bonds
 from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction
+from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.laws import (
     Harmonic,
     Hertz,
@@ -44,12 +45,15 @@ __all__ = [
     "Bonds",
     "ContactDamping",
     "ContactTerms",
+    "DivergentRepulsion",
+    "ExponentialTension",
     "Friction",
     "Gravity",
     "Harmonic",
     "Hertz",
     "Law",
     "LinearSpring",
+    "PlateauRepulsion",
     "PowerLaw",
     "Repulsion",
     "RepulsiveLennardJones",

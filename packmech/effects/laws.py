@@ -55,7 +55,9 @@ def law(cls: L) -> L:
     ----------
     cls
         A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), and
-        with a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy.
+        with a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy, or a field
+        `law` with another law that does. A further method `fault(self)` may return what is wrong with the numbers, as
+        "name must ..., got ...", for scenes to say; an empty text is none.
 
     Raises
     ------
@@ -87,7 +89,7 @@ def law(cls: L) -> L:
             )
         if len(inspect.signature(method).parameters) != 3:
             raise TypeError(f"law {cls.__name__}.{name} must take (self, distance, contact_distance)")
-    if not {"energy_scale", "stiffness"} & set(cls._fields):
+    if not {"energy_scale", "stiffness", "law"} & set(cls._fields):
         raise TypeError(f"law {cls.__name__} must have a field energy_scale or stiffness, got {cls._fields}")
     own_name("law", cls, _COMPILED)
     tell_apart(cls)
@@ -269,7 +271,7 @@ class LinearSpring(NamedTuple):
 
 
 def law_scale(law: Any, length: float) -> float:
-    """Return the energy unit of a law: its energy_scale, or stiffness * length^2 [energy].
+    """Return the energy unit of a law: its energy_scale, or stiffness * length^2, or that of its own law [energy].
 
     Parameters
     ----------
@@ -279,5 +281,8 @@ def law_scale(law: Any, length: float) -> float:
         Reference diameter [length], used by laws with a stiffness.
 
     """
+    within = getattr(law, "law", None)
+    if within is not None:
+        return law_scale(within, length)
     scale = getattr(law, "energy_scale", None)
     return float(scale) if scale is not None else float(law.stiffness) * length * length
