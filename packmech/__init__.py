@@ -29,6 +29,8 @@ _PUBLIC = {
     "Trimer": "packmech.generate",
     "chain_packing": "packmech.generate",
     "cluster_packing": "packmech.generate",
+    "cut_fragments": "packmech.generate",
+    "fill_box": "packmech.generate",
     "lattice_packing": "packmech.generate",
     "random_packing": "packmech.generate",
     "reinforced_kagome_packing": "packmech.generate",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import integer_array, positive_array, real
+from packmech.check import finite_array, integer_array, positive_array, real
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 
@@ -54,7 +54,9 @@ class Bonds:
         j = integer_array("j_b", self.j_b, shape=i.shape)
         image = np.asarray(self.image_bd)
         image = integer_array("image_bd", image, shape=(len(i), image.shape[1] if image.ndim == 2 else None))
-        rest = positive_array("rest_length_b", self.rest_length_b, shape=i.shape)
+        rest = finite_array("rest_length_b", self.rest_length_b, shape=i.shape, what="bond", empty=True)
+        if len(rest):
+            rest = positive_array("rest_length_b", rest, shape=i.shape, what="bond")
         if len(i) and min(int(i.min()), int(j.min())) < 0:
             raise ValueError("i_b and j_b must not be negative")
         flip = i > j

@@ -1,11 +1,12 @@
-"""Starting packings: sizes, random positions, lattices, clusters, chains."""
+"""Starting packings: sizes, random positions, lattices, clusters, chains; fragments cut out of bonded ones."""
 
 from packmech.generate.chains import chain_packing
 from packmech.generate.cluster import Cluster, Shape
 from packmech.generate.clusters import cluster_packing
 from packmech.generate.crystals import LATTICE_NAMES
+from packmech.generate.fragments import cut_fragments, fragment_numbers
 from packmech.generate.lattices import lattice_packing
-from packmech.generate.random import random_packing
+from packmech.generate.random import fill_box, random_packing
 from packmech.generate.shapes import Dimer, LinearCluster, RingCluster, StarCluster, Trimer
 from packmech.generate.sizes import Bidisperse, LogNormal, Mixture, Monodisperse, Normal, Sizes, Uniform
 from packmech.generate.subpackings import reinforced_kagome_packing, tunneled_packing, vacancy_packing
@@ -28,6 +29,9 @@ __all__ = [
     "Uniform",
     "chain_packing",
     "cluster_packing",
+    "cut_fragments",
+    "fill_box",
+    "fragment_numbers",
     "lattice_packing",
     "random_packing",
     "reinforced_kagome_packing",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import finite_array, integer, positive
+from packmech.check import finite_array, instance, integer, positive
 from packmech.generate.sizes import Bidisperse, Sizes
 from packmech.packing import Packing
 
@@ -72,6 +72,56 @@ def random_packing(
     # einsum, not BLAS: the same bits for any number of threads
     position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
     return Packing(position_nd, radius_n, box=scaled)
+
+
+def fill_box(
+    box: Box,
+    particles: int,
+    *,
+    packing_fraction: float,
+    sizes: Sizes | None = None,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+) -> Packing:
+    """Return discs or spheres at independent uniform positions in this very box, of radii that fill it as asked.
+
+    What `random_packing` returns for the shape of the box, in the unit of length in which the box is this one. Of an
+    equal mixture with sizes 1:b in a square of side L the radii are those of equation S1-14 of particleShear's
+    documentation, with r_large r_small = 2 phi L^2 / (pi N (b + 1/b)); exactly half of the particles are large.
+
+    Parameters
+    ----------
+    box
+        The box; 2 or 3 dimensions.
+    particles
+        Number of particles N.
+    packing_fraction, sizes, seed, rng
+        As for `random_packing`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what it must be and what came.
+
+    Examples
+    --------
+    >>> packing = fill_box(Box.cubic(500.0, 2), 150, packing_fraction=1.5, seed=1)
+    >>> [round(float(radius), 3) for radius in sorted(set(packing.radius_n))]
+    [23.188, 32.463]
+
+    """
+    instance("box", box, Box)
+    drawn = random_packing(
+        particles,
+        dimension=box.dimension,
+        packing_fraction=packing_fraction,
+        sizes=sizes,
+        seed=seed,
+        rng=rng,
+        box=box,
+    )
+    scale = (box.volume / drawn.box.volume) ** (1.0 / box.dimension)
+    return Packing(drawn.position_nd * scale, drawn.radius_n * scale, box=box)
 
 
 def box_for(radius_n: NDArray[np.float64], packing_fraction: float, shape_dd: NDArray[np.float64]) -> Box:
