@@ -62,6 +62,12 @@ class Walls(NamedTuple):
     law: Law = LinearSpring()
     damping: float = 0.0
 
+    def fault(self) -> str:
+        """Return what is wrong with the numbers; nothing is, where it is empty."""
+        if self.axis not in (0.0, 1.0, 2.0):
+            return f"axis must be 0, 1 or 2, got {self.axis!r}"
+        return "" if self.low < self.high else f"high must be above low ({self.low!r}), got {self.high!r}"
+
     def body_force(
         self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
     ) -> tuple[float, float, float]:

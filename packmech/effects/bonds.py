@@ -57,8 +57,9 @@ class Bonds:
         rest = finite_array("rest_length_b", self.rest_length_b, shape=i.shape, what="bond", empty=True)
         if len(rest):
             rest = positive_array("rest_length_b", rest, shape=i.shape, what="bond")
-        if len(i) and min(int(i.min()), int(j.min())) < 0:
-            raise ValueError("i_b and j_b must not be negative")
+        for name, end in {"i_b": i, "j_b": j}.items():
+            if len(end) and int(end.min()) < 0:
+                raise ValueError(f"{name} must not be negative, got {int(end.min())} for bond {int(end.argmin())}")
         flip = i > j
         i, j = np.where(flip, j, i), np.where(flip, i, j)
         image = np.where(flip[:, None], -image, image)
