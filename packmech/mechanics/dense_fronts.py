@@ -25,7 +25,7 @@ matrix_product = types.ExternalFunction(
         _NUMBER, _NUMBER, types.intp, _NUMBER, types.intp, _NUMBER, _NUMBER, types.intp,
     ),
 )  # fmt: skip
-_KIND, _PLAIN, _TURNED = ord("d"), ord("n"), ord("t")
+KIND, PLAIN, TURNED = ord("d"), ord("n"), ord("t")
 
 
 @device
@@ -102,7 +102,7 @@ def _take_out(front, n, k, after, low, stop, work):
         high = min(tall, stop - i)
         # read by columns, as the product does, the rows are transposed: C^T -= U^T S
         matrix_product(
-            _KIND, _PLAIN, _TURNED, n - i, high, width, work.ctypes, front[k * n + i :].ctypes, n,
+            KIND, PLAIN, TURNED, n - i, high, width, work.ctypes, front[k * n + i :].ctypes, n,
             scaled[i - low :].ctypes, many, work[1:].ctypes, front[i * n + i :].ctypes, n,
         )  # fmt: skip
         i += high
@@ -133,14 +133,14 @@ def eliminate(front, n, begin, end, stop, panel, work):
 
 
 @device
-def finish(front, n, count, low, panel, work):
-    """Take the first rows, all eliminated, out of the rows from `low` on."""
+def finish(front, n, begin, count, low, panel, work):
+    """Take the rows begin..count, all eliminated, out of the rows from `low` on."""
     if n >= LARGE:
         if low < n:
-            for k in range(0, count, WIDE):
+            for k in range(begin, count, WIDE):
                 _take_out(front, n, k, min(k + WIDE, count), low, n, work)
         return
-    for k in range(0, count, 4):
+    for k in range(begin, count, 4):
         _take_four(front, n, k, min(4, count - k), low, n, panel)
 
 

@@ -2,8 +2,9 @@
 """Multifrontal L D L^T of particles and rigid links, compiled.
 
 Each node of a dissection gathers what is left of its children in a dense matrix (its front), adds its own particles and
-links, and eliminates what it can. A link's row enters where the first of its particles is eliminated, and goes right
-after the node's particles if they hold it firmly enough; otherwise it waits for the parent.
+links, and eliminates what it can. A link's row enters where the first of its particles is eliminated, and goes with one
+of that particle's coordinates (`paired_links`). Where several links leave too little of one, it goes after the node's
+particles if they hold it firmly enough; otherwise it waits for the parent.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from packmech.compiled import device, kernel
 from packmech.mechanics.dense_fronts import LARGE, eliminate, finish, firm_links, reorder, work_size
+from packmech.mechanics.paired_links import reduce_links, take_paired
 
 # a link leaves where its pivot is at least this part of the unit of stiffness: growth stays below its inverse
 _FIRM = 1e-2
@@ -32,11 +34,12 @@ def _grown(array, used, need):
 
 @device
 def _add_block(front, n, row, column, block, factor):
+    """Add a block where the places of its rows and columns say, the upper triangle only."""
     d = block.shape[0]
+    same = row[0] == column[0]
     for a in range(d):
-        for b in range(d):
-            if row + a <= column + b:
-                front[(row + a) * n + column + b] += factor * block[a, b]
+        for b in range(a if same else 0, d):
+            front[min(row[a], column[b]) * n + max(row[a], column[b])] += factor * block[a, b]
 
 
 @kernel
@@ -45,7 +48,9 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
 
     Unknowns are N d displacements, then L link forces; the rows of the links are `unit` times the gradients, and unit
     n n stands in the particles' blocks too. `fronts` is (variables, first variable of each node, rows of U, first entry
-    of each node, pivots of each node). `space` is working space, grown where need be: numbers of rows, waiting numbers,
+    of each node, pivots of each node, pairs). The first pivots of a node are the coordinates that follow the others by
+    its pairs: (first pair of each node, link of each pair, first entry of each pair in T, places, values, and the same
+    of its shares in the node's links). `space` is working space, grown where need be: numbers of rows, waiting numbers,
     front, panels of it; the factored system stands in it.
     """
     member, node_start, children = tree
@@ -54,7 +59,8 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
     n_particles, d = diagonal_ndd.shape[0], diagonal_ndd.shape[1]
     n_links = normal_ld.shape[0]
     nodes = children.shape[0]
-    place = np.full(n_particles, -1, np.int64)  # in the present front
+    place = np.full(n_particles, -1, np.int64)  # in the present front, -1 for who has none
+    spot = np.empty((n_particles, d), np.int64)  # of each coordinate
     gone = np.zeros(n_particles, np.bool_)
     link_place = np.full(n_links, -1, np.int64)
     awake = np.zeros(n_links, np.bool_)
@@ -74,11 +80,22 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
     height = 0
     top_n = top_l = top = 0
     panel = np.empty((4, 256))
+    pair_start = np.zeros(nodes + 1, np.int64)
+    pair_link = np.empty(n_links, np.int64)
+    tie_start, share_start = np.zeros(n_links + 1, np.int64), np.zeros(n_links + 1, np.int64)
+    tie_at, tie = np.empty(8 * n_links + 64, np.int64), np.empty(8 * n_links + 64)
+    share_at, share = np.empty(4 * n_links + 64, np.int64), np.empty(4 * n_links + 64)
+    pairs = 0
+    lines, shares = np.empty(4096), np.empty(256)
+    taken = np.empty(n_particles * d, np.bool_)
+    column = np.empty(n_links + 1, np.int64)
+    own_v = np.empty(n_particles * d, np.int64)
     own_n = np.empty(n_particles, np.int64)
     own_l = np.empty(n_links, np.int64)
     order = np.empty(n_links + 1, np.int64)
     block = np.empty((d, d))
     negative = 0
+    failed = False
     ranks = np.empty(n_particles, np.int64)
     rank = np.empty(n_particles, np.int64)
     for m in range(member.shape[0]):
@@ -108,9 +125,6 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
                     awake[link] = True
                     own_l[used_l] = link
                     used_l += 1
-        for h in range(used_l):
-            link_place[own_l[h]] = inside * d + h
-        offset = inside * d + used_l
         for h in range(base_n, top_n):
             i = waiting_n[h]
             if place[i] < 0:
@@ -131,7 +145,71 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
         ranks[inside:used_n].sort()
         for m in range(inside, used_n):
             own_n[m] = member[ranks[m]]
-            place[own_n[m]] = offset + (m - inside) * d
+            place[own_n[m]] = m * d
+        # links that wake up here, each with a coordinate that follows the others
+        own = inside * d
+        fresh, width = used_l - old_l, used_n * d
+        if fresh * width > lines.shape[0]:
+            lines = np.empty(2 * fresh * width)
+        if fresh * fresh > shares.shape[0]:
+            shares = np.empty(2 * fresh * fresh)
+        line = lines[: fresh * width].reshape((fresh, width))
+        part = shares[: fresh * fresh].reshape((fresh, fresh))
+        for h in range(fresh):
+            link = own_l[old_l + h]
+            for k in range(width):
+                line[h, k] = 0.0
+            for end in range(2):
+                i = link_i[link] if end == 0 else link_j[link]
+                for a in range(d if i != pinned else 0):
+                    line[h, place[i] + a] += (-unit if end == 0 else unit) * normal_ld[link, a]
+        solved = reduce_links(line, part, fresh, width, own, unit, taken, column)
+        first_pair = pairs
+        used_l = old_l
+        for h in range(fresh):
+            link = own_l[old_l + h]
+            if column[h] < 0:
+                own_l[used_l] = link
+                used_l += 1
+            else:
+                k = pairs - first_pair
+                own_v[k] = own_n[column[h] // d] * d + column[h] % d
+                spot[own_n[column[h] // d], column[h] % d] = k
+                order[h] = pairs
+                pair_link[pairs] = link
+                pairs += 1
+        pair_start[t + 1] = pairs
+        at = solved
+        for k in range(own):
+            if not taken[k]:
+                own_v[at] = own_n[k // d] * d + k % d
+                spot[own_n[k // d], k % d] = at
+                at += 1
+        for h in range(used_l):
+            link_place[own_l[h]] = own + h
+        for m in range(inside, used_n):
+            place[own_n[m]] = m * d + used_l
+            for a in range(d):
+                spot[own_n[m], a] = m * d + used_l + a
+        for h in range(fresh):
+            if column[h] >= 0:
+                pair = order[h]
+                tie_at, tie = _grown(tie_at, tie_start[pair], width), _grown(tie, tie_start[pair], width)
+                at = tie_start[pair]
+                for k in range(width):
+                    if line[h, k] != 0.0 and not (k < own and taken[k]):
+                        tie_at[at] = spot[own_n[k // d], k % d]
+                        tie[at] = line[h, k]
+                        at += 1
+                tie_start[pair + 1] = at
+                share_at, share = _grown(share_at, share_start[pair], fresh), _grown(share, share_start[pair], fresh)
+                at = share_start[pair]
+                for k in range(fresh):
+                    if part[h, k] != 0.0:
+                        share_at[at] = order[k] - first_pair
+                        share[at] = part[h, k]
+                        at += 1
+                share_start[pair + 1] = at
         n = used_n * d + used_l
         if n * n > front.shape[0]:
             front = np.empty(max(n * n, 2 * front.shape[0]))
@@ -139,25 +217,22 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
             panel = np.empty((4, 2 * n))
         if n >= LARGE and work_size(n) > work.shape[0]:
             work = np.empty(work_size(n) * 5 // 4)
-        for k in range(n * n):
-            front[k] = 0.0
+        for k in range(n):
+            for j in range(k * n + k, k * n + n):
+                front[j] = 0.0
         # numbers: own particles and their pairs, links that wake up, then the children
         for m in range(inside):
             i = own_n[m]
-            at = place[i]
-            for a in range(d):
-                for b in range(a, d):
-                    front[(at + a) * n + at + b] += diagonal_ndd[i, a, b]
+            _add_block(front, n, spot[i], spot[i], diagonal_ndd[i], 1.0)
             for h in range(start[i], start[i + 1]):
                 p = edge[h]
                 if p < pair_pdd.shape[0]:
-                    to = place[neighbor[h]]
-                    if to > at:
-                        _add_block(front, n, at, to, pair_pdd[p], -1.0)
-        for h in range(old_l, used_l):
-            link = own_l[h]
+                    j = neighbor[h]
+                    if place[j] > place[i]:
+                        _add_block(front, n, spot[i], spot[j], pair_pdd[p], -1.0)
+        for h in range(old_l, old_l + fresh):
+            link = pair_link[first_pair + h - old_l] if h < old_l + solved else own_l[h - solved]
             i, j = link_i[link], link_j[link]
-            at = link_place[link]
             for a in range(d):
                 for b in range(d):
                     block[a, b] = normal_ld[link, a] * normal_ld[link, b]
@@ -165,20 +240,21 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
                 i = link_i[link] if end == 0 else link_j[link]
                 if i == pinned:
                     continue
-                to = place[i]
-                _add_block(front, n, to, to, block, unit)
-                for a in range(d):
-                    value = (-unit if end == 0 else unit) * normal_ld[link, a]
-                    front[min(at, to + a) * n + max(at, to + a)] += value
+                _add_block(front, n, spot[i], spot[i], block, unit)
+                if h >= old_l + solved:
+                    at = link_place[link]
+                    for a in range(d):
+                        value = (-unit if end == 0 else unit) * normal_ld[link, a]
+                        front[min(at, spot[i, a]) * n + max(at, spot[i, a])] += value
             i = link_i[link]
             if i != pinned and j != pinned:
-                _add_block(front, n, min(place[i], place[j]), max(place[i], place[j]), block, -unit)
+                _add_block(front, n, spot[i], spot[j], block, -unit)
         for m in range(inside):
             i = own_n[m]
             most = 0.0
             for a in range(d):
-                own = abs(diagonal_ndd[i, a, a])
-                most = max(most, own)
+                size = abs(diagonal_ndd[i, a, a])
+                most = max(most, size)
             firmness[i] = most + (unit if link_start[i + 1] > link_start[i] else 0.0)
         for _ in range(children[t]):
             height -= 1
@@ -191,33 +267,43 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
                 slot = np.empty(2 * left, np.int64)
             for a in range(left_l):
                 slot[a] = link_place[waiting_l[top_l + a]]
+            mixed = left_l
             for m in range(left_n):
+                i = waiting_n[top_n + m]
                 for a in range(d):
-                    slot[left_l + m * d + a] = place[waiting_n[top_n + m]] + a
-            for a in range(left_l):
+                    slot[left_l + m * d + a] = spot[i, a]
+                if place[i] < own:
+                    mixed += d
+            for a in range(mixed):
+                line_a = top + a * left
                 for b in range(a, left):
-                    row, column = min(slot[a], slot[b]), max(slot[a], slot[b])
-                    front[row * n + column] += waiting[top + a * left + b]
-            for a in range(left_l, left):
+                    front[min(slot[a], slot[b]) * n + max(slot[a], slot[b])] += waiting[line_a + b]
+            for a in range(mixed, left):
                 row = slot[a] * n
-                line = top + a * left
+                line_a = top + a * left
                 for b in range(a, left):
-                    front[row + slot[b]] += waiting[line + b]
+                    front[row + slot[b]] += waiting[line_a + b]
         # elimination: particles, then the links that these hold
-        own = inside * d
         stop = own + used_l
-        eliminate(front, n, 0, own, stop, panel, work)
-        for k in range(own):
+        for k in range(solved):
+            pair = first_pair + k
+            take_paired(front, n, k, tie_at, tie, tie_start[pair], tie_start[pair + 1], panel[0])
+        negative += solved
+        eliminate(front, n, solved, own, stop, panel, work)
+        for k in range(solved, own):
             pivot = front[k * n + k]
-            if not abs(pivot) > _LOST * firmness[own_n[k // d]]:
-                return True, 0, (variables, variable_start, rows, row_start, pivots), (rows, waiting, front, work)
+            if not abs(pivot) > _LOST * firmness[own_v[k] // d]:
+                failed = True
             negative += pivot < 0.0
+        if failed:
+            break
         done = 0
         if used_l > 0:
             root = t == nodes - 1
             done = firm_links(front, n, own, used_l, unit * (_LOST if root else _FIRM), unit * _GOOD, order)
             if root and done < used_l:
-                return True, 0, (variables, variable_start, rows, row_start, pivots), (rows, waiting, front, work)
+                failed = True
+                break
             same = True
             for h in range(used_l):
                 same = same and order[h] == h
@@ -231,15 +317,14 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
             for k in range(own, own + done):
                 negative += front[k * n + k] < 0.0
         pivot_count = own + done
-        finish(front, n, pivot_count, stop, panel, work)
+        finish(front, n, solved, pivot_count, stop, panel, work)
         pivots[t] = pivot_count
         # keep the rows
         variables = _grown(variables, variable_start[t], n)
         at = variable_start[t]
-        for m in range(inside):
-            for a in range(d):
-                variables[at] = own_n[m] * d + a
-                at += 1
+        for k in range(own):
+            variables[at] = own_v[k]
+            at += 1
         for h in range(used_l):
             variables[at] = n_particles * d + own_l[h]
             at += 1
@@ -250,8 +335,6 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
         variable_start[t + 1] = at
         rows = _grown(rows, row_start[t], pivot_count * n)
         for k in range(pivot_count):
-            for j in range(k):
-                rows[row_start[t] + k * n + j] = 0.0
             for j in range(k * n + k, k * n + n):
                 rows[row_start[t] + j] = front[j]
         row_start[t + 1] = row_start[t] + pivot_count * n
@@ -276,4 +359,6 @@ def factor_fronts(tree, graph, pair_pdd, diagonal_ndd, link_i, link_j, link_grap
             place[own_n[m]] = -1
         for m in range(inside):
             gone[own_n[m]] = True
-    return False, negative, (variables, variable_start, rows, row_start, pivots), (rows, waiting, front, work)
+    pair_tables = (pair_start, pair_link, tie_start, tie_at, tie, share_start, share_at, share)
+    fronts = (variables, variable_start, rows, row_start, pivots, pair_tables)
+    return failed, negative, fronts, (rows, waiting, front, work)

@@ -29,7 +29,7 @@ _REFINEMENTS = 12
 # where more is left the springs beside the links are tried in vain
 _DONE = 1e-8
 # particles in a set that is cut no more, and places of each cut that are tried, by dimension
-_LEAF = {2: 8, 3: 8}
+_LEAF = {2: 12, 3: 8}
 _TRIALS = {2: 1, 3: 9}
 
 
