@@ -19,13 +19,13 @@ NAN, INF = float("nan"), float("inf")
 # made by packmech for users to read, not by users
 RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
-    "Demodulation",
+    "ComplexModulus", "Demodulation", "OscillatoryShear", "StrainRun",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "ParticleShearRun",
     "PlayedMotion",
     "Rattling", "ReaffixedLinks",
     "Run",
-    "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Trace", "Trial", "Verdict", "WeightedMean",
+    "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Table", "Trace", "Trial", "Verdict", "WeightedMean",
     "WorkPrecision",
 }  # fmt: skip
 
@@ -56,6 +56,10 @@ def touching():
 
 def scene():
     return pm.Scene(touching(), (pm.Repulsion(),))
+
+
+def traced():
+    return pm.Trace(np.arange(2), np.zeros(2), np.zeros(2), np.arange(2), np.zeros(2))
 
 
 def contacts_of_another():
@@ -212,6 +216,22 @@ BAD = {
     "contacts": [3, "contacts", contacts_of_another()],
     "parts": CHOICE,
     "rattlers": CHOICE,
+    # rheology
+    "frequency_f": ["f", None, [], [0.0], [-1.0], [NAN]],
+    "complex_modulus.mode": CHOICE,
+    "complex_modulus.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
+    "held_n": [3, "held", np.zeros(9), np.zeros(8, dtype=bool)],
+    "oscillatory_shear.method": ["verlet", 3, pm.VelocityVerlet, pm.Fire()],
+    "frequency": [NAN, INF, 0.0, -1.0, "1", None],
+    "relative_frequency": POSITIVE,
+    "pre_periods": NOT_NEGATIVE,
+    "post_periods": NOT_NEGATIVE,
+    "oscillatory_shear.periods": POSITIVE,
+    "oscillatory_shear.skip_periods": [-1.0, NAN, 2.0, "1"],
+    "oscillatory_shear.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
+    "oscillatory_shear.frames": [-1, 2.5, "2", None],
+    "spin_nk": [np.zeros(9), np.zeros((9, 3)), np.full((9, 1), NAN), "s"],
+    "samples_per_period": [*COUNT, 7, None],
     # demodulation
     "phase_t": ["phase", 3, None, [], [0.0, NAN], np.zeros(400), np.linspace(7.0, 7.1, 400)],
     "stress_t": ["stress", 3, None, [], [0.0], np.full(400, NAN)],
@@ -248,6 +268,9 @@ BAD = {
     "minimizer": [3, "fire"],
     # minimizers
     "quench.method": ["fire", 3, pm.Fire],
+    "checkpoint": [3, 1.5, "run.txt", "no such folder/run.npz"],
+    "checkpoint_every": [*COUNT, 10],
+    "resume.steps": [*COUNT, 1],
     "trace_every": COUNT,
     "trace_positions": SWITCH,
     "time_limit": [NAN, 0.0, -1.0, "1"],
@@ -365,6 +388,15 @@ def good(name, folder):
         "density_of_states": {"source": scene()},
         "quench": {"scene": scene(), "force_tolerance": 1e-6},
         "simulate": {"scene": scene(), "steps": 2},
+        "complex_modulus": {"scene": scene(), "frequency_f": [0.1]},
+        "oscillatory_shear": {
+            "scene": scene(),
+            "amplitude": 1e-3,
+            "frequency": 0.2,
+            "periods": 2.0,
+            "samples_per_period": 20,
+            "dt": 0.2,
+        },
         "demodulate": {"phase_t": np.linspace(0.0, 20.0, 400), "stress_t": np.zeros(400), "amplitude": 0.1},
         "yield_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5], "loss_a": [1.0, 1.0]},
         "softening_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5]},
@@ -378,6 +410,9 @@ def good(name, folder):
             "sizes": pm.Bidisperse(ratio=1.4),
         },
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
+        "write_table": {"subject": traced(), "path": folder / "b.csv"},
+        "read_table": {"path": folder / "a.csv"},
+        "resume": {"path": folder / "run.npz", "scene": scene()},
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
         "record_motion": {"played": pm.play_motion(touching(), np.eye(9, 2), steps=2), "path": folder / "m.rrd"},
         "law": {"cls": type(pm.Harmonic())},
@@ -440,6 +475,8 @@ def brief(value):
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("files")
     pm.write_packing(touching(), made / "a.npz", law=pm.Harmonic())
+    pm.simulate(scene(), steps=2, checkpoint=made / "run.npz")
+    pm.write_table(traced(), made / "a.csv")
     return made
 
 

@@ -1,0 +1,1 @@
+"""Rheology: how a scene's stress answers to strain, and its strain to stress."""

@@ -1,0 +1,281 @@
+"""Oscillatory shear: a sine of strain, and the moduli of the stress that answers to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import integer, positive, real
+from packmech.dynamics.march.flow import Sine
+from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments
+from packmech.dynamics.strain import OscillatoryStrain
+from packmech.effects import Bonds, law_second, pair_second
+from packmech.interrupts import safe_interrupts
+from packmech.measure import Demodulation, demodulate
+from packmech.outcome import NotConverged, Outcome
+from packmech.scene import Scene
+
+STAGE = "oscillatory shear"
+# overlap at which the stiffness of a contact is taken [1]
+_TOUCH = 1e-9
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OscillatoryShear(StrainRun):
+    """A run under gamma = amplitude sin(2 pi frequency (t - start)), with the moduli of its overall stress.
+
+    Attributes
+    ----------
+    amplitude, frequency
+        Of the strain [1] and in periods per unit of time [1/time].
+    start
+        Time at which the strain starts [time].
+    periods, skip_periods
+        How many were asked for, and how many of the first do not count [1].
+    moduli
+        G' and G'' of the overall stress, with error bars over periods; None where the run ended before a period that
+        counts.
+
+    """
+
+    amplitude: float
+    frequency: float
+    start: float
+    periods: float
+    skip_periods: float
+    moduli: Demodulation | None
+
+    @property
+    def phase_t(self) -> NDArray[np.float64]:
+        """The (T,) phases of the strain; not positive before it starts."""
+        return np.asarray(2.0 * np.pi * self.frequency * (self.time_t - self.start))
+
+    def demodulated(self, tensor: str = "overall", axes: tuple[int, int] | None = None) -> Demodulation:
+        """Return the moduli of a component of one of the tensors in `stress`, over the periods that count.
+
+        Raises
+        ------
+        ValueError
+            If there is no such tensor, or too little of it.
+
+        """
+        if tensor not in self.stress:
+            raise ValueError(f"tensor must be one of {', '.join(map(repr, self.stress))}, got {tensor!r}")
+        a, b = self.axes if axes is None else axes
+        phase = self.phase_t
+        sheared = (phase >= 0.0) & (phase <= 2.0 * np.pi * (self.periods + 1e-9))
+        return demodulate(
+            phase[sheared],
+            self.stress[tensor][sheared, a, b],
+            amplitude=self.amplitude,
+            skip_periods=self.skip_periods,
+            periods=min(self.periods, float(phase[sheared][-1]) / (2.0 * np.pi)) if sheared.any() else self.periods,
+        )
+
+
+def characteristic_time(scene: Scene, mass_n: NDArray[np.float64]) -> float:
+    """Return tau = sqrt(mean mass / k) [time], k the normal stiffness of a contact (or a bond) that just closes.
+
+    The time scale of section 1 of the corrected specification: the mean mass is that of one size with the same packing
+    fraction.
+
+    Raises
+    ------
+    ValueError
+        If nothing is stiff at contact.
+
+    """
+    sigma = scene.packing.reference_diameter
+    pairs = [one for one in scene.effects if not isinstance(one, Bonds)]
+    stiffness = abs(sum(pair_second(one, (1.0 - _TOUCH) * sigma, sigma) for one in pairs))
+    if stiffness == 0.0:
+        bonds = [one for one in scene.effects if isinstance(one, Bonds)]
+        stiffness = max((abs(law_second(one.compression, (1.0 - _TOUCH) * sigma, sigma)) for one in bonds), default=0.0)
+    if not stiffness > 0.0:
+        raise ValueError("relative_frequency must be left out where contacts have no stiffness: give frequency")
+    return math.sqrt(float(mass_n.mean()) / stiffness)
+
+
+def _frequency(manner: Manner, frequency: float | None, relative_frequency: float | None) -> float:
+    relative = None if relative_frequency is None else positive("relative_frequency", relative_frequency)
+    if (frequency is None) == (relative is None):
+        got = "neither" if frequency is None else "both"
+        raise ValueError(f"frequency must be given, or else relative_frequency, got {got}")
+    if relative is not None:
+        return relative / characteristic_time(manner.scene, manner.mass_n)
+    return positive("frequency", frequency)
+
+
+def oscillatory_shear(
+    scene: Scene,
+    *,
+    amplitude: float,
+    frequency: float | None = None,
+    relative_frequency: float | None = None,
+    pre_periods: float = 0.0,
+    periods: float = 4.0,
+    post_periods: float = 0.0,
+    skip_periods: float | None = None,
+    axes: tuple[int, int] = (0, 1),
+    dt: float | None = None,
+    method: Method | None = None,
+    mass_n: ArrayLike | None = None,
+    velocity_nd: ArrayLike | None = None,
+    spin_nk: ArrayLike | None = None,
+    held_n: ArrayLike | None = None,
+    samples_per_period: int = 200,
+    frames: int = 0,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> OscillatoryShear:
+    """Return a run under oscillatory shear, gamma = amplitude sin(2 pi frequency t), with G' and G'' of its stress.
+
+    The box is sheared (Lees and Edwards's sliding images), particles follow Newton's equations in it. The strain is
+    exact at every step. The stress is that of all contacts and bonds with their branch vectors across the boundary, so
+    that nothing jumps when a particle leaves the cell. Moduli come from `demodulate`.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    amplitude
+        Of the strain [1].
+    frequency, relative_frequency
+        One of them: periods in a unit of time, or in tau = sqrt(mean mass / stiffness of a contact).
+    pre_periods, periods, post_periods
+        Periods of rest before, of shear, and of rest after [1].
+    skip_periods
+        How many of the first periods of shear do not count. Unless given: 1, or 0 with fewer than 2 periods.
+    axes
+        Direction of the displacements, and of their gradient.
+    dt
+        Longest time step. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and m / damping of
+        whatever acts, whatever the amplitude. Steps are shortened so that a period is a whole number of them, and of
+        samples. Where there are rests, the strain starts and ends in the middle of a step.
+    method
+        VelocityVerlet() unless given, or SemiImplicitEuler().
+    mass_n
+        (N,) masses; as in `simulate` unless given.
+    velocity_nd, spin_nk
+        (N, d) peculiar velocities [length/time] and (N, 1 or 3) spins [1/time] at the start; at rest unless given.
+    held_n
+        (N,) True for particles that nothing pushes or turns: they follow the box, as rough plates do.
+    samples_per_period
+        How often figures are kept, at least 8.
+    frames
+        Positions are kept so many times, evenly spaced, the start and the end among them.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures), figures a dict with "steps", "of", "time" and "strain".
+    check
+        Raise NotConverged when the run did not get to its end; otherwise return what it came to all the same.
+
+    Returns
+    -------
+    OscillatoryShear
+        Outcome.FINISHED, or Outcome.STEP_TOO_LONG where something moved by the smallest diameter in one step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the end was not reached and `check` is set; its `.run` holds what was.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was reached.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.1)))
+    >>> run = pm.oscillatory_shear(scene, amplitude=1e-4, frequency=0.01, periods=2)
+    >>> round(run.moduli.storage, 3), abs(run.moduli.loss) < 1e-6  # sqrt(3)/4 less the pressure's part
+    (0.42, True)
+
+    """
+    manner = check_arguments(
+        scene,
+        dt=dt,
+        method=method,
+        mass_n=mass_n,
+        velocity_nd=velocity_nd,
+        spin_nk=spin_nk,
+        held_n=held_n,
+        time_limit=time_limit,
+        progress=progress,
+        check=check,
+    )
+    rate = _frequency(manner, frequency, relative_frequency)
+    # checks amplitude and axes, and knows the direction
+    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=_two(axes))
+    direction = strain.direction(scene.packing.dimension)
+    pre = real("pre_periods", pre_periods, at_least=0.0)
+    count = positive("periods", periods)
+    post = real("post_periods", post_periods, at_least=0.0)
+    if skip_periods is None:
+        skip = 1.0 if count >= 2.0 else 0.0
+    else:
+        skip = real("skip_periods", skip_periods, at_least=0.0, below=count)
+    samples = integer("samples_per_period", samples_per_period, at_least=8)
+    every = math.ceil(1.0 / (rate * manner.longest * samples) * (1.0 - 1e-12))
+    each = every * samples
+    step = 1.0 / (rate * each)
+    before, sheared, after = round(pre * each), max(1, round(count * each)), round(post * each)
+    rests = before > 0 or after > 0
+    # the rate jumps there: in the middle of a step a trapezoidal rule takes no notice
+    start = (before + 0.5) * step if rests else 0.0
+    end = start + sheared * step if rests else math.inf
+    travel = Travel(
+        manner,
+        dt=step,
+        steps=before + sheared + after + (1 if rests else 0),
+        every=every,
+        profile=Sine(float(amplitude), 2.0 * math.pi * rate, start, end),
+        direction_dd=direction,
+        frames=integer("frames", frames, at_least=0),
+    )
+
+    def finished(outcome: Outcome) -> OscillatoryShear:
+        return _finish(travel, outcome, strain, start, count, skip)
+
+    try:
+        with safe_interrupts():
+            outcome = travel.go(STAGE)
+    except KeyboardInterrupt as stop:
+        stop.run = finished(Outcome.INTERRUPTED)  # type: ignore[attr-defined]
+        raise
+    run = finished(outcome)
+    if check and not run.ok:
+        raise NotConverged(run)
+    return run
+
+
+def _two(axes: Any) -> tuple[int, int]:
+    if not isinstance(axes, tuple | list) or len(axes) != 2:
+        raise TypeError(f"axes must be two axes, got {axes!r}")
+    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))
+
+
+def _finish(
+    travel: Travel, outcome: Outcome, strain: OscillatoryStrain, start: float, periods: float, skip: float
+) -> OscillatoryShear:
+    run = OscillatoryShear(
+        **travel.fields(STAGE, outcome, strain.axes),
+        amplitude=strain.amplitude,
+        frequency=strain.frequency,
+        start=start,
+        periods=periods,
+        skip_periods=skip,
+        moduli=None,
+    )
+    # a whole period that counts, or nothing
+    if run.phase_t[-1] < 2.0 * np.pi * (min(skip + 1.0, periods) - 1.0 / 8.0):
+        return run
+    return replace(run, moduli=run.demodulated())
