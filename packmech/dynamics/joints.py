@@ -18,12 +18,12 @@ from packmech.compiled import compiled_form, device
 from packmech.contacts.cells import PairTable
 from packmech.contacts.excluded import rigid_clusters
 from packmech.links import Links, image_offsets
+from packmech.mechanics.link_affix import reaffix
 from packmech.mechanics.link_system import (
     LinkSystem,
     make_link_system,
     project_force,
     project_velocity,
-    reaffix,
     refill,
 )
 from packmech.packing import Packing

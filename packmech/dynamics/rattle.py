@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form, device
 from packmech.dynamics.joints import TIGHT, Joints, has_links
+from packmech.mechanics.link_factor import solve_links
 from packmech.mechanics.link_system import (
     LinkSystem,
     measure,
     project_velocity,
     refill,
-    solve_links,
 )
 
 # errors, over the larger of a link's length and the mean diameter, that are rounding where they no longer fall; links

@@ -196,12 +196,23 @@ def _of_chain(quantity: Callable[[Packing], float], dimension: int) -> float:
     return quantity(chain(dimension))
 
 
-def _angles_fixed(dimension: int) -> float:
-    """Return the largest error of a link after shoves of 2 % of a chain of 1000 whose angles links hold, compiled."""
-    packing = chain_packing(1, 1000, dimension=dimension, packing_fraction=0.3, angles="fixed", seed=5)
-    moved = packing.position_nd + 0.02 * np.random.default_rng(4).normal(size=packing.position_nd.shape)
+def _affixed(packing: Packing, shove: float) -> float:
+    """Return the largest error of a link after shoves and the compiled steps back.
+
+    Infinite if a particle came to lie farther than ten shoves from where it was pushed to: those places have the
+    lengths too, if at all, but they are not those nearby.
+    """
+    moved = packing.position_nd + shove * np.random.default_rng(4).normal(size=packing.position_nd.shape)
     back = Tether(packing).affixed(moved, packing.box)
-    return float(np.abs(packing.replace(position_nd=back).link_error).max())
+    error = float(np.abs(packing.replace(position_nd=back).link_error).max())
+    return error if np.abs(back - moved).max() < 10.0 * shove else math.inf
+
+
+def _angles_fixed(dimension: int, bend: float, shove: float) -> float:
+    """Return that error for a chain of 1000 whose angles links hold."""
+    return _affixed(
+        chain_packing(1, 1000, dimension=dimension, packing_fraction=0.3, angles="fixed", bend=bend, seed=5), shove
+    )
 
 
 def _of_straight(quantity: Callable[[Packing], float]) -> float:
@@ -276,14 +287,27 @@ CASES = (
     ),
     *(
         HardCase(
-            f"re-affixing a chain of 1000, angles fixed, {dimension}D",
-            "1997 links that nearly depend on each other: the normal matrix squares their condition",
-            "largest error of a link after shoves of 2 %, by the compiled steps alone",
+            f"re-affixing a chain of 1000, angles fixed, {how}{dimension}D",
+            "1997 links that nearly depend on each other: the normal matrix squares their condition, 1e6 to 1e9",
+            f"largest error of a link after shoves of {shove:g}, by the compiled steps alone",
             1e-13,
-            "what links hold to",
-            partial(_angles_fixed, dimension),
+            "what links hold to, and ten roundings of coordinates of 50; infinite unless found within ten shoves",
+            partial(_angles_fixed, dimension, bend, shove),
+        )
+        for how, bend, shove in (
+            ("", 2.0 * math.pi / 3.0, 0.02),
+            ("bent by 0.05 at most, ", 0.05, 1e-3),
+            ("nearly straight, ", 0.01, 1e-4),
         )
         for dimension in (2, 3)
+    ),
+    HardCase(
+        "re-affixing a chain of 1000 with links to the next three, 3D",
+        "its shape is rigid, and bends without changing a length by more than a 1e9th of that",
+        "largest error of a link after shoves of 1e-3, by the compiled steps alone",
+        8e-13,
+        "coordinates of 1000 are rounded by 1.1e-13: three axes, two ends; infinite unless found within ten shoves",
+        lambda: _affixed(chain(3, 1000, 0.6, 3), 1e-3),
     ),
     HardCase(
         "basis of a nearly straight chain",

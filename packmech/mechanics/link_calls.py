@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from packmech.compiled import kernel
+from packmech.mechanics.link_affix import reaffix_recorded
+from packmech.mechanics.link_factor import solve_links
 from packmech.mechanics.link_system import (
     AT_ROUNDING,
     MOST_PASSES,
     project_vector,
     push,
     rates,
-    reaffix,
     refill,
-    solve_links,
 )
 
 
@@ -29,9 +31,14 @@ def project_links(system, vector_nd, out_nd, multiplier_l, of_force):
 
 
 @kernel
+def record_links(system, position, lattice, tolerance, most_iterations, error_t):
+    """Call `reaffix_recorded` from Python."""
+    return reaffix_recorded(system, position, lattice, tolerance, most_iterations, error_t)
+
+
 def reaffix_links(system, position, lattice, tolerance, most_iterations):
     """Call `reaffix` from Python."""
-    return reaffix(system, position, lattice, tolerance, most_iterations)
+    return record_links(system, position, lattice, tolerance, most_iterations, np.empty(0))
 
 
 @kernel

@@ -1,11 +1,12 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Links in compiled loops: their Jacobian, its factored normal matrix, projections and Newton's way back to lengths.
+"""Links in compiled loops: their Jacobian, its factored normal matrix, projections.
 
 Omega has one column per link, the gradient n (delta_jk - delta_ik) of its length (equation 4 of the polymer source,
 n = v / |v|). Projections need A = Omega^T W Omega with the inverse masses W. Clusters share no particle, so A is block
 diagonal, and within a cluster two links couple only at a common particle. Links are put in an order that follows the
 cluster (reverse Cuthill and McKee), in which the factor of A stays inside the envelope of A: two numbers a link for
-a chain or a ring. That structure is found once for a set of links; every configuration refills numbers only.
+a chain or a ring (`link_factor`). That structure is found once for a set of links; every configuration refills numbers
+only.
 """
 
 from __future__ import annotations
@@ -18,16 +19,13 @@ from numpy.typing import NDArray
 
 from packmech.compiled import device
 from packmech.links import Links
+from packmech.mechanics.link_factor import factorize_links, solve_links
 from packmech.mechanics.link_order import elimination_order
 
-# a link whose gradient lies, to this square of the sine, in the span of the links before it, takes no part in solves
-DEPENDENT = 1e-12
 # rates of links below this many units of rounding of the largest force are zero
 AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
 # a pass gains the digits that rounding leaves in the factor of A: nearly all of them, but few for long stiff chains
 MOST_PASSES = 12
-# relative errors below this only fall, as long as rounding lets them
-_NEARLY = 1e-7
 
 
 class LinkSystem(NamedTuple):
@@ -54,7 +52,14 @@ class LinkSystem(NamedTuple):
         Unit vectors, distances and distances less lengths at the last refill.
     factor, inverse_pivot_r
         The Cholesky factor of A by rows (its diagonal inverted apart; 0 for a dependent link).
-    multiplier_r, spare_nd
+    last_r, block_b
+        Last row whose envelope reaches each column, and the first link of each cluster (with the count at the end).
+    part_b, who_q, from_q, near_k, sense_k
+        Particles by cluster, in the order of their first links: from part_b[b] on, each with its links near_k from
+        from_q[q] on, and the signs of their gradients at it.
+    diagonal_r, row_r
+        Working space of the factor; row_r is zero between calls.
+    multiplier_r, spare_nd, start_nd
         Working space of the solves, and of `reaffix`.
 
     """
@@ -79,8 +84,18 @@ class LinkSystem(NamedTuple):
     error_r: NDArray[np.float64]
     factor: NDArray[np.float64]
     inverse_pivot_r: NDArray[np.float64]
+    last_r: NDArray[np.int64]
+    block_b: NDArray[np.int64]
+    part_b: NDArray[np.int64]
+    who_q: NDArray[np.int64]
+    from_q: NDArray[np.int64]
+    near_k: NDArray[np.int64]
+    sense_k: NDArray[np.float64]
+    diagonal_r: NDArray[np.float64]
+    row_r: NDArray[np.float64]
     multiplier_r: NDArray[np.float64]
     spare_nd: NDArray[np.float64]
+    start_nd: NDArray[np.float64]
 
 
 def make_link_system(
@@ -109,9 +124,9 @@ def make_link_system(
     >>> chain = Links([0, 1], [1, 2], [[0, 0]] * 2, [1.0, 1.0])
     >>> system = make_link_system(chain, 3, 2)
     >>> position = np.array([[0.0, 0.0], [1.1, 0.0], [1.1, 1.0]])
-    >>> iterations, error, _ = reaffix(system, position, 9.0 * np.eye(2), 1e-14, 9)
-    >>> bool(error < 1e-14), bool(np.allclose(np.linalg.norm(np.diff(position, axis=0), axis=1), 1.0))
-    (True, True)
+    >>> _, dependent = refill(system, position, 9.0 * np.eye(2))
+    >>> dependent, system.error_r.round(12).tolist()
+    (0, [0.0, 0.1])
 
     """
     order = elimination_order(links, particles)
@@ -139,6 +154,17 @@ def make_link_system(
     first = np.arange(count)
     np.minimum.at(first, row, column)
     start = np.concatenate([[0], np.cumsum(np.arange(count) - first)])
+    # no later row reaches before a cluster's first
+    ahead = np.minimum.accumulate(first[::-1])[::-1]
+    block = np.append(np.flatnonzero(ahead == np.arange(count)), count)
+    last = np.arange(count)
+    np.maximum.at(last, first, np.arange(count))
+    last = np.maximum.accumulate(last)
+    who, begins = np.unique(place, return_index=True)
+    turn = np.argsort(link[begins], kind="stable")
+    lengths = np.diff(np.append(begins, len(place)))[turn]
+    begin = np.concatenate([[0], np.cumsum(lengths)])
+    take = np.repeat(begins[turn] - begin[:-1], lengths) + np.arange(len(place))
     d = dimension
     scale = np.maximum(links.length_l[order], mean_diameter)
     inverse = np.ones(particles) if mass_n is None else 1.0 / mass_n
@@ -148,8 +174,10 @@ def make_link_system(
         row_e=row, column_e=column, particle_e=shared, slot_e=start[row] + column - first[row],
         sign_e=np.concatenate([np.empty(0), *products]), first_r=first, start_r=start,
         normal_rd=np.zeros((count, d)), distance_r=np.zeros(count), error_r=np.zeros(count),
-        factor=np.zeros(int(start[-1])), inverse_pivot_r=np.zeros(count), multiplier_r=np.zeros(count),
-        spare_nd=np.zeros((particles, d)),
+        factor=np.zeros(int(start[-1])), inverse_pivot_r=np.zeros(count),
+        last_r=last, block_b=block, part_b=np.searchsorted(link[begins[turn]], block), who_q=who[turn], from_q=begin,
+        near_k=link[take], sense_k=sign[take], diagonal_r=np.zeros(count), row_r=np.zeros(count),
+        multiplier_r=np.zeros(count), spare_nd=np.zeros((particles, d)), start_nd=np.zeros((particles, d)),
     )  # fmt: skip
 
 
@@ -181,69 +209,6 @@ def measure(system, position, lattice):
 
 
 @device
-def factorize_links(system):
-    """Factor A at the last measured configuration; return the smallest relative pivot and the number of links left out.
-
-    The relative pivot of a link is the squared sine of the angle between its gradient and those of the links before
-    it. Links below DEPENDENT are left out: they get no multiplier, so that projections hold for redundant links too.
-    """
-    axes, normal, factor, weight = system.axes, system.normal_rd, system.factor, system.inverse_mass_n
-    first_r, start_r, inverse_r = system.first_r, system.start_r, system.inverse_pivot_r
-    d = len(axes)
-    for k in range(factor.shape[0]):
-        factor[k] = 0.0
-    for e in range(system.row_e.shape[0]):
-        r, c = system.row_e[e], system.column_e[e]
-        product = 0.0
-        for a in range(d):
-            product += normal[r, a] * normal[c, a]
-        factor[system.slot_e[e]] += system.sign_e[e] * weight[system.particle_e[e]] * product
-    smallest, dependent = 1.0, 0
-    for r in range(system.i_r.shape[0]):
-        first, own = first_r[r], start_r[r] - first_r[r]
-        whole = 0.0
-        if system.i_r[r] != system.j_r[r]:
-            whole = weight[system.i_r[r]] + weight[system.j_r[r]]
-        rest = whole
-        for c in range(first, r):
-            other = start_r[c] - first_r[c]
-            value = factor[own + c]
-            for k in range(max(first, first_r[c]), c):
-                value -= factor[own + k] * factor[other + k]
-            value *= inverse_r[c]
-            factor[own + c] = value
-            rest -= value * value
-        # written so that a pivot that is not a number counts as none
-        if rest > DEPENDENT * whole:
-            inverse_r[r] = 1.0 / math.sqrt(rest)
-            smallest = min(smallest, rest / whole)
-        else:
-            inverse_r[r] = 0.0
-            smallest = 0.0
-            dependent += 1
-    return smallest, dependent
-
-
-@device
-def solve_links(system, value_r):
-    """Set value = A^-1 value, in the order of elimination."""
-    factor, first_r, start_r, inverse_r = system.factor, system.first_r, system.start_r, system.inverse_pivot_r
-    count = value_r.shape[0]
-    for r in range(count):
-        own = start_r[r] - first_r[r]
-        rest = value_r[r]
-        for c in range(first_r[r], r):
-            rest -= factor[own + c] * value_r[c]
-        value_r[r] = rest * inverse_r[r]
-    for r in range(count - 1, -1, -1):
-        own = start_r[r] - first_r[r]
-        value = value_r[r] * inverse_r[r]
-        value_r[r] = value
-        for c in range(first_r[r], r):
-            value_r[c] -= factor[own + c] * value
-
-
-@device
 def refill(system, position, lattice):
     """Set the Jacobian and the factor at a configuration.
 
@@ -251,7 +216,7 @@ def refill(system, position, lattice):
     links left out as dependent (see `factorize_links`); the largest error is that of `measure`.
     """
     measure(system, position, lattice)
-    return factorize_links(system)
+    return factorize_links(system, 0.0)
 
 
 @device
@@ -330,41 +295,3 @@ def project_force(system, force_nd, out_nd, multiplier_l):
 def project_velocity(system, velocity_nd, out_nd, multiplier_l):
     """Set out = v - W Omega lambda, which changes no link's length; return its largest rate of a link."""
     return project_vector(system, velocity_nd, out_nd, multiplier_l, False)
-
-
-@device
-def _copy(d, source, target):
-    for i in range(source.shape[0]):
-        for a in range(d):
-            target[i, a] = source[i, a]
-
-
-@device
-def reaffix(system, position, lattice, tolerance, most_iterations):
-    """Move the positions back to the links' lengths by minimum-norm Newton steps x - W Omega A^-1 c (equation 7).
-
-    Returns iterations, the largest error over the link's scale, and the smallest relative pivot met (1 when nothing
-    had to be done). The factor is left at the last configuration that was not yet good, a refill away from the new one.
-    """
-    smallest = 1.0
-    spare = system.spare_nd
-    d = len(system.axes)
-    worst = measure(system, position, lattice)
-    iterations = 0
-    while not worst <= tolerance and iterations < most_iterations:
-        pivot, _ = factorize_links(system)
-        _copy(d, position, spare)
-        smallest = min(smallest, pivot)
-        for r in range(system.error_r.shape[0]):
-            system.multiplier_r[r] = system.error_r[r]
-        solve_links(system, system.multiplier_r)
-        push(system, system.multiplier_r, position, False)
-        before = worst
-        worst = measure(system, position, lattice)
-        iterations += 1
-        if before < _NEARLY and not worst < before:
-            # no digits are left: where A is ill-conditioned another step would lose those that there are
-            _copy(d, spare, position)
-            worst = measure(system, position, lattice)
-            break
-    return iterations, worst, smallest

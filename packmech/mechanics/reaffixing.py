@@ -7,16 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from packmech.check import instance, integer, positive
-from packmech.compiled import single_thread
-from packmech.links import Links
-from packmech.mechanics.constraint_basis import RANK, cluster_blocks
-from packmech.mechanics.constraints import link_vectors, position_rows
-from packmech.mechanics.counting import BASIS_LIMIT
-from packmech.mechanics.link_calls import reaffix_links as newton_links
-from packmech.mechanics.link_calls import refill_links
+from packmech.mechanics.constraints import link_vectors
+from packmech.mechanics.link_affix import DAMPED
+from packmech.mechanics.link_calls import record_links, refill_links
 from packmech.mechanics.link_system import make_link_system
 from packmech.mechanics.redundant_links import SINE, DegenerateLink, check_consistent, dependence
 from packmech.outcome import NotConverged, Outcome, Run
@@ -126,27 +121,17 @@ def reaffix_links(
     mean, lattice = float(packing.diameter_n.mean()), packing.box.lattice_dd
     system = make_link_system(links, packing.particles, packing.dimension, mean_diameter=mean)
     pivot, _ = refill_links(system, packing.position_nd, lattice)
-    held = links
     if pivot < _SUSPECT:
         found = dependence(packing)
         if len(found.redundant_l):
             check_consistent(packing, found, _AGREEMENT)
             keep = np.ones(len(links), dtype=bool)
             keep[found.redundant_l] = False
-            held = links.select(keep)
-            system = make_link_system(held, packing.particles, packing.dimension, mean_diameter=mean)
+            system = make_link_system(links.select(keep), packing.particles, packing.dimension, mean_diameter=mean)
     place = np.array(packing.position_nd)
-    residual = [float(newton_links(system, place, lattice, tolerance, 0)[1])]
-    while not residual[-1] <= tolerance and len(residual) <= limit and np.isfinite(residual[-1]):
-        if len(residual) > 2 * _QUADRATIC and min(residual[-_QUADRATIC:]) >= min(residual[:-_QUADRATIC]):
-            break
-        before = place.copy()
-        residual.append(float(newton_links(system, place, lattice, 0.0, 1)[1]))
-        if not residual[-1] < (0.5 if residual[-2] < _CLOSE else 1.0) * residual[-2]:
-            # long stiff chains: the normal matrix has squared the condition number, a pivoted QR has not
-            place[:] = before
-            _pivoted_step(packing, held, place)
-            residual[-1] = float(newton_links(system, place, lattice, tolerance, 0)[1])
+    error_t = np.zeros((1 + DAMPED) * limit + 1)
+    steps = int(record_links(system, place, lattice, tolerance, limit, error_t)[0])
+    residual = error_t[: steps + 1]
     outcome = Outcome.CONVERGED if residual[-1] <= tolerance else Outcome.STALLED
     degenerate: tuple[DegenerateLink, ...] = ()
     rank = len(system.order_r)
@@ -162,25 +147,12 @@ def reaffix_links(
     if degenerate:
         outcome = Outcome.DEGENERATE
     seconds = time.process_time() - started
-    result = ReaffixedLinks(packing, outcome, len(residual) - 1, np.array(residual), rank, degenerate, seconds)
+    result = ReaffixedLinks(packing, outcome, steps, residual.copy(), rank, degenerate, seconds)
     if check and not result.ok:
         raise NotConverged(
             Run(packing, outcome, result.residual, result.iterations, 0, seconds, report={"rank": rank}), _words(result)
         )
     return result
-
-
-def _pivoted_step(packing: Packing, links: Links, place_nd: NDArray[np.float64]) -> None:
-    """Move the places by one Newton step of minimum norm, by a pivoted QR of each cluster."""
-    now = packing.replace(position_nd=place_nd, links=links)
-    vector = link_vectors(now)
-    error = np.sqrt((vector**2).sum(axis=1)) - links.length_l
-    flat = place_nd.reshape(-1)
-    with single_thread():
-        for block in cluster_blocks(now, position_rows(now), "householder", RANK, BASIS_LIMIT):
-            rank = block.basis_xr.shape[1]
-            part = solve_triangular(block.triangle_rl[:, :rank], error[block.link_l[:rank]], trans="T")
-            flat[block.row_x] -= block.basis_xr @ part
 
 
 def _words(result: ReaffixedLinks) -> str:

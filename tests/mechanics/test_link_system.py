@@ -145,3 +145,78 @@ def test_the_factor_of_a_long_chain_or_ring_grows_with_its_length_only(bonds):
     number = np.random.default_rng(3).permutation(count)
     links = pm.Links(number[i], number[j], np.zeros((len(i), 2)), np.ones(len(i)))
     assert len(make_link_system(links, count, 2).factor) < 2.01 * count
+
+
+# -- clusters whose links nearly depend on each other: the factor comes from rotations ---------------------------------
+
+
+def straightened(dimension, beads=60, bend=0.05, reach=2, seed=3):
+    """Return a chain with small bends and links to the next `reach` beads, its lattice and the shoves' generator."""
+    rng = np.random.default_rng(seed)
+    step = np.zeros((beads, dimension))
+    step[0, 0] = 1.0
+    for k in range(1, beads):
+        aside = rng.normal(size=dimension)
+        aside -= (aside @ step[k - 1]) * step[k - 1]
+        step[k] = step[k - 1] + bend * rng.uniform(0.5, 1.0) * aside / np.linalg.norm(aside)
+        step[k] /= np.linalg.norm(step[k])
+    place = np.cumsum(step, axis=0)
+    i = np.concatenate([np.arange(beads - u) for u in range(1, reach + 1)])
+    j = np.concatenate([np.arange(u, beads) for u in range(1, reach + 1)])
+    links = pm.Links(i, j, np.zeros((len(i), dimension)), np.linalg.norm(place[j] - place[i], axis=1))
+    return place, links, 100.0 * np.eye(dimension), rng
+
+
+@pytest.mark.parametrize("mass", [False, True])
+@pytest.mark.parametrize(("dimension", "reach", "bend"), [(2, 2, 0.05), (3, 3, 0.3)])
+def test_projection_holds_where_the_normal_matrix_has_lost_its_digits(dimension, reach, bend, mass):
+    position, links, lattice, rng = straightened(dimension, beads=300, bend=bend, reach=reach)
+    mass_n = rng.uniform(0.3, 3.0, len(position)) if mass else None
+    force = rng.normal(size=position.shape)
+    out, _ = projected(links, position, lattice, force, mass=mass_n)
+    root = np.ones(position.size) if mass_n is None else np.repeat(mass_n**-0.5, dimension)
+    jacobian = root[:, None] * dense_jacobian(links, position, lattice)
+    basis, triangle = np.linalg.qr(jacobian)
+    condition = np.linalg.cond(triangle)
+    assert condition**2 * np.finfo(float).eps > 1e-8
+    weighted = root * force.ravel()
+    expected = weighted - basis @ (basis.T @ weighted)
+    # both err by rounding times the condition number, and not its square
+    assert np.abs(root * out.ravel() - expected).max() < 4.0 * condition * np.finfo(float).eps
+
+
+@pytest.mark.parametrize(("dimension", "reach", "bend"), [(2, 2, 0.05), (3, 2, 0.05), (3, 3, 0.3)])
+@pytest.mark.parametrize("shove", [1e-8, 1e-6, 1e-4, 1e-3])
+def test_a_nearly_straight_chain_comes_back_to_its_lengths_nearby(dimension, reach, bend, shove):
+    position, links, lattice, rng = straightened(dimension, beads=300, bend=bend, reach=reach)
+    before = position + shove * rng.normal(size=position.shape)
+    position = before.copy()
+    system = make_link_system(links, *position.shape, mean_diameter=1.0)
+    _, error, _ = reaffix_links(system, position, lattice, 1e-13, 40)
+    # coordinates of 300 are rounded by 5.7e-14, on each axis and at both ends
+    assert error < 4e-13
+    assert np.abs(position - before).max() < 10.0 * shove
+
+
+@given(shove=st.floats(1e-6, 30.0), seed=st.integers(0, 2**32), dimension=st.sampled_from([2, 3]))
+def test_no_way_back_ever_raises_the_errors(shove, seed, dimension):
+    position, links, lattice, _ = straightened(dimension, beads=12)
+    position = position + shove * np.random.default_rng(seed).normal(size=position.shape)
+    system = make_link_system(links, *position.shape, mean_diameter=1.0)
+    before = reaffix_links(system, position, lattice, 1e-13, 0)[1]
+    _, error, _ = reaffix_links(system, position, lattice, 1e-13, 20)
+    length = np.linalg.norm(links.vectors(position, lattice), axis=1)
+    assert error <= before and np.isfinite(position).all()
+    assert np.abs(length - links.length_l).max() <= error * np.maximum(links.length_l, 1.0).max() * (1.0 + 1e-9) + 1e-13
+
+
+def test_redundant_links_of_a_chain_are_left_out_and_the_rest_held():
+    position, links, lattice, rng = straightened(2, beads=20, bend=1.0, reach=4)
+    system = make_link_system(links, *position.shape, mean_diameter=1.0)
+    _, dependent = refill_links(system, position, lattice)
+    assert len(links) - dependent == 2 * 20 - 3
+    force, out, multiplier = rng.normal(size=position.shape), np.empty_like(position), np.empty(len(links))
+    project_links(system, force, out, multiplier, True)
+    jacobian = dense_jacobian(links, position, lattice)
+    assert np.abs(jacobian.T @ out.ravel()).max() < 1e-11
+    assert np.count_nonzero(multiplier) <= 2 * 20 - 3
