@@ -201,6 +201,14 @@ def _outward(i_c: NDArray[np.int64], j_c: NDArray[np.int64], normal_cd: NDArray[
     return start[: particles + 1], neighbor, outward
 
 
+def loose_ends(
+    i_c: NDArray[np.int64], j_c: NDArray[np.int64], normal_cd: NDArray[np.float64], particles: int
+) -> NDArray[np.bool_]:
+    """Return, for each of so many bodies, whether contacts with these normals from i to j leave it free to move."""
+    loose: NDArray[np.bool_] = _find_loose(*_outward(i_c, j_c, normal_cd, particles))
+    return loose
+
+
 def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
     """Return, for each particle, whether the given contacts leave it free, the free ones removed first.
 
@@ -210,10 +218,7 @@ def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
         The contacts; one with the particle's own image holds it from both sides.
 
     """
-    loose: NDArray[np.bool_] = _find_loose(
-        *_outward(contacts.i_c, contacts.j_c, contacts.normal_cd, contacts.particles)
-    )
-    return loose
+    return loose_ends(contacts.i_c, contacts.j_c, contacts.normal_cd, contacts.particles)
 
 
 def check_contacts(packing: Packing, contacts: Contacts) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -60,6 +61,30 @@ def _gradient_rows(i_c, j_c, normal_cd):  # type: ignore[no-untyped-def]
                     at += 1
     start[count] = at
     return data[:at], column[:at], start
+
+
+@kernel
+def _along(i_c, j_c, normal_cd, x):  # type: ignore[no-untyped-def]
+    """Return the changes of the pairs' distances with displacements x (N d)."""
+    count, d = normal_cd.shape
+    out = np.zeros(count)
+    for c in range(count):
+        for a in range(d):
+            out[c] += normal_cd[c, a] * (x[j_c[c] * d + a] - x[i_c[c] * d + a])
+    return out
+
+
+@kernel
+def _pulled(i_c, j_c, normal_cd, pull_c, x):  # type: ignore[no-untyped-def]
+    """Return x (N d) with pull times the gradient of each pair's distance added."""
+    count, d = normal_cd.shape
+    out = x.copy()
+    for c in range(count):
+        for a in range(d):
+            part = normal_cd[c, a] * pull_c[c]
+            out[j_c[c] * d + a] += part
+            out[i_c[c] * d + a] -= part
+    return out
 
 
 @kernel
@@ -131,26 +156,30 @@ class LinkGradients:
         Normals and distances of the links.
     cluster_l
         (L,) cluster of each link.
-    gradient_lx
-        (L, N d) derivatives of the lengths.
     dependent_l
         (L,) which links say nothing that others do not: the gradient lies in the span of others.
+
     """
 
     pairs: Contacts
     cluster_l: NDArray[np.int64]
-    gradient_lx: sp.csr_array
     dependent_l: NDArray[np.bool_]
     _solve: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     _doubtful: tuple[NDArray[np.int64], ...]
 
+    @functools.cached_property
+    def gradient_lx(self) -> sp.csr_array:
+        """The (L, N d) derivatives of the lengths."""
+        return distance_gradients(self.pairs)
+
     def multipliers(self, push_x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (L,) multipliers m that make |push + gradient^T m| least, of smallest size where links depend."""
-        found: NDArray[np.float64] = np.zeros(self.gradient_lx.shape[0])
-        rest = push_x
-        for _ in range(_REFINEMENTS):
-            found = found - self._solve(self.gradient_lx @ rest)
-            rest = push_x + self.gradient_lx.T @ found
+        found: NDArray[np.float64] = np.zeros(len(self.pairs))
+        pairs = self.pairs.i_c, self.pairs.j_c, self.pairs.normal_cd
+        push = np.ascontiguousarray(push_x, dtype=np.float64)
+        for k in range(_REFINEMENTS):
+            rest = _pulled(*pairs, found, push) if k else push
+            found = found - self._solve(_along(*pairs, rest))
         for own in self._doubtful:
             block, column = cluster_block(self.gradient_lx, own)
             found[own] = np.linalg.lstsq(block.T, -push_x[column], rcond=DEPENDENT)[0]
@@ -183,11 +212,10 @@ def link_gradients(packing: Packing) -> LinkGradients:
 
     pairs = link_pairs(packing)
     links = packing.links
-    gradient = distance_gradients(pairs)
     count = len(pairs)
     dependent = np.zeros(count, dtype=bool)
     if links is None:
-        return LinkGradients(pairs, np.zeros(0, np.int64), gradient, dependent, lambda right: right, ())
+        return LinkGradients(pairs, np.zeros(0, np.int64), dependent, lambda right: right, ())
     cluster = links.clusters(packing.particles)[links.i_l]
     # links share a particle or nothing: their products are sparse, and block diagonal by cluster
     parts = _gradient_products(pairs.i_c, pairs.j_c, pairs.normal_cd, packing.particles, _NUDGE)
@@ -196,12 +224,15 @@ def link_gradients(packing: Packing) -> LinkGradients:
         product, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}
     )
     small = np.abs(factor.U.diagonal())[factor.perm_c] < _SMALL_PIVOT
-    doubtful = []
+    doubtful: list[NDArray[np.int64]] = []
+    if not small.any():
+        return LinkGradients(pairs, cluster, dependent, factor.solve, ())
+    gradient = distance_gradients(pairs)
     for c in np.unique(cluster[small]):
         own = np.flatnonzero(cluster == c)
         dependent[own] = _dependent(cluster_block(gradient, own)[0])
         doubtful.append(own)
-    return LinkGradients(pairs, cluster, gradient, dependent, factor.solve, tuple(doubtful))
+    return LinkGradients(pairs, cluster, dependent, factor.solve, tuple(doubtful))
 
 
 def link_tension(scene: Scene) -> NDArray[np.float64]:
@@ -241,9 +272,5 @@ def link_tension(scene: Scene) -> NDArray[np.float64]:
 
 def tension_of(gradients: LinkGradients, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (L,) forces in the links that balance contacts with radial derivatives first_c."""
-    pull = contacts.normal_cd * first_c[:, None]
-    slope = np.empty((contacts.particles, contacts.dimension))
-    for k in range(contacts.dimension):
-        slope[:, k] = np.bincount(contacts.j_c, pull[:, k], contacts.particles)
-        slope[:, k] -= np.bincount(contacts.i_c, pull[:, k], contacts.particles)
-    return gradients.multipliers(slope.ravel())
+    none = np.zeros(contacts.particles * contacts.dimension)
+    return gradients.multipliers(_pulled(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, none))

@@ -71,6 +71,19 @@ def _gather(i_c, j_c, pair_c, normal, distance, first, second, basis, pair, diag
             strain[m, k] = strain[k, m]
 
 
+@kernel
+def _pairs(i_c, j_c):  # type: ignore[no-untyped-def]
+    """Return the pairs of particles, each once, and the number of each contact's pair; images stand together."""
+    pair_i, pair_j, pair_c = np.empty_like(i_c), np.empty_like(j_c), np.empty_like(i_c)
+    used = 0
+    for c in range(i_c.shape[0]):
+        if i_c[c] != j_c[c] and (used == 0 or i_c[c] != pair_i[used - 1] or j_c[c] != pair_j[used - 1]):
+            pair_i[used], pair_j[used] = i_c[c], j_c[c]
+            used += 1
+        pair_c[c] = used - 1
+    return pair_i[:used], pair_j[:used], pair_c
+
+
 @dataclass(frozen=True, eq=False)
 class BondSums:
     """Second derivatives of a sum of pair energies, in blocks.
@@ -149,12 +162,9 @@ def bond_sums(contacts: Contacts, first_c: NDArray[np.float64], second_c: NDArra
         )
     dimension, particles = contacts.dimension, contacts.particles
     basis = mandel_basis(dimension)
-    apart = contacts.i_c != contacts.j_c
-    # contacts are sorted by (i, j, image), so the images of a pair stand together
-    key = contacts.i_c * particles + contacts.j_c
-    fresh = apart & np.concatenate([[True], key[1:] != key[:-1]])[: len(key)]
-    pair_c = np.cumsum(fresh) - 1
-    pair = np.zeros((int(np.count_nonzero(fresh)), dimension, dimension))
+    # contacts are sorted by (i, j, image)
+    pair_i, pair_j, pair_c = _pairs(contacts.i_c, contacts.j_c)
+    pair = np.zeros((len(pair_i), dimension, dimension))
     diagonal = np.zeros((particles, dimension, dimension))
     coupling = np.zeros((particles, dimension, len(basis)))
     strain = np.zeros((len(basis), len(basis)))
@@ -162,4 +172,4 @@ def bond_sums(contacts: Contacts, first_c: NDArray[np.float64], second_c: NDArra
         contacts.i_c, contacts.j_c, pair_c, contacts.normal_cd, contacts.distance_c, first_c, second_c, basis,
         pair, diagonal, coupling, strain,
     )  # fmt: skip
-    return BondSums(contacts.i_c[fresh], contacts.j_c[fresh], pair, diagonal, coupling, strain)
+    return BondSums(pair_i, pair_j, pair, diagonal, coupling, strain)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -72,23 +71,30 @@ def _merged(i_c, j_c, image_cd, count):  # type: ignore[no-untyped-def]
     return order
 
 
+@kernel
+def _picked(order, i_c, j_c, image_cd, normal_cd, distance_c, touching_c):  # type: ignore[no-untyped-def]
+    """Return the arrays in this order."""
+    count, d = image_cd.shape
+    i, j, image = np.empty_like(i_c), np.empty_like(j_c), np.empty((count, d), np.int64)
+    normal, distance, touching = np.empty((count, d)), np.empty(count), np.empty(count)
+    for k in range(count):
+        c = order[k]
+        i[k], j[k], distance[k], touching[k] = i_c[c], j_c[c], distance_c[c], touching_c[c]
+        for a in range(d):
+            image[k, a], normal[k, a] = image_cd[c, a], normal_cd[c, a]
+    return i, j, image, normal, distance, touching
+
+
 def joined(one: Contacts, other: Contacts) -> tuple[Contacts, NDArray[np.int64]]:
     """Return the pairs of both, sorted by (i, j, image), and where each of them came from."""
     i, j = np.concatenate([one.i_c, other.i_c]), np.concatenate([one.j_c, other.j_c])
     image = np.concatenate([one.image_cd, other.image_cd])
     order = _merged(i, j, image, len(one))
-    normal = np.concatenate([one.normal_cd, other.normal_cd])[order]
-    distance = np.concatenate([one.distance_c, other.distance_c])[order]
-    touching = np.concatenate([one.contact_distance_c, other.contact_distance_c])[order]
-    return dataclasses.replace(
-        one,
-        i_c=i[order],
-        j_c=j[order],
-        image_cd=image[order],
-        normal_cd=normal,
-        distance_c=distance,
-        contact_distance_c=touching,
-    ), order
+    normal = np.concatenate([one.normal_cd, other.normal_cd])
+    distance = np.concatenate([one.distance_c, other.distance_c])
+    touching = np.concatenate([one.contact_distance_c, other.contact_distance_c])
+    i, j, image, normal, distance, touching = _picked(order, i, j, image, normal, distance, touching)
+    return Contacts(i, j, image, normal, distance, touching, one.particles, one.dimension), order
 
 
 def link_strains(links: LinkGradients) -> NDArray[np.float64]:

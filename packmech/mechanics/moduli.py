@@ -358,9 +358,8 @@ def cauchy_tangent(energy_ee: NDArray[np.float64], stress_dd: NDArray[np.float64
 
     Section 14 of the corrected specification; under sigma = -P it makes K + P(d-1)/d and G - P/2.
     """
-    dimension = len(stress_dd)
-    extra = [
-        mandel_vector((basis @ stress_dd + stress_dd @ basis) / 2.0 - stress_dd * np.trace(basis))
-        for basis in mandel_basis(dimension)
-    ]
-    return energy_ee + np.stack(extra, axis=1)
+    basis = mandel_basis(len(stress_dd))
+    trace = np.trace(basis, axis1=1, axis2=2)[:, None, None]
+    extra = (basis @ stress_dd + stress_dd @ basis) / 2.0 - stress_dd * trace
+    tangent: NDArray[np.float64] = energy_ee + np.einsum("kab,mab->km", basis, extra)
+    return tangent

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import one_of
+from packmech.compiled import kernel
 from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.rattlers import loose_particles
+from packmech.contacts.rattlers import loose_ends, loose_particles
 from packmech.links import image_offsets
 from packmech.measure.link_tension import LinkGradients, link_gradients
 from packmech.packing import Packing
@@ -26,26 +27,36 @@ class Network(NamedTuple):
     links: LinkGradients | None = None
 
 
+@kernel
+def _between(i_c, j_c, image_cd, normal_cd, cluster_n, offset_nd):  # type: ignore[no-untyped-def]
+    """Return clusters and normals of the contacts between them, the smaller number first."""
+    count, d = image_cd.shape
+    i, j, normal = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, d))
+    used = 0
+    for c in range(count):
+        one, other = i_c[c], j_c[c]
+        # a cluster's contact with its own image holds it, one within it does not
+        apart = cluster_n[one] != cluster_n[other]
+        for a in range(d):
+            apart = apart or image_cd[c, a] != offset_nd[other, a] - offset_nd[one, a]
+        if apart:
+            flip = cluster_n[one] > cluster_n[other]
+            i[used] = cluster_n[other] if flip else cluster_n[one]
+            j[used] = cluster_n[one] if flip else cluster_n[other]
+            for a in range(d):
+                normal[used, a] = -normal_cd[c, a] if flip else normal_cd[c, a]
+            used += 1
+    return i[:used], j[:used], normal[:used]
+
+
 def _by_cluster(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
     """Return (N,) who belongs to a cluster that its contacts with others do not even keep from moving as a whole."""
     assert packing.links is not None
     cluster = packing.links.clusters(packing.particles)
     offset, winding = image_offsets(packing.links, packing.particles)
-    i, j = cluster[contacts.i_c], cluster[contacts.j_c]
-    # a cluster's contact with its own image holds it, one within it does not
-    apart = (contacts.image_cd != offset[contacts.j_c] - offset[contacts.i_c]).any(axis=1)
-    between = np.flatnonzero((i != j) | apart)
-    part = contacts.select(between)
-    flip = i[between] > j[between]
-    whole = dataclasses.replace(
-        part,
-        i_c=np.where(flip, j[between], i[between]),
-        j_c=np.where(flip, i[between], j[between]),
-        normal_cd=np.where(flip[:, None], -part.normal_cd, part.normal_cd),
-        particles=int(cluster.max()) + 1,
-    )
+    i, j, normal = _between(contacts.i_c, contacts.j_c, contacts.image_cd, contacts.normal_cd, cluster, offset)
     # a cluster that closes around the box resists its strain, touched or not
-    loose: NDArray[np.bool_] = loose_particles(whole)[cluster] & ~winding
+    loose: NDArray[np.bool_] = loose_ends(i, j, normal, int(cluster.max()) + 1)[cluster] & ~winding
     return loose
 
 
