@@ -11,16 +11,29 @@ from numba import types
 from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form, device
-from packmech.dynamics.march.flow import with_flow
-from packmech.dynamics.march.springs import Pace, push_in_space, slip_in_space, stretch_after, stretch_before
+from packmech.dynamics.march.flow import relative
+from packmech.dynamics.march.pairs import NO_SLOT, Slots, collect
+from packmech.dynamics.march.rubbing import turning_axes
+from packmech.dynamics.march.springs import (
+    Pace,
+    give,
+    give_back,
+    leave,
+    slip_in_plane,
+    slip_in_space,
+    stretch_after,
+    stretch_before,
+    with_moment,
+)
 from packmech.effects import law_first
 
 
 class BondTable(NamedTuple):
     """Bonds between rows: laws for compression and tension, numbers, places, rest lengths, stretches of the springs.
 
-    image_bd is in the loops' lattice; start_n, other_s and image_sd list both ways who is bonded to a row, sorted, so
-    that a bonded pair is found and taken out of the contacts.
+    image_bd is in the loops' lattice. visit_v lists the bonds by the block of rows of their i, start_b the first visit
+    of each block, slot_v and slots what reaches rows of other blocks. start_n, other_s and image_sd list both ways who
+    is bonded to a row, sorted, so that a bonded pair is found and taken out of the contacts.
     """
 
     compression: Any
@@ -33,6 +46,10 @@ class BondTable(NamedTuple):
     image_bd: NDArray[np.float64]
     rest_b: NDArray[np.float64]
     stretch_bk: NDArray[np.float64]
+    visit_v: NDArray[np.int64]
+    start_b: NDArray[np.int64]
+    slot_v: NDArray[np.uint32]
+    slots: Slots
     start_n: NDArray[np.int64]
     other_s: NDArray[np.int64]
     image_sd: NDArray[np.int64]
@@ -64,61 +81,76 @@ def bond_first(bonds, r, rest):
 
 
 @device
-def _bond_pass(bonds, rates, axes, body, push, lattice, pace):
-    for b in range(bonds.i_b.shape[0]):
-        i, j, dx, dy, dz = bond_ends(axes, body, bonds, lattice, b)
-        r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if r == 0.0:
-            # no direction is better than another: the next step tells them apart
-            continue
-        nx, ny, nz = dx / r, dy / r, dz / r
-        ux = body[j, 4] - body[i, 4]
-        uy = body[j, 5] - body[i, 5]
-        uz = 0.0
-        if len(axes) == 3:
-            uz = body[j, 6] - body[i, 6]
-        ux, uy, uz = with_flow(rates, ux, uy, uz, dx, dy, dz)
+def _pull(bonds, rates, axes, body, lattice, pace, b):
+    """Return what a bond does: force on its i, moment and arms, and its rows."""
+    i, j, dx, dy, dz = bond_ends(axes, body, bonds, lattice, b)
+    r = math.sqrt(dx * dx + dy * dy + dz * dz)
+    # ends at the same place have no direction: the next step tells them apart
+    inverse = 1.0 / r if r > 0.0 else 0.0
+    nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
+    ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
+    first = 0.0
+    if r > 0.0:
         first = bond_first(bonds, r, bonds.rest_b[b]) + bonds.damping * (ux * nx + uy * ny + uz * nz)
-        push[i, 0] += first * nx
-        push[i, 1] += first * ny
-        push[j, 0] -= first * nx
-        push[j, 1] -= first * ny
-        sigma = body[i, 3] + body[j, 3]
-        if len(axes) == 2:
-            ai = body[i, 3] * r / sigma
-            aj = body[j, 3] * r / sigma
-            slip = ux * -ny + uy * nx - ai * body[i, 6] - aj * body[j, 6]
-            stretch = bonds.stretch_bk[b, 0] + pace.before * slip
-            force = bonds.tangential_stiffness * stretch + bonds.tangential_damping * slip
-            bonds.stretch_bk[b, 0] = stretch + pace.after * slip
-            push[i, 0] += force * -ny
-            push[i, 1] += force * nx
-            push[j, 0] -= force * -ny
-            push[j, 1] -= force * nx
-            push[i, 2] += ai * force
-            push[j, 2] += aj * force
+    sigma = body[i, 3] + body[j, 3]
+    k, c = bonds.tangential_stiffness, bonds.tangential_damping
+    stretch_bk = bonds.stretch_bk
+    if len(axes) == 2:
+        ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
+        stretch = stretch_bk[b, 0]
+        if r > 0.0:
+            stretch += pace.before * slip
+            stretch_bk[b, 0] = stretch + pace.after * slip
+        force = k * stretch + c * slip
+        return (first * nx - force * ny, first * ny + force * nx, 0.0, 0.0, 0.0, force, ai, aj), i, j
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+    x, y, z = stretch_bk[b, 0], stretch_bk[b, 1], stretch_bk[b, 2]
+    if r > 0.0:
+        x, y, z = stretch_before(stretch_bk, b, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
+        stretch_after(stretch_bk, b, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
+    fx, fy, fz, mx, my, mz, ai, aj = with_moment(nx, ny, nz, k * x + c * sx, k * y + c * sy, k * z + c * sz, ai, aj)
+    return (first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj), i, j
+
+
+@device
+def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
+    spins = turning_axes(bonds, axes)
+    for v in range(bonds.start_b[block], bonds.start_b[block + 1]):
+        b = bonds.visit_v[v]
+        done, i, j = _pull(bonds, rates, axes, body, lattice, pace, b)
+        give(axes, spins, push, i, done)
+        slot = bonds.slot_v[v]
+        if slot == NO_SLOT:
+            give_back(axes, spins, push, j, done)
         else:
-            push[i, 2] += first * nz
-            push[j, 2] -= first * nz
-            ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-            x, y, z = stretch_before(bonds.stretch_bk, b, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
-            fx = bonds.tangential_stiffness * x + bonds.tangential_damping * sx
-            fy = bonds.tangential_stiffness * y + bonds.tangential_damping * sy
-            fz = bonds.tangential_stiffness * z + bonds.tangential_damping * sz
-            stretch_after(bonds.stretch_bk, b, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
-            push_in_space(push, i, j, ai, aj, nx, ny, nz, fx, fy, fz)
+            leave(axes, spins, bonds.slots.push_qk, slot, done)
 
 
-def bond_pass(bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Pace) -> None:
-    """Add the forces and torques of all bonds; nothing where the scene has none."""
-    if bonds is not None:
-        _bond_pass(bonds, rates, axes, body, push, lattice, pace)
+def bonds_of_block(
+    bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Pace, block: int
+) -> None:
+    """Add what the bonds of a block's rows do; nothing where the scene has none."""
+    raise NotImplementedError("bonds act in compiled loops")
 
 
-@compiled_form(bond_pass)
-def _choose_bond_pass(bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Any) -> Any:
+@compiled_form(bonds_of_block)
+def _choose_bonds_of_block(
+    bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Any, block: Any
+) -> Any:
     if isinstance(bonds, types.NoneType):
-        return lambda bonds, rates, axes, body, push, lattice, pace: None
-    return lambda bonds, rates, axes, body, push, lattice, pace: _bond_pass(
-        bonds, rates, axes, body, push, lattice, pace
+        return lambda bonds, rates, axes, body, push, lattice, pace, block: None
+    return lambda bonds, rates, axes, body, push, lattice, pace, block: _bonds_of_block(
+        bonds, rates, axes, body, push, lattice, pace, block
     )
+
+
+def collect_bonds(bonds: Any, push: Any, block: int) -> None:
+    """Add what bonds of other blocks do to the rows of a block; nothing where the scene has none."""
+    raise NotImplementedError("bonds act in compiled loops")
+
+
+@compiled_form(collect_bonds)
+def _choose_collect_bonds(bonds: Any, push: Any, block: Any) -> Any:
+    if isinstance(bonds, types.NoneType):
+        return lambda bonds, push, block: None
+    return lambda bonds, push, block: collect(bonds.slots, push, block)

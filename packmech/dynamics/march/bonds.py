@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.march.bonding import BondTable
+from packmech.dynamics.march.pairs import NO_SLOT, Slots, blocks_of
 from packmech.effects import Bonds
 
 
@@ -44,6 +45,7 @@ def bond_table(
     start, other = np.concatenate([i, j]), np.concatenate([j, i])
     both = np.concatenate([padded, -padded])
     order = np.lexsort((*both.T[::-1], other, start))
+    visit, first, slot, slots = _shared(i, j, n, 1 if d == 2 else 3, d)
     return BondTable(
         bonds.compression,
         bonds.tension,
@@ -55,7 +57,33 @@ def bond_table(
         padded.astype(np.float64),
         np.array(bonds.rest_length_b),
         np.zeros((len(bonds), 1 if d == 2 else 3)) if stretch_bk is None else stretch_bk,
+        visit,
+        first,
+        slot,
+        slots,
         np.searchsorted(start[order], np.arange(n + 1)).astype(np.int64),
         np.ascontiguousarray(other[order]),
         np.ascontiguousarray(both[order]),
     )
+
+
+def _shared(
+    i_b: NDArray[np.int64], j_b: NDArray[np.int64], n: int, torques: int, d: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint32], Slots]:
+    """Return bonds by the block of their i, the first of each block, their slots, and these by the block of their j."""
+    row = blocks_of(n)
+    own = np.searchsorted(row, i_b, side="right") - 1
+    other = np.searchsorted(row, j_b, side="right") - 1
+    visit = np.argsort(own, kind="stable")
+    away = np.flatnonzero((own != other)[visit])
+    home = other[visit[away]]
+    order = np.argsort(home, kind="stable")
+    slot = np.full(len(i_b), NO_SLOT, dtype=np.uint32)
+    slot[away[order]] = np.arange(len(away), dtype=np.uint32)
+    blocks = np.arange(len(row))
+    slots = Slots(
+        np.zeros((len(away), d + torques)),
+        j_b[visit[away[order]]].astype(np.uint32),
+        np.searchsorted(home[order], blocks).astype(np.int64),
+    )
+    return visit, np.searchsorted(own[visit], blocks).astype(np.int64), slot, slots

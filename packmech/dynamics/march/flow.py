@@ -215,6 +215,34 @@ def _choose_with_flow(rates: Any, ux: Any, uy: Any, uz: Any, dx: Any, dy: Any, d
     return lambda rates, ux, uy, uz, dx, dy, dz: _add_flow(rates, ux, uy, uz, dx, dy, dz)
 
 
+def relative(rates: Any, axes: Any, body: Any, i: int, j: int, dx: float, dy: float, dz: float) -> Any:
+    """Return the velocity of row j seen from row i, the flow's included."""
+    raise NotImplementedError("rows are seen in compiled loops")
+
+
+@compiled_form(relative)
+def _choose_relative(rates: Any, axes: Any, body: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    if len(axes) == 3:
+
+        def space(rates, axes, body, i, j, dx, dy, dz):
+            ux, uy, uz = body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], body[j, 6] - body[i, 6]
+            return with_flow(rates, ux, uy, uz, dx, dy, dz)
+
+        return space
+    if is_still(rates):
+        return lambda rates, axes, body, i, j, dx, dy, dz: (body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], 0.0)
+
+    def plane(rates, axes, body, i, j, dx, dy, dz):
+        # a plane's flow does not pay for the third axis
+        return (
+            body[j, 4] - body[i, 4] + rates[0] * dx + rates[1] * dy,
+            body[j, 5] - body[i, 5] + rates[3] * dx + rates[4] * dy,
+            0.0,
+        )
+
+    return plane
+
+
 def turning(rates: Any) -> Any:
     """Return the spin of the flow: half its vorticity."""
     if rates is None:

@@ -18,6 +18,7 @@ from packmech.compiled import compiled_form, device, kernel
 from packmech.contacts.cells import PairTable, find_pairs
 from packmech.dynamics.march.bonding import BondTable
 from packmech.dynamics.march.flow import ANCHORED, GAMMA, OUTER_ANCHORED, is_still, map_between
+from packmech.dynamics.march.pairs import choose_inner, renewed_pairs
 from packmech.dynamics.pair_list import (
     AGE,
     BUDGET,
@@ -27,19 +28,14 @@ from packmech.dynamics.pair_list import (
     TRAVEL,
     adapt_skin,
     anchor,
-    pick,
     place_images,
-    renewed,
 )
 
 
 class Track(NamedTuple):
-    """Stretches of the tangential springs of the inner pairs, and the place of each of these in the outer list."""
+    """Stretches of the tangential springs of the inner pairs and of the outer ones."""
 
-    within_pk: NDArray[np.float64]
-    crossing_pk: NDArray[np.float64]
-    within_p: NDArray[np.uint32]
-    crossing_p: NDArray[np.uint32]
+    inner_pk: NDArray[np.float64]
     outer_pk: NDArray[np.float64]
 
 
@@ -52,24 +48,14 @@ class Space(NamedTuple):
     bonds: Any
 
 
-def within_of(track: Track | None) -> Any:
-    """Return the stretches of pairs within the cell, None where none are held."""
-    return None if track is None else track.within_pk
+def held_of(track: Track | None) -> Any:
+    """Return the stretches of the inner pairs, None where none are held."""
+    return None if track is None else track.inner_pk
 
 
-def crossing_of(track: Track | None) -> Any:
-    """Return the stretches of pairs across the faces of the cell, None where none are held."""
-    return None if track is None else track.crossing_pk
-
-
-@compiled_form(within_of)
-def _choose_within_of(track: Any) -> Any:
-    return (lambda track: None) if isinstance(track, types.NoneType) else (lambda track: track.within_pk)
-
-
-@compiled_form(crossing_of)
-def _choose_crossing_of(track: Any) -> Any:
-    return (lambda track: None) if isinstance(track, types.NoneType) else (lambda track: track.crossing_pk)
+@compiled_form(held_of)
+def _choose_held_of(track: Any) -> Any:
+    return (lambda track: None) if isinstance(track, types.NoneType) else (lambda track: track.inner_pk)
 
 
 @device
@@ -190,13 +176,9 @@ def stow(track: Any, pairs: Any) -> None:
 
 @device
 def _stow(track, pairs):
-    size = track.outer_pk.shape[1]
-    for p in range(pairs.count_b[0]):
-        for a in range(size):
-            track.outer_pk[track.within_p[p], a] = track.within_pk[p, a]
-    for p in range(pairs.count_b[1]):
-        for a in range(size):
-            track.outer_pk[track.crossing_p[p], a] = track.crossing_pk[p, a]
+    for p in range(pairs.start_s[-1]):
+        for a in range(track.outer_pk.shape[1]):
+            track.outer_pk[pairs.place_p[p], a] = track.inner_pk[p, a]
 
 
 @compiled_form(stow)
@@ -207,36 +189,15 @@ def _choose_stow(track: Any, pairs: Any) -> Any:
 
 
 def unstow(track: Any, pairs: Any) -> None:
-    """Fetch the stretches of the inner pairs, newly picked, from the outer list."""
+    """Fetch the stretches of the inner pairs, newly chosen, from the outer list."""
     raise NotImplementedError("lists are followed in compiled loops")
 
 
 @device
 def _unstow(track, pairs):
-    bits = np.uint64(pairs.bits)
-    mask = np.uint64((1 << pairs.bits) - 1)
-    none = np.uint64(pairs.image_kd.shape[0] // 2)
-    size = track.outer_pk.shape[1]
-    within = 0
-    crossing = 0
-    # both inner lists keep the order of the outer one
-    for p in range(pairs.outer_i_p.shape[0]):
-        i = pairs.outer_i_p[p]
-        code = pairs.outer_code_p[p]
-        j = code >> bits
-        if code & mask == none:
-            if within < pairs.count_b[0] and pairs.i_p[within] == i and pairs.j_p[within] == j:
-                track.within_p[within] = p
-                for a in range(size):
-                    track.within_pk[within, a] = track.outer_pk[p, a]
-                within += 1
-        elif crossing < pairs.count_b[1]:
-            same = pairs.crossing_i_p[crossing] == i and pairs.crossing_j_p[crossing] == j
-            if same and pairs.crossing_k_p[crossing] == code & mask:
-                track.crossing_p[crossing] = p
-                for a in range(size):
-                    track.crossing_pk[crossing, a] = track.outer_pk[p, a]
-                crossing += 1
+    for p in range(pairs.start_s[-1]):
+        for a in range(track.outer_pk.shape[1]):
+            track.inner_pk[p, a] = track.outer_pk[pairs.place_p[p], a]
 
 
 @compiled_form(unstow)
@@ -257,37 +218,33 @@ def _carry(track, old, new):
     outer = np.zeros((new.outer_i_p.shape[0], size))
     old_bits, new_bits = np.uint64(old.bits), np.uint64(new.bits)
     old_mask, new_mask = np.uint64((1 << old.bits) - 1), np.uint64((1 << new.bits) - 1)
-    first = 0
-    for p in range(old.outer_i_p.shape[0]):
-        stretched = False
-        for a in range(size):
-            stretched = stretched or track.outer_pk[p, a] != 0.0
-        if not stretched:
-            continue
-        i = old.outer_i_p[p]
-        j = old.outer_code_p[p] >> old_bits
-        k = np.int64(old.outer_code_p[p] & old_mask)
-        while first < new.outer_i_p.shape[0] and new.outer_i_p[first] < i:
-            first += 1
-        q = first
-        while q < new.outer_i_p.shape[0] and new.outer_i_p[q] == i:
-            if new.outer_code_p[q] >> new_bits == j:
-                m = np.int64(new.outer_code_p[q] & new_mask)
-                same = True
-                for a in range(3):
-                    same = same and old.image_kd[k, a] == new.image_kd[m, a]
-                if same:
-                    for a in range(size):
-                        outer[q, a] = track.outer_pk[p, a]
-            q += 1
-    within, crossing = new.i_p.shape[0], new.crossing_i_p.shape[0]
-    return Track(
-        np.zeros((within, size)),
-        np.zeros((crossing, size)),
-        np.zeros(within, np.uint32),
-        np.zeros(crossing, np.uint32),
-        outer,
-    )
+    # a pair stays in its section: blocks are fixed, and images change only where all lists are given up
+    for s in range(old.outer_start_s.shape[0] - 1):
+        first = new.outer_start_s[s]
+        last = new.outer_start_s[s + 1]
+        for p in range(old.outer_start_s[s], old.outer_start_s[s + 1]):
+            stretched = False
+            for a in range(size):
+                stretched = stretched or track.outer_pk[p, a] != 0.0
+            if not stretched:
+                continue
+            i = old.outer_i_p[p]
+            j = old.outer_code_p[p] >> old_bits
+            k = np.int64(old.outer_code_p[p] & old_mask)
+            while first < last and new.outer_i_p[first] < i:
+                first += 1
+            q = first
+            while q < last and new.outer_i_p[q] == i:
+                if new.outer_code_p[q] >> new_bits == j:
+                    m = np.int64(new.outer_code_p[q] & new_mask)
+                    same = True
+                    for a in range(3):
+                        same = same and old.image_kd[k, a] == new.image_kd[m, a]
+                    if same:
+                        for a in range(size):
+                            outer[q, a] = track.outer_pk[p, a]
+                q += 1
+    return Track(np.zeros((new.i_p.shape[0], size)), outer)
 
 
 @compiled_form(carry)
@@ -297,43 +254,59 @@ def _choose_carry(track: Any, old: Any, new: Any) -> Any:
     return lambda track, old, new: _carry(track, old, new)
 
 
-@kernel
-def keep_up(axes, body, space, pairs, track):
-    """Return pair list and track that are valid at the present positions and strain, remade only as far as needed."""
+@device
+def settle_inner(axes, body, space, pairs, track):
+    """Choose the inner pairs anew at the present positions; their stretches are in the outer list."""
     number = pairs.number
-    flow = space.flow
-    reach = 2.0 * space.sizes.largest_a.max()
-    if number[TRAVEL] < np.inf:
-        room = 0.5 * number[SKIN_INNER]
-        bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
-        # displacements since the anchor were strained themselves
-        if number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]:
-            return pairs, track
-        gone = strayed(flow, body, pairs.anchor_nd, ANCHORED)
-        if gone + bent < 0.75 * room:
-            # the bound added up the lengths of all steps; the true displacement leaves room
-            number[TRAVEL] = 0.0
-            number[BUDGET] = room - gone
-            return pairs, track
-        adapt_skin(number)
-    stow(track, pairs)
-    gone = strayed(flow, body, pairs.outer_anchor_nd, OUTER_ANCHORED)
-    gone += strained(flow, OUTER_ANCHORED, reach + number[SKIN_FULL])
-    if 2.0 * gone + number[SKIN_INNER] > number[SKIN_OUTER]:
-        old = pairs
-        found = find_pairs(axes, body, space.sizes, space.frame, 1.0, number[SKIN_FULL])
-        pairs = renewed(without_bonded(space.bonds, found), body, pairs)
-        track = carry(track, old, pairs)
-        mark(flow, OUTER_ANCHORED)
     place_images(space.frame, pairs)
-    pick(axes, body, pairs, number[SKIN_INNER])
+    choose_inner(axes, body, pairs, number[SKIN_INNER])
     unstow(track, pairs)
     anchor(body, pairs.anchor_nd)
-    mark(flow, ANCHORED)
+    mark(space.flow, ANCHORED)
     number[TRAVEL] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
     number[AGE] = 0.0
-    return pairs, track
+
+
+@device
+def keep_up(axes, body, space, pairs, track, moved):
+    """Make the lists valid after everybody moved by at most this much; return whether that takes a new search."""
+    number = pairs.number
+    flow = space.flow
+    number[TRAVEL] += moved
+    number[AGE] += 1.0
+    reach = 2.0 * space.sizes.largest_a.max()
+    room = 0.5 * number[SKIN_INNER]
+    bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
+    # displacements since the anchor were strained themselves
+    if number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]:
+        return False
+    gone = strayed(flow, body, pairs.anchor_nd, ANCHORED)
+    if gone + bent < 0.75 * room:
+        # the bound added up the lengths of all steps; the true displacement leaves room
+        number[TRAVEL] = 0.0
+        number[BUDGET] = room - gone
+        return False
+    adapt_skin(number)
+    gone = strayed(flow, body, pairs.outer_anchor_nd, OUTER_ANCHORED)
+    gone += strained(flow, OUTER_ANCHORED, reach + number[SKIN_FULL])
+    if 2.0 * gone + number[SKIN_INNER] > number[SKIN_OUTER]:
+        return True
+    stow(track, pairs)
+    settle_inner(axes, body, space, pairs, track)
+    return False
+
+
+@kernel
+def search(axes, body, space, pairs, track):
+    """Return lists searched anew at the present positions and strain, and the track with the stretches kept."""
+    stow(track, pairs)
+    found = find_pairs(axes, body, space.sizes, space.frame, 1.0, pairs.number[SKIN_FULL])
+    new = renewed_pairs(without_bonded(space.bonds, found), body, pairs)
+    track = carry(track, pairs, new)
+    mark(space.flow, OUTER_ANCHORED)
+    settle_inner(axes, body, space, new, track)
+    return new, track
 
 
 def deform_images(flow: Any, frame: Any, pairs: Any) -> None:
@@ -351,7 +324,5 @@ def _choose_deform_images(flow: Any, frame: Any, pairs: Any) -> Any:
 
 def empty_track(dimension: int) -> Track:
     """Return a track without pairs, for an empty list."""
-    size = 1 if dimension == 2 else 3
-    none = np.zeros((0, size))
-    place = np.zeros(0, dtype=np.uint32)
-    return Track(none, none.copy(), place, place.copy(), none.copy())
+    none = np.zeros((0, 1 if dimension == 2 else 3))
+    return Track(none, none.copy())

@@ -14,7 +14,7 @@ from numba import literal_unroll, types
 from packmech.compiled import compiled_form, device, kernel
 from packmech.dynamics.march.bonding import bond_ends, bond_first
 from packmech.dynamics.march.flow import GAMMA, gamma_at, is_still, rates, with_flow
-from packmech.dynamics.march.lists import crossing_of, within_of
+from packmech.dynamics.march.lists import held_of
 from packmech.dynamics.march.rubbing import slide
 from packmech.dynamics.march.springs import slip_in_space, spun
 from packmech.effects import body_energy, law_energy, pair_energy, pair_first
@@ -315,21 +315,20 @@ def look(acting, axes, state, space, pairs, track, time, pace, out):
     out[TIME] = time
     out[STRAIN], out[RATE] = strain_of(space.flow, time)
     body = state.body
-    within_pk, crossing_pk = within_of(track), crossing_of(track)
-    for p in range(pairs.count_b[1]):
-        i, j, k = pairs.crossing_i_p[p], pairs.crossing_j_p[p], pairs.crossing_k_p[p]
-        dx = body[j, 0] - body[i, 0] + pairs.shift_kd[k, 0]
-        dy = body[j, 1] - body[i, 1] + pairs.shift_kd[k, 1]
-        dz = body[j, 2] - body[i, 2] + pairs.shift_kd[k, 2]
-        if touch(body, i, j, dx, dy, dz):
-            _look_at_pair(
-                acting.pairs, acting.friction, flowing, axes, body, crossing_pk, p, i, j, dx, dy, dz, pace, out
-            )
-    for p in range(pairs.count_b[0]):
-        i, j = pairs.i_p[p], pairs.j_p[p]
-        dx, dy, dz = body[j, 0] - body[i, 0], body[j, 1] - body[i, 1], body[j, 2] - body[i, 2]
-        if touch(body, i, j, dx, dy, dz):
-            _look_at_pair(acting.pairs, acting.friction, flowing, axes, body, within_pk, p, i, j, dx, dy, dz, pace, out)
+    held_pk = held_of(track)
+    for s in range(pairs.start_s.shape[0] - 1):
+        for p in range(pairs.start_s[s], pairs.start_s[s + 1]):
+            i, j = pairs.i_p[p], pairs.j_p[p]
+            dx, dy, dz = body[j, 0] - body[i, 0], body[j, 1] - body[i, 1], body[j, 2] - body[i, 2]
+            if s % 2 == 1:
+                k = pairs.image_p[p]
+                dx += pairs.shift_kd[k, 0]
+                dy += pairs.shift_kd[k, 1]
+                dz += pairs.shift_kd[k, 2]
+            if touch(body, i, j, dx, dy, dz):
+                _look_at_pair(
+                    acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out
+                )
     look_at_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
     out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
     _look_at_motion(axes, state, flowing, out)

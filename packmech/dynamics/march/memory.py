@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.march.lists import Track
-from packmech.dynamics.pair_list import PairList
+from packmech.dynamics.march.pairs import Pairs
 
 
 class Stretches(NamedTuple):
@@ -46,36 +46,34 @@ class Stretches(NamedTuple):
         return Stretches(self.i_c, self.j_c, image, stretch)
 
 
-def _listed(pairs: PairList) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return i, j and images of the inner pairs: within the cell, then across its faces."""
-    within, crossing = int(pairs.count_b[0]), int(pairs.count_b[1])
-    i = np.concatenate([pairs.i_p[:within], pairs.crossing_i_p[:crossing]]).astype(np.int64)
-    j = np.concatenate([pairs.j_p[:within], pairs.crossing_j_p[:crossing]]).astype(np.int64)
-    image = np.zeros((within + crossing, 3), dtype=np.int64)
-    image[within:] = np.rint(pairs.image_kd[pairs.crossing_k_p[:crossing]]).astype(np.int64)
-    return i, j, image
+def _listed(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return i, j and images of the inner pairs."""
+    start = pairs.start_s
+    total = int(start[-1])
+    image = np.zeros((total, 3), dtype=np.int64)
+    special = np.repeat(np.arange(len(start) - 1) % 2 == 1, np.diff(start))
+    image[special] = np.rint(pairs.image_kd[pairs.image_p[:total][special]]).astype(np.int64)
+    return pairs.i_p[:total].astype(np.int64), pairs.j_p[:total].astype(np.int64), image
 
 
-def read_stretches(pairs: PairList, track: Track | None, dimension: int) -> Stretches:
+def read_stretches(pairs: Pairs, track: Track | None, dimension: int) -> Stretches:
     """Return the stretches that are not zero, sorted by (i, j, image); none without a track."""
     if track is None:
         none = np.zeros(0, dtype=np.int64)
         return Stretches(none, none, np.zeros((0, 3), dtype=np.int64), np.zeros((0, 1 if dimension == 2 else 3)))
     i, j, image = _listed(pairs)
-    within, crossing = int(pairs.count_b[0]), int(pairs.count_b[1])
-    stretch = np.concatenate([track.within_pk[:within], track.crossing_pk[:crossing]])
+    stretch = track.inner_pk[: len(i)]
     keep = stretch.any(axis=1)
     i, j, image, stretch = i[keep], j[keep], image[keep], stretch[keep]
     order = np.lexsort((*image.T[::-1], j, i))
     return Stretches(i[order], j[order], image[order], stretch[order])
 
 
-def write_stretches(pairs: PairList, track: Track | None, held: Stretches) -> None:
+def write_stretches(pairs: Pairs, track: Track | None, held: Stretches) -> None:
     """Give the pairs of a list the stretches that are held for them."""
     if track is None or not len(held.i_c):
         return
     i, j, image = _listed(pairs)
-    within = int(pairs.count_b[0])
     whole = np.concatenate([np.column_stack([i, j, image]), np.column_stack([held.i_c, held.j_c, held.image_cd])])
     _, key = np.unique(whole, axis=0, return_inverse=True)
     key = key.ravel()
@@ -86,5 +84,4 @@ def write_stretches(pairs: PairList, track: Track | None, held: Stretches) -> No
     hit = listed[found] == asked
     stretch = np.zeros((len(i), held.stretch_ck.shape[1]))
     stretch[found[hit]] = held.stretch_ck[hit]
-    track.within_pk[:within] = stretch[:within]
-    track.crossing_pk[: len(i) - within] = stretch[within:]
+    track.inner_pk[: len(i)] = stretch

@@ -9,7 +9,14 @@ from typing import Any
 from numba import types
 
 from packmech.compiled import compiled_form, device
-from packmech.dynamics.march.springs import Pace, push_in_space, slip_in_space, stretch_after, stretch_before
+from packmech.dynamics.march.springs import (
+    Pace,
+    slip_in_plane,
+    slip_in_space,
+    stretch_after,
+    stretch_before,
+    with_moment,
+)
 from packmech.effects.pair import hook_of
 
 
@@ -26,57 +33,60 @@ def _choose_slide(friction: Any, stretch: Any, slip: Any) -> Any:
     return lambda friction, stretch, slip: function(friction, stretch, slip)
 
 
+def turning_axes(friction: Any, axes: Any) -> Any:
+    """Return a tuple as long as the torques that a pair has: none without friction, 1 in a plane, 3 in space."""
+    return () if friction is None else axes if len(axes) == 3 else axes[:1]
+
+
+@compiled_form(turning_axes)
+def _choose_turning_axes(friction: Any, axes: Any) -> Any:
+    if isinstance(friction, types.NoneType):
+        return lambda friction, axes: ()
+    return (lambda friction, axes: axes) if len(axes) == 3 else (lambda friction, axes: (0,))
+
+
 @device
-def rub_flat(friction, body, push, held_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace):
-    """Add friction in a plane: the stretch is a number along t = (-ny, nx); return the tangential force."""
-    ai = body[i, 3] * r / sigma
-    aj = body[j, 3] * r / sigma
-    slip = ux * -ny + uy * nx - ai * body[i, 6] - aj * body[j, 6]
+def _rub_in_plane(friction, body, held_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace):
+    ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
     stretch = held_pk[p, 0] + pace.before * slip
     force = slide(friction, stretch, slip)
     cap = friction.coefficient * normal
-    if abs(force) > cap:
-        force = math.copysign(cap, force)
-        stretch = (force - friction.damping * slip) / friction.stiffness
+    soft = 1.0 / friction.stiffness
+    # whether contacts slide is not to be foretold: without a branch, what the cap takes is taken off the spring too
+    capped = min(max(force, -cap), cap)
+    stretch += (capped - force) * soft
+    force = capped
     held_pk[p, 0] = stretch + pace.after * slip
-    push[i, 0] += force * -ny
-    push[i, 1] += force * nx
-    push[j, 0] -= force * -ny
-    push[j, 1] -= force * nx
-    push[i, 2] += ai * force
-    push[j, 2] += aj * force
-    return force
+    # along t = (-ny, nx); the moment n x t is one
+    return force * -ny, force * nx, 0.0, 0.0, 0.0, force, ai, aj
 
 
 @device
-def rub_in_space(friction, body, push, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-    """Add friction between spheres: the stretch is a vector across n; return the tangential force."""
+def _rub_in_space(friction, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
     ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
     x, y, z = stretch_before(held_pk, p, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
     fx = slide(friction, x, sx)
     fy = slide(friction, y, sy)
     fz = slide(friction, z, sz)
-    size = math.sqrt(fx * fx + fy * fy + fz * fz)
+    square = fx * fx + fy * fy + fz * fz
     cap = friction.coefficient * normal
-    if size > cap:
-        scale = cap / size
+    soft = 1.0 / friction.stiffness
+    if square > cap * cap:
+        scale = cap / math.sqrt(square)
         fx *= scale
         fy *= scale
         fz *= scale
-        soft = 1.0 / friction.stiffness
         x = (fx - friction.damping * sx) * soft
         y = (fy - friction.damping * sy) * soft
         z = (fz - friction.damping * sz) * soft
     stretch_after(held_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
-    push_in_space(push, i, j, ai, aj, nx, ny, nz, fx, fy, fz)
-    return size
+    return with_moment(nx, ny, nz, fx, fy, fz, ai, aj)
 
 
 def rub(
     friction: Any,
     axes: Any,
     body: Any,
-    push: Any,
     held_pk: Any,
     p: int,
     i: int,
@@ -91,8 +101,8 @@ def rub(
     sigma: float,
     normal: float,
     pace: Pace,
-) -> None:
-    """Add the friction of a touching pair with the relative velocity u; nothing where the scene has none."""
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return the friction on i of a touching pair with relative velocity u, its moment and arms; zeros without."""
     raise NotImplementedError("friction acts in compiled loops")
 
 
@@ -101,7 +111,6 @@ def _choose_rub(
     friction: Any,
     axes: Any,
     body: Any,
-    push: Any,
     held_pk: Any,
     p: Any,
     i: Any,
@@ -118,34 +127,39 @@ def _choose_rub(
     pace: Any,
 ) -> Any:
     if isinstance(friction, types.NoneType):
-        return lambda friction, axes, body, push, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace: None
+
+        def none(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
+        return none
     if len(axes) == 2:
 
-        def flat(friction, axes, body, push, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-            rub_flat(friction, body, push, held_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace)
+        def plane(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+            return _rub_in_plane(friction, body, held_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace)
 
-        return flat
+        return plane
 
-    def space(friction, axes, body, push, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-        rub_in_space(friction, body, push, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace)
+    def space(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+        return _rub_in_space(friction, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace)
 
     return space
 
 
-def forget(held_pk: Any, p: int) -> None:
+def forget(axes: Any, held_pk: Any, p: int) -> None:
     """Forget the stretch of a pair that does not touch; nothing where no stretches are held."""
     if held_pk is not None:
         held_pk[p] = 0.0
 
 
 @compiled_form(forget)
-def _choose_forget(held_pk: Any, p: Any) -> Any:
+def _choose_forget(axes: Any, held_pk: Any, p: Any) -> Any:
     if isinstance(held_pk, types.NoneType):
-        return lambda held_pk, p: None
+        return lambda axes, held_pk, p: None
 
-    def clear(held_pk, p):
-        for a in range(held_pk.shape[1]):
-            if held_pk[p, a] != 0.0:
-                held_pk[p, a] = 0.0
+    def clear(axes, held_pk, p):
+        held_pk[p, 0] = 0.0
+        if len(axes) == 3:
+            held_pk[p, 1] = 0.0
+            held_pk[p, 2] = 0.0
 
     return clear

@@ -69,8 +69,9 @@ def stretch_after(held_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, time):
 @device
 def slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
     """Return arms, slip velocity of the contact points, and the angular velocity with which the contact turns."""
-    ai = body[i, 3] * r / sigma
-    aj = body[j, 3] * r / sigma
+    share = r * (1.0 / sigma)
+    ai = body[i, 3] * share
+    aj = body[j, 3] * share
     wx = ai * body[i, 7] + aj * body[j, 7]
     wy = ai * body[i, 8] + aj * body[j, 8]
     wz = ai * body[i, 9] + aj * body[j, 9]
@@ -90,18 +91,63 @@ def slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
 
 
 @device
-def push_in_space(push, i, j, ai, aj, nx, ny, nz, fx, fy, fz):
-    """Add a tangential force f on i, -f on j, and its torques a n x f on both."""
+def slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma):
+    """Return arms, and the slip along t = (-ny, nx)."""
+    share = r * (1.0 / sigma)
+    ai = body[i, 3] * share
+    aj = body[j, 3] * share
+    return ai, aj, uy * nx - ux * ny - ai * body[i, 6] - aj * body[j, 6]
+
+
+@device
+def with_moment(nx, ny, nz, fx, fy, fz, ai, aj):
+    """Return a tangential force on i, its moment for an arm of one, and the arms: the torques are arm times moment."""
+    return fx, fy, fz, ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx, ai, aj
+
+
+@device
+def give(axes, spins, push, i, done):
+    """Add a pair's force, and its torque where particles turn, to row i."""
+    fx, fy, fz, mx, my, mz, ai, _ = done
     push[i, 0] += fx
     push[i, 1] += fy
-    push[i, 2] += fz
+    if len(axes) == 3:
+        push[i, 2] += fz
+    if len(spins) == 1:
+        push[i, 2] += ai * mz
+    if len(spins) == 3:
+        push[i, 3] += ai * mx
+        push[i, 4] += ai * my
+        push[i, 5] += ai * mz
+
+
+@device
+def give_back(axes, spins, push, j, done):
+    """Add the reaction to row j: the torque has the same sign on both."""
+    fx, fy, fz, mx, my, mz, _, aj = done
     push[j, 0] -= fx
     push[j, 1] -= fy
-    push[j, 2] -= fz
-    qx, qy, qz = ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx
-    push[i, 3] += ai * qx
-    push[i, 4] += ai * qy
-    push[i, 5] += ai * qz
-    push[j, 3] += aj * qx
-    push[j, 4] += aj * qy
-    push[j, 5] += aj * qz
+    if len(axes) == 3:
+        push[j, 2] -= fz
+    if len(spins) == 1:
+        push[j, 2] += aj * mz
+    if len(spins) == 3:
+        push[j, 3] += aj * mx
+        push[j, 4] += aj * my
+        push[j, 5] += aj * mz
+
+
+@device
+def leave(axes, spins, slot_qk, q, done):
+    """Write the reaction to a slot."""
+    fx, fy, fz, mx, my, mz, _, aj = done
+    slot_qk[q, 0] = -fx
+    slot_qk[q, 1] = -fy
+    if len(axes) == 3:
+        slot_qk[q, 2] = -fz
+    if len(spins) == 1:
+        slot_qk[q, 2] = aj * mz
+    if len(spins) == 3:
+        slot_qk[q, 3] = aj * mx
+        slot_qk[q, 4] = aj * my
+        slot_qk[q, 5] = aj * mz

@@ -14,13 +14,15 @@ from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.bonds import bond_table
 from packmech.dynamics.march.flow import GAMMA, NUMBERS, Flow, Still, gamma_at, set_flow
-from packmech.dynamics.march.lists import Space, Track, empty_track
+from packmech.dynamics.march.lists import Space, Track, empty_track, search
 from packmech.dynamics.march.look import COLUMNS, look
 from packmech.dynamics.march.memory import Stretches, read_stretches, write_stretches
+from packmech.dynamics.march.pairs import Pairs, empty_pairs
 from packmech.dynamics.march.springs import Pace
-from packmech.dynamics.march.steps import Acting, State, march, start_march
+from packmech.dynamics.march.steps import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, march
 from packmech.dynamics.march.tally import Ledger
-from packmech.dynamics.pair_list import SKIN_FULL, PairList, empty_list
+from packmech.dynamics.march.team import Team, together
+from packmech.dynamics.pair_list import SKIN_FULL
 from packmech.dynamics.program import space_order
 from packmech.effects import Bonds, Friction
 from packmech.scene import Scene
@@ -53,6 +55,8 @@ class March:
         Time step and steps taken.
     second_order
         Velocity Verlet, or else semi-implicit Euler.
+    threads
+        Number of threads; it changes no bit.
 
     """
 
@@ -66,13 +70,14 @@ class March:
     acting: Acting
     state: State
     space: Space
-    pairs: PairList
+    pairs: Pairs
     track: Track | None
     dt: float
     second_order: bool
     steps: int = 0
     started: bool = False
     homing: int = _HOMING
+    threads: int = 1
 
     @property
     def time(self) -> float:
@@ -113,49 +118,73 @@ class March:
     def spins(self) -> NDArray[np.float64] | None:
         """Return the (N, 1 or 3) spins in the order of the packing [1/time]; None where particles do not turn."""
         d = len(self.axes)
-        if self.state.body.shape[1] == 4 + d:
+        turns = len(self.state.spins)
+        if not turns:
             return None
-        spin = np.empty((len(self.order_n), self.state.body.shape[1] - 4 - d))
-        spin[self.order_n] = self.state.body[:, 4 + d :]
+        spin = np.empty((len(self.order_n), turns))
+        spin[self.order_n] = self.state.body[:, 4 + d : 4 + d + turns]
         return spin
 
     def begin(self) -> None:
         """Take the forces of the present state."""
-        pace = Pace(0.0, self.pace.after)
-        self.pairs, self.track = start_march(
-            self.acting, self.axes, self.state, self.space, self.pairs, self.track, self.time, pace
-        )
+        if self.space.flow is not None:
+            set_flow(self.space.flow, self.space.frame, self.time)
+        self._search()
+        self._run(FORCES, 1, None)
         self.started = True
 
     def advance(self, steps: int, ledger: Ledger | None = None) -> int:
         """Advance by up to `steps` steps; return how that ended."""
         if not self.started:
             self.begin()
-        reach = 2.0 * float(self.state.body[:, 3].min())
         left = steps
+        start = WHOLE_STEP
         while left > 0:
             due = min(left, self.homing - self.steps % self.homing)
-            status, taken, self.pairs, self.track = march(
+            status, taken = self._run(start, due, ledger)
+            self.steps += taken
+            left -= taken
+            start = WHOLE_STEP
+            if status == SEARCH:
+                self._search()
+                start = REST_OF_STEP
+            elif status != RUNNING:
+                return status
+            elif self.steps % self.homing == 0:
+                self.bring_home()
+        return RUNNING
+
+    def _run(self, start: int, steps: int, ledger: Ledger | None) -> tuple[int, int]:
+        reach = 2.0 * float(self.state.body[:, 3].min())
+        threads = min(self.threads, len(self.pairs.row_b) - 1)
+
+        def run(team: Team | None) -> tuple[int, int]:
+            space = self.space
+            if team is not None and space.flow is not None:
+                # room to reckon in is each thread's own
+                space = space._replace(flow=space.flow._replace(work_dd=np.empty((3, 3))))
+            status, taken = march(
                 self.acting,
                 self.axes,
                 self.state,
-                self.space,
+                space,
                 self.pairs,
                 self.track,
                 ledger,
+                team,
+                start,
                 self.steps,
-                due,
+                steps,
                 self.dt,
                 self.second_order,
                 reach,
             )
-            self.steps += int(taken)
-            left -= int(taken)
-            if status != RUNNING:
-                return int(status)
-            if self.steps % self.homing == 0:
-                self.bring_home()
-        return RUNNING
+            return int(status), int(taken)
+
+        return run(None) if threads == 1 else together(run, threads)
+
+    def _search(self) -> None:
+        self.pairs, self.track = search(self.axes, self.state.body, self.space, self.pairs, self.track)
 
     def see(self) -> NDArray[np.float64]:
         """Return the figures of the present moment, in the columns of `look`."""
@@ -208,15 +237,22 @@ class March:
             bonds = next(one for one in self.scene.effects if isinstance(one, Bonds))
             table = bond_table(bonds, self.order_n, self.home_nd, self.change_dd, table.stretch_bk)
         self.space = Space(self.space.sizes, frame, flow, table)
-        self.pairs = empty_list(len(self.order_n), float(self.pairs.number[SKIN_FULL]))
+        self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
         self.track = None if self.track is None else empty_track(d)
 
     def restore(self, held: Stretches) -> None:
         """Make the lists at the present positions and give their springs these stretches; forces stay as they are."""
-        from packmech.dynamics.march.lists import keep_up
-
-        self.pairs, self.track = keep_up(self.axes, self.state.body, self.space, self.pairs, self.track)
+        self._search()
         write_stretches(self.pairs, self.track, held)
+
+
+def aligned_rows(rows: int, columns: int) -> NDArray[np.float64]:
+    """Return rows of zeros; those of up to eight numbers fill one cache line each."""
+    if columns > 8:
+        return np.zeros((rows, columns))
+    space = np.zeros(8 * rows + 8)
+    ahead = (-space.ctypes.data % 64) // 8
+    return space[ahead : ahead + 8 * rows].reshape(rows, 8)
 
 
 def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow:
@@ -248,6 +284,7 @@ def build_march(
     direction_dd: NDArray[np.float64] | None = None,
     held_n: NDArray[np.bool_] | None = None,
     second_order: bool = True,
+    threads: int = 1,
 ) -> March:
     """Return a march ready to go; velocities are peculiar ones.
 
@@ -265,6 +302,8 @@ def build_march(
         (N,) particles that nothing pushes.
     second_order
         Velocity Verlet, or else semi-implicit Euler.
+    threads
+        Number of threads; it changes no bit.
 
     """
     packing, d = scene.packing, scene.packing.dimension
@@ -276,11 +315,11 @@ def build_march(
     spins = 0 if not turns else 1 if d == 2 else 3
     order = space_order(packing)
     n = packing.particles
-    body = np.zeros((n, 4 + d + spins))
+    body = aligned_rows(n, 4 + d + spins)
     body[:, 3] = packing.radius_n[order]
     body[:, 4 : 4 + d] = velocity_nd[order]
     if turns and spin_nk is not None:
-        body[:, 4 + d :] = spin_nk[order]
+        body[:, 4 + d : 4 + d + spins] = spin_nk[order]
     fraction = packing.position_nd @ packing.box.inverse_dd.T
     home = np.floor(fraction).astype(np.int64)
     body[:, :d] = (packing.position_nd - home @ packing.box.lattice_dd.T)[order]
@@ -307,12 +346,13 @@ def build_march(
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
         acting=Acting(pairs or None, bodies or None, friction),
-        state=State(body, np.zeros((n, d + spins)), np.zeros((n, d + spins)), weight, mass),
+        state=State(tuple(range(spins)), body, np.zeros((n, d + spins)), np.zeros((n, d + spins)), weight, mass),
         space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table),
-        pairs=empty_list(n, skin),
+        pairs=empty_pairs(n, d + spins, skin),
         track=empty_track(d) if friction is not None else None,
         dt=dt,
         second_order=second_order,
+        threads=threads,
     )
     built.homing = homing_steps(built)
     return built

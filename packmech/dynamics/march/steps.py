@@ -6,7 +6,7 @@ velocity, lets the box carry on to the end, takes the forces there and kicks aga
 order). Dashpots, slips and drag see velocities extrapolated to the end of the step.
 
 Every loop starts and ends with the forces of the present state in `push`, so that a run may be cut anywhere without a
-change of a bit.
+change of a bit. Rows are walked by blocks, each by one thread.
 """
 
 from __future__ import annotations
@@ -19,16 +19,21 @@ from numba import literal_unroll, types
 
 from packmech.compiled import compiled_form, device, kernel
 from packmech.dynamics.kernels import NOT_FINITE, RUNNING
-from packmech.dynamics.march.contact import contact_pass
+from packmech.dynamics.march.bonding import bonds_of_block, collect_bonds
+from packmech.dynamics.march.contact import contacts_of_block
 from packmech.dynamics.march.flow import gamma_at, is_still, map_between, rates, set_flow, turning
-from packmech.dynamics.march.lists import crossing_of, deform_images, keep_up, within_of
+from packmech.dynamics.march.lists import deform_images, held_of, keep_up
+from packmech.dynamics.march.pairs import collect
 from packmech.dynamics.march.springs import Pace
-from packmech.dynamics.march.tally import tally
-from packmech.dynamics.pair_list import AGE, TRAVEL
+from packmech.dynamics.march.tally import due_now, tally
+from packmech.dynamics.march.team import largest, leads, share, told, wait
 from packmech.effects import body_force, spin_drag
 
 TOO_FAST = NOT_FINITE
-_FAR = 1e300
+# a loop that ended because its pair lists must be searched anew, in the middle of a step
+SEARCH = 17
+# where a loop starts: with a step, in the middle of one, or only to take the forces
+WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
 
 
 class Acting(NamedTuple):
@@ -40,8 +45,12 @@ class Acting(NamedTuple):
 
 
 class State(NamedTuple):
-    """The arrays of a march. weight_nk holds 1/m and, where particles turn, 1/I; both are 0 for what is held."""
+    """The arrays of a march. weight_nk holds 1/m and, where particles turn, 1/I; both are 0 for what is held.
 
+    `spins` is a tuple as long as a spin: none where nothing turns, 1 in a plane, 3 in space.
+    """
+
+    spins: Any
     body: Any
     push: Any
     half: Any
@@ -49,125 +58,173 @@ class State(NamedTuple):
     mass_n: Any
 
 
-@device
-def kick(axes, state, step):
-    """Set half to the velocities and spins after a kick by the present forces."""
-    d = len(axes)
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    for i in range(body.shape[0]):
-        move = step * weight[i, 0]
-        for a in range(d):
-            half[i, a] = body[i, 4 + a] + move * push[i, a]
-        for a in range(d, half.shape[1]):
-            half[i, a] = body[i, 4 + a] + step * weight[i, 1] * push[i, a]
+def leap(
+    flow: Any, axes: Any, state: State, low: int, high: int, time: float, dt: float, early: float, ahead: float
+) -> float:
+    """Kick rows by the present forces and take them to the end of the step; return the largest squared displacement.
 
-
-def drift(flow: Any, axes: Any, state: State, dt: float, ahead: float) -> float:
-    """Move by dt along half; set velocities to half + ahead (half - velocities); return the largest speed in half."""
+    `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
+    velocities). The box's own share of displacements is not counted.
+    """
     raise NotImplementedError("a march is stepped in compiled loops")
 
 
 @device
-def _drift_still(axes, state, dt, ahead):
+def _leap_still(axes, state, low, high, dt, early, ahead):
     d = len(axes)
-    body, half = state.body, state.half
+    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
     most = 0.0
-    for i in range(body.shape[0]):
+    for i in range(low, high):
+        kick = early * weight[i, 0]
         square = 0.0
         for a in range(d):
-            c = half[i, a]
-            square += c * c
-            body[i, a] += dt * c
-        for a in range(half.shape[1]):
-            body[i, 4 + a] = half[i, a] + ahead * (half[i, a] - body[i, 4 + a])
+            c = body[i, 4 + a]
+            kicked = c + kick * push[i, a]
+            half[i, a] = kicked
+            body[i, 4 + a] = kicked + ahead * (kicked - c)
+            body[i, a] += dt * kicked
+            square += kicked * kicked
+        for k in range(len(state.spins)):
+            a = d + k
+            c = body[i, 4 + a]
+            kicked = c + early * weight[i, 1] * push[i, a]
+            half[i, a] = kicked
+            body[i, 4 + a] = kicked + ahead * (kicked - c)
         # written so that a speed that is not a number is the largest
         if not square <= most:
             most = square
-    return math.sqrt(most)
+    return dt * dt * most
 
 
 @device
-def _drift_flowing(flow, axes, state, time, dt, ahead):
-    d = len(axes)
-    body, half = state.body, state.half
-    low = gamma_at(flow.profile, time)[0]
+def _entries(matrix):
+    return (
+        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
+        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
+        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
+    )
+
+
+@device
+def _maps(flow, time, dt):
+    """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
+    start = gamma_at(flow.profile, time)[0]
     middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
-    high = gamma_at(flow.profile, time + dt)[0]
+    end = gamma_at(flow.profile, time + dt)[0]
+    places = np.empty((3, 3))
+    speeds = np.empty((3, 3))
+    moves = np.empty((3, 3))
+    first = np.empty((3, 3))
+    second = np.empty((3, 3))
+    map_between(flow, start, end, places)
+    map_between(flow, end, start, speeds)
+    map_between(flow, middle, start, first)
+    map_between(flow, middle, end, second)
+    for i in range(3):
+        for j in range(3):
+            moves[i, j] = second[i, 0] * first[0, j] + second[i, 1] * first[1, j] + second[i, 2] * first[2, j]
+    return _entries(places), _entries(speeds), _entries(moves)
+
+
+@device
+def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
+    d = len(axes)
+    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    g, b, h = _maps(flow, time, dt)
     most = 0.0
-    # first to the middle of the step, then to its end
-    for part in range(2):
-        start, end = (low, middle) if part == 0 else (middle, high)
-        map_between(flow, start, end, flow.step_dd)
-        map_between(flow, end, start, flow.back_dd)
-        g, b = flow.step_dd, flow.back_dd
-        for i in range(body.shape[0]):
-            x, y, z = body[i, 0], body[i, 1], body[i, 2]
-            body[i, 0] = g[0, 0] * x + g[0, 1] * y + g[0, 2] * z
-            body[i, 1] = g[1, 0] * x + g[1, 1] * y + g[1, 2] * z
-            u, v = half[i, 0], half[i, 1]
-            w = 0.0
-            p, q = body[i, 4], body[i, 5]
-            r = 0.0
-            if d == 3:
-                body[i, 2] = g[2, 0] * x + g[2, 1] * y + g[2, 2] * z
-                w = half[i, 2]
-                r = body[i, 6]
-                half[i, 2] = b[2, 0] * u + b[2, 1] * v + b[2, 2] * w
-                body[i, 6] = b[2, 0] * p + b[2, 1] * q + b[2, 2] * r
-            half[i, 0] = b[0, 0] * u + b[0, 1] * v + b[0, 2] * w
-            half[i, 1] = b[1, 0] * u + b[1, 1] * v + b[1, 2] * w
-            body[i, 4] = b[0, 0] * p + b[0, 1] * q + b[0, 2] * r
-            body[i, 5] = b[1, 0] * p + b[1, 1] * q + b[1, 2] * r
-            if part == 0:
-                square = 0.0
-                for a in range(d):
-                    c = half[i, a]
-                    square += c * c
-                    body[i, a] += dt * c
-                if not square <= most:
-                    most = square
-            else:
-                for a in range(half.shape[1]):
-                    body[i, 4 + a] = half[i, a] + ahead * (half[i, a] - body[i, 4 + a])
-    return math.sqrt(most)
+    for i in range(low, high):
+        kick = early * weight[i, 0]
+        x, y = body[i, 0], body[i, 1]
+        u, v = body[i, 4], body[i, 5]
+        p, q = u + kick * push[i, 0], v + kick * push[i, 1]
+        if d == 2:
+            mx = dt * (h[0][0] * p + h[0][1] * q)
+            my = dt * (h[1][0] * p + h[1][1] * q)
+            body[i, 0] = g[0][0] * x + g[0][1] * y + mx
+            body[i, 1] = g[1][0] * x + g[1][1] * y + my
+            s, t = p + ahead * (p - u), q + ahead * (q - v)
+            half[i, 0] = b[0][0] * p + b[0][1] * q
+            half[i, 1] = b[1][0] * p + b[1][1] * q
+            body[i, 4] = b[0][0] * s + b[0][1] * t
+            body[i, 5] = b[1][0] * s + b[1][1] * t
+            square = mx * mx + my * my
+        else:
+            z, w = body[i, 2], body[i, 6]
+            r = w + kick * push[i, 2]
+            mx = dt * (h[0][0] * p + h[0][1] * q + h[0][2] * r)
+            my = dt * (h[1][0] * p + h[1][1] * q + h[1][2] * r)
+            mz = dt * (h[2][0] * p + h[2][1] * q + h[2][2] * r)
+            body[i, 0] = g[0][0] * x + g[0][1] * y + g[0][2] * z + mx
+            body[i, 1] = g[1][0] * x + g[1][1] * y + g[1][2] * z + my
+            body[i, 2] = g[2][0] * x + g[2][1] * y + g[2][2] * z + mz
+            s, t, o = p + ahead * (p - u), q + ahead * (q - v), r + ahead * (r - w)
+            half[i, 0] = b[0][0] * p + b[0][1] * q + b[0][2] * r
+            half[i, 1] = b[1][0] * p + b[1][1] * q + b[1][2] * r
+            half[i, 2] = b[2][0] * p + b[2][1] * q + b[2][2] * r
+            body[i, 4] = b[0][0] * s + b[0][1] * t + b[0][2] * o
+            body[i, 5] = b[1][0] * s + b[1][1] * t + b[1][2] * o
+            body[i, 6] = b[2][0] * s + b[2][1] * t + b[2][2] * o
+            square = mx * mx + my * my + mz * mz
+        for k in range(len(state.spins)):
+            a = d + k
+            c = body[i, 4 + a]
+            kicked = c + early * weight[i, 1] * push[i, a]
+            half[i, a] = kicked
+            body[i, 4 + a] = kicked + ahead * (kicked - c)
+        # written so that a displacement that is not a number is the largest
+        if not square <= most:
+            most = square
+    return most
 
 
-def advance_places(flow: Any, frame: Any, axes: Any, state: State, time: float, dt: float, ahead: float) -> float:
-    """Take everybody, and the box, to the end of a step; return the largest peculiar speed."""
-    raise NotImplementedError("a march is stepped in compiled loops")
-
-
-@compiled_form(advance_places)
-def _choose_advance_places(flow: Any, frame: Any, axes: Any, state: Any, time: Any, dt: Any, ahead: Any) -> Any:
+@compiled_form(leap)
+def _choose_leap(
+    flow: Any, axes: Any, state: Any, low: Any, high: Any, time: Any, dt: Any, early: Any, ahead: Any
+) -> Any:
     if is_still(flow):
-        return lambda flow, frame, axes, state, time, dt, ahead: _drift_still(axes, state, dt, ahead)
 
-    def flowing(flow, frame, axes, state, time, dt, ahead):
-        fastest = _drift_flowing(flow, axes, state, time, dt, ahead)
-        set_flow(flow, frame, time + dt)
-        return fastest
+        def still(flow, axes, state, low, high, time, dt, early, ahead):
+            return _leap_still(axes, state, low, high, dt, early, ahead)
+
+        return still
+
+    def flowing(flow, axes, state, low, high, time, dt, early, ahead):
+        return _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead)
 
     return flowing
 
 
-def bodies_push(bodies: Any, axes: Any, state: State, rates: Any) -> None:
-    """Set push to the forces on single particles: zero where nothing acts on them."""
+def move_box(flow: Any, frame: Any, time: float) -> None:
+    """Set the box to its shape at a time."""
+    if flow is not None:
+        set_flow(flow, frame, time)
+
+
+@compiled_form(move_box)
+def _choose_move_box(flow: Any, frame: Any, time: Any) -> Any:
+    if is_still(flow):
+        return lambda flow, frame, time: None
+    return lambda flow, frame, time: set_flow(flow, frame, time)
+
+
+def bodies_push(bodies: Any, axes: Any, state: State, rates: Any, low: int, high: int) -> None:
+    """Set push of rows to the forces on single particles: zero where nothing acts on them."""
     raise NotImplementedError("a march is stepped in compiled loops")
 
 
 @device
-def _clear(push):
-    for i in range(push.shape[0]):
-        for a in range(push.shape[1]):
+def _clear(axes, spins, push, low, high):
+    for i in range(low, high):
+        for a in range(len(axes) + len(spins)):
             push[i, a] = 0.0
 
 
 @device
-def _push_bodies(bodies, axes, state, rates):
+def _push_bodies(bodies, axes, state, rates, low, high):
     d = len(axes)
     body, push, weight = state.body, state.push, state.weight_nk
     wx, wy, wz = turning(rates)
-    for i in range(body.shape[0]):
+    for i in range(low, high):
         fx = fy = fz = 0.0
         drag = 0.0
         w = body[i, 6] if d == 3 else 0.0
@@ -194,102 +251,73 @@ def _push_bodies(bodies, axes, state, rates):
 
 
 @compiled_form(bodies_push)
-def _choose_bodies_push(bodies: Any, axes: Any, state: Any, rates: Any) -> Any:
+def _choose_bodies_push(bodies: Any, axes: Any, state: Any, rates: Any, low: Any, high: Any) -> Any:
     if isinstance(bodies, types.NoneType):
-        return lambda bodies, axes, state, rates: _clear(state.push)
-    return lambda bodies, axes, state, rates: _push_bodies(bodies, axes, state, rates)
+        return lambda bodies, axes, state, rates, low, high: _clear(axes, state.spins, state.push, low, high)
+    return lambda bodies, axes, state, rates, low, high: _push_bodies(bodies, axes, state, rates, low, high)
 
 
 @device
-def finish_kick(axes, state, step):
+def _finish_kick(axes, state, low, high, late):
     """Set velocities and spins to half, kicked by the forces."""
     d = len(axes)
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    for i in range(body.shape[0]):
-        move = step * weight[i, 0]
+    for i in range(low, high):
+        kick = late * weight[i, 0]
         for a in range(d):
-            body[i, 4 + a] = half[i, a] + move * push[i, a]
-        for a in range(d, half.shape[1]):
-            body[i, 4 + a] = half[i, a] + step * weight[i, 1] * push[i, a]
-
-
-def begin_flow(flow: Any, frame: Any, time: float) -> None:
-    """Set the box to its shape at a time."""
-    if flow is not None:
-        set_flow(flow, frame, time)
-
-
-@compiled_form(begin_flow)
-def _choose_begin_flow(flow: Any, frame: Any, time: Any) -> Any:
-    if is_still(flow):
-        return lambda flow, frame, time: None
-    return lambda flow, frame, time: set_flow(flow, frame, time)
+            body[i, 4 + a] = half[i, a] + kick * push[i, a]
+        for k in range(len(state.spins)):
+            a = d + k
+            body[i, 4 + a] = half[i, a] + late * weight[i, 1] * push[i, a]
 
 
 @kernel
-def start_march(acting, axes, state, space, pairs, track, time, pace):
-    """Set the forces at the present state; return pair list and track."""
-    begin_flow(space.flow, space.frame, time)
-    if pairs.number[TRAVEL] < np.inf:
-        # wherever everybody is now
-        pairs.number[TRAVEL] = _FAR
-    pairs, track = keep_up(axes, state.body, space, pairs, track)
-    deform_images(space.flow, space.frame, pairs)
-    flowing = rates(space.flow)
-    bodies_push(acting.bodies, axes, state, flowing)
-    contact_pass(
-        acting.pairs,
-        acting.friction,
-        space.bonds,
-        flowing,
-        axes,
-        state.body,
-        state.push,
-        space.frame.lattice_dd,
-        pairs,
-        within_of(track),
-        crossing_of(track),
-        pace,
-    )
-    return pairs, track
+def march(acting, axes, state, space, pairs, track, ledger, team, start, first, steps, dt, second_order, reach):
+    """Take up to `steps` steps from step number `first`; return how that ended and the steps taken.
 
-
-@kernel
-def march(acting, axes, state, space, pairs, track, ledger, first, steps, dt, second_order, reach):
-    """Take up to `steps` steps from step number `first`; return how that ended, steps taken, pair list and track.
-
-    Velocity Verlet if `second_order`, else semi-implicit Euler.
+    Velocity Verlet if `second_order`, else semi-implicit Euler. `start` says where to begin.
     """
     early = 0.5 * dt if second_order else dt
     late = dt - early
     ahead = 1.0 if second_order else 0.0
-    pace = Pace(0.5 * dt, 0.5 * dt) if second_order else Pace(0.0, dt)
+    before = 0.5 * dt if second_order and start != FORCES else 0.0
+    after = 0.5 * dt if second_order else dt
+    pace = Pace(before, after)
+    row_b = pairs.row_b
+    low_b, high_b = share(team, row_b.shape[0] - 1)
+    low, high = row_b[low_b], row_b[high_b]
+    held_pk = held_of(track)
+    body, push, lattice = state.body, state.push, space.frame.lattice_dd
     for step in range(steps):
         time = (first + step) * dt
-        kick(axes, state, early)
-        fastest = advance_places(space.flow, space.frame, axes, state, time, dt, ahead)
-        if not dt * fastest < reach:
-            return TOO_FAST, step, pairs, track
-        pairs.number[TRAVEL] += dt * fastest
-        pairs.number[AGE] += 1.0
-        pairs, track = keep_up(axes, state.body, space, pairs, track)
-        deform_images(space.flow, space.frame, pairs)
+        if start == WHOLE_STEP:
+            square = leap(space.flow, axes, state, low, high, time, dt, early, ahead)
+            moved = math.sqrt(largest(team, square))
+            if not moved < reach:
+                return TOO_FAST, step
+            stale = False
+            if leads(team):
+                move_box(space.flow, space.frame, time + dt)
+                deform_images(space.flow, space.frame, pairs)
+                stale = keep_up(axes, body, space, pairs, track, moved)
+            if told(team, stale):
+                return SEARCH, step
         flowing = rates(space.flow)
-        bodies_push(acting.bodies, axes, state, flowing)
-        contact_pass(
-            acting.pairs,
-            acting.friction,
-            space.bonds,
-            flowing,
-            axes,
-            state.body,
-            state.push,
-            space.frame.lattice_dd,
-            pairs,
-            within_of(track),
-            crossing_of(track),
-            pace,
-        )
-        finish_kick(axes, state, late)
-        tally(ledger, acting, axes, state, space, pairs, track, first + step + 1, dt, pace)
-    return RUNNING, steps, pairs, track
+        for b in range(low_b, high_b):
+            bodies_push(acting.bodies, axes, state, flowing, row_b[b], row_b[b + 1])
+            contacts_of_block(acting.pairs, acting.friction, flowing, axes, body, push, pairs, held_pk, pace, b)
+            bonds_of_block(space.bonds, flowing, axes, body, push, lattice, pace, b)
+        wait(team)
+        for b in range(low_b, high_b):
+            collect(pairs.slots, push, b)
+            collect_bonds(space.bonds, push, b)
+        if start == FORCES:
+            return RUNNING, 0
+        _finish_kick(axes, state, low, high, late)
+        start = WHOLE_STEP
+        if due_now(ledger, first + step + 1):
+            wait(team)
+            if leads(team):
+                tally(ledger, acting, axes, state, space, pairs, track, first + step + 1, dt, pace)
+            wait(team)
+    return RUNNING, steps

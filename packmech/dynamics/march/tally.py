@@ -38,7 +38,7 @@ def tally(
     dt: float,
     pace: Any,
 ) -> None:
-    """Write the figures of this step, if it is one of those to be kept."""
+    """Write the figures of this step."""
     raise NotImplementedError("a march is stepped in compiled loops")
 
 
@@ -59,8 +59,19 @@ def _choose_tally(
         return lambda ledger, acting, axes, state, space, pairs, track, step, dt, pace: None
 
     def keep(ledger, acting, axes, state, space, pairs, track, step, dt, pace):
-        if step % ledger.every == 0 and ledger.written[0] < ledger.row_tk.shape[0]:
-            look(acting, axes, state, space, pairs, track, step * dt, pace, ledger.row_tk[ledger.written[0]])
-            ledger.written[0] += 1
+        look(acting, axes, state, space, pairs, track, step * dt, pace, ledger.row_tk[ledger.written[0]])
+        ledger.written[0] += 1
 
     return keep
+
+
+def due_now(ledger: Ledger | None, step: int) -> bool:
+    """Whether the figures of this step are to be kept."""
+    raise NotImplementedError("a march is stepped in compiled loops")
+
+
+@compiled_form(due_now)
+def _choose_due_now(ledger: Any, step: Any) -> Any:
+    if isinstance(ledger, types.NoneType):
+        return lambda ledger, step: False
+    return lambda ledger, step: step % ledger.every == 0 and ledger.written[0] < ledger.row_tk.shape[0]
