@@ -11,7 +11,6 @@ which touches the few rows that T names, and counts as one positive and one nega
 
 from __future__ import annotations
 
-
 from packmech.compiled import device
 
 # a coordinate follows the others where its share of the link's reduced row is at least this, and growth stays small

@@ -13,10 +13,11 @@ UNIT = 0.7
 NO_SPACE = (np.empty(1),) * 4
 
 
-def _system(particles, dimension, seed, shift):
-    """Return a random network on a ring of places, with links, as the kernels take it, and as a dense matrix."""
+def _system(particles, dimension, seed, shift, place=None, row=5):
+    """Return a network of random places, or the given ones, with links, as the kernels take it, and a dense matrix."""
     rng = np.random.default_rng(seed)
-    place = rng.uniform(size=(particles, dimension)) * particles ** (1.0 / dimension)
+    if place is None:
+        place = rng.uniform(size=(particles, dimension)) * particles ** (1.0 / dimension)
     gap = np.linalg.norm(place[:, None] - place[None], axis=2)
     i, j = np.nonzero(np.triu(gap < 1.6, 1))
     normal = (place[j] - place[i]) / gap[i, j][:, None]
@@ -25,7 +26,7 @@ def _system(particles, dimension, seed, shift):
     np.add.at(diagonal, i, block)
     np.add.at(diagonal, j, block)
     # links along the order of the particles, wherever these stand: some are long
-    link_i = np.flatnonzero(np.arange(particles - 1) % 5 < 3)
+    link_i = np.flatnonzero(np.arange(particles - 1) % row < max(row - 2, 3))
     link_j = link_i + 1
     toward = place[link_j] - place[link_i]
     toward /= np.linalg.norm(toward, axis=1)[:, None]
@@ -68,6 +69,21 @@ def test_solutions_by_fronts_are_those_of_the_dense_matrix(particles, dimension,
     found = solve_fronts(fronts, right)[:, kept]
     assert not failed
     assert np.abs(found - np.linalg.solve(dense, right[:, kept].T).T).max() < 1e-9 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("bend", [0.0, 1e-6, 1e-2, 0.3])
+def test_straight_chains_through_many_branches_are_solved_as_by_the_dense_matrix(bend):
+    rng = np.random.default_rng(4)
+    place = np.stack(np.meshgrid(np.arange(20.0), np.arange(15.0)), axis=-1).reshape(-1, 2)
+    place = place + bend * rng.normal(size=place.shape)
+    factor, dense, kept = _system(300, 2, seed=1, shift=0.05, place=place, row=20)
+    failed, negative, fronts = factor(8, 1)
+    right = np.zeros((3, len(kept)))
+    right[:, kept] = rng.normal(size=(3, kept.sum()))
+    expected = np.linalg.solve(dense, right[:, kept].T).T
+    assert not failed
+    assert np.abs(solve_fronts(fronts, right)[:, kept] - expected).max() < 1e-9 * np.abs(expected).max()
+    assert negative == np.count_nonzero(np.linalg.eigvalsh(dense) < 0.0)
 
 
 @pytest.mark.parametrize("shift", [0.05, -0.3, -1.0])
