@@ -2,6 +2,11 @@
 
 Jammed comes with full rank and contact forces that balance to rounding, all positive. Not jammed comes with a motion
 that closes no contact. An answer that passes neither check is none, whatever the solver said about itself.
+
+Both checks go down to rounding. Forces w that leave a net force r lie within |r| / s of a state of self stress, where s
+is the smallest singular value of the rows, and an error e of the rows moves that state by e |w| / s. A motion that
+lengthens the contacts by o on average and shortens none by more than q leaves room for forces below q / o of their
+mean; q is what rounding makes of contacts that the motion is made to keep.
 """
 
 from __future__ import annotations
@@ -12,15 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.mechanics.motions import FLOPPY, ROUNDS, MotionCone
+from packmech.mechanics.motions import ROUNDS, MotionCone
 from packmech.mechanics.programs import largest_smallest_force, open_all, yield_to_load
 from packmech.outcome import Outcome, Solve
 
-# Smallest over mean force at which a contact counts as loaded: a hundred times the programs' usual tolerance. If a
-# motion lengthens the contacts by o on average and shortens none by more than q, no self stress exceeds q / o here.
-LOADED = 1e-6
+# safety of the bound on what net forces do to the forces, and rounding of the rows in a box of N^(1/d) diameters
+NET_FORCES, _ROWS = 10.0, 10.0 * float(np.finfo(np.float64).eps)
+# how many times the largest shortening counts as none, when a motion is made to keep what it hardly changes
+_HARDLY = (10.0, 1e3, 1e5)
+# and how large such a change may be, of the motion
+_LITTLE = 1e-2
 # a motion of the load programs longer than this fraction of its bound is one
 MOVED = 1e-3
+# tolerance at which programs are asked again whose answer did not pass its check
+CLOSE = 1e-12
 # up to here a simplex solution decides when the interior-point method did not
 SIMPLEX_PARTICLES = 1000
 ROUNDING = 1e-11
@@ -94,7 +104,7 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
     softest, motion = cone.softest()
     status = "shift-invert Lanczos on rows^T rows"
     rank = Solve(Outcome.CONVERGED, residual=softest, seconds=time.process_time() - start, status=status)
-    if softest**2 <= FLOPPY:
+    if cone.is_floppy:
         reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
         return Finding(False, reason, softest, motion=motion, solves=(rank,))
     if solver == "clarabel" and cone.rows.shape[0] - (cone.unknowns - cone.dimension) == 1:
@@ -102,13 +112,13 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
         if finding.jammed:
             return finding
     solves = [rank]
-    for name in _order(solver, len(cone.kept_n)):
-        stress = largest_smallest_force(cone, solver=name, tolerance=tolerance)
+    for name, asked in attempts(cone, solver, tolerance):
+        stress = largest_smallest_force(cone, solver=name, tolerance=asked)
         solves.append(stress.solve)
         finding = proven(cone, softest, stress.weight, stress.motion, tuple(solves))
-        if finding.jammed is None and name != "clarabel":
-            # where no self stress exists these give no motion: the opening program does
-            opened = open_all(cone, solver=name, tolerance=tolerance)
+        if finding.jammed is None:
+            # a motion that opens whatever can open has more room than the dual of the force program
+            opened = open_all(cone, solver=name, tolerance=asked)
             solves.append(opened.solve)
             finding = proven(cone, softest, opened.weight, opened.motion, tuple(solves))
         if finding.jammed is not None:
@@ -143,8 +153,22 @@ def _only_state(cone: MotionCone, softest: float, rank: Solve) -> Finding:
     return replace(finding, solves=(rank, found))
 
 
-def _order(solver: str, particles: int) -> tuple[str, ...]:
-    return (solver,) if solver == "highs" or particles > SIMPLEX_PARTICLES else (solver, "highs")
+def attempts(cone: MotionCone, solver: str, tolerance: float) -> list[tuple[str, float]]:
+    """Return solvers and tolerances to ask until an answer passes its check.
+
+    Contacts held by forces smaller than the tolerance seem to open, or to pull: there a smaller one may tell.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    solver, tolerance
+        What is asked first.
+
+    """
+    closer = [] if solver == "highs" or tolerance <= CLOSE else [(solver, CLOSE)]
+    simplex = [] if solver == "highs" or len(cone.kept_n) > SIMPLEX_PARTICLES else [("highs", tolerance)]
+    return [(solver, tolerance), *closer, *simplex]
 
 
 def proven(
@@ -176,22 +200,44 @@ def proven(
         weight /= weight[:count].mean()
         smallest = float(weight[:count].min())
         balance = float(np.abs(cone.rows.T @ weight).max())
-        pressing = bool((weight[count + cone.held.shape[0] :] > 0).all())
-        if smallest > LOADED and balance <= BALANCE and pressing:
+        error = force_error(cone, softest, weight)
+        pressing = bool((weight[count + cone.held.shape[0] :] > error).all())
+        if smallest > error and balance <= BALANCE and pressing:
             reason = f"full rank, and contact forces in balance with smallest over mean {smallest:.2e}"
             return Finding(True, reason, softest, smallest, weight, balance=balance, solves=solves)
-    if motion is not None and closes_nothing(cone, motion := cone.keeping_rules(motion)):
+    if motion is not None and (proof := kept_open(cone, motion)) is not None:
         if smallest == -np.inf:
             reason = "contacts push in no balanced way (no state of self stress without tension)"
         else:
             reason = f"every balance of the contacts pulls on one (largest smallest over mean force {smallest:.2e})"
-        return Finding(False, reason, softest, smallest, motion=motion, solves=solves)
+        return Finding(False, reason, softest, smallest, motion=proof, solves=solves)
     status = "; ".join(solve.status for solve in solves[1:])
-    return Finding(None, f"neither forces nor a motion passed the check ({status})", softest, solves=solves)
+    reason = f"neither forces nor a motion passed the check ({status})"
+    if np.isfinite(smallest) and abs(smallest) <= error:
+        reason += f": the smallest force is {smallest:.1e} of their mean and not known better than to {error:.1e}"
+    return Finding(None, reason, softest, solves=solves)
 
 
-def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
-    """Return whether the motion opens contacts and closes none by more than `LOADED` of their mean opening.
+def force_error(cone: MotionCone, softest: float, weight: NDArray[np.float64]) -> float:
+    """Return how far each of the weights, of mean 1, may be from a state of self stress of the exact rows [1].
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    softest
+        Smallest over largest singular value of its rows [1].
+    weight
+        (C + h + b,) weights in balance to rounding.
+
+    """
+    net = cone.rows.T @ weight
+    rows = _ROWS * len(cone.kept_n) ** (1.0 / cone.dimension) * np.sqrt(weight @ weight)
+    return float((NET_FORCES * np.sqrt(net @ net) + rows) / (softest * np.sqrt(cone.largest_eigenvalue)))
+
+
+def closes_nothing(cone: MotionCone, motion: NDArray[np.float64], *, opening: bool = True) -> bool:
+    """Return whether the motion opens contacts and closes none by more than rounding.
 
     The volume's rule is enforced first, so what breaks it counts as closing contacts.
 
@@ -201,22 +247,63 @@ def closes_nothing(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
         The motions that the contacts admit.
     motion
         (n,) a motion.
+    opening
+        Whether it must open some contact; a motion without translation that changes none will do otherwise.
 
     """
     stretch = cone.opening @ cone.keeping_rules(motion)
-    opening = float(stretch.mean()) if len(stretch) else 0.0
-    # an opening that is rounding of the motion is none
     size = float(np.abs(motion).max(initial=0.0))
-    return opening > ROUNDING * size and -float(stretch.min()) < LOADED * opening
+    # an opening that is rounding of the motion is none
+    if opening and not (len(stretch) and float(stretch.mean()) > ROUNDING * size):
+        return False
+    return size > 0.0 and -float(stretch.min(initial=0.0)) <= cone.rounding * size
 
 
-def _settled(cone: MotionCone, motion: NDArray[np.float64], size: float, solve: Solve) -> bool:
-    """Return whether contacts admit a motion and the load program's multipliers prove that none goes much farther.
+def kept_open(cone: MotionCone, motion: NDArray[np.float64], *, opening: bool = True) -> NDArray[np.float64] | None:
+    """Return a motion that closes no contact, near one that does so to a solver's tolerance; or None.
 
-    A load of unit length moves what moves by about 1 / sqrt(n). Where nothing moves the multipliers are proof enough.
+    Contacts that the motion hardly changes are kept as they are, by projection; contacts that cannot be kept while the
+    others open, as where a force however small on these holds them, leave none.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    motion
+        (n,) a motion.
+    opening
+        Whether it must open some contact.
+
     """
-    admitted = size <= MOVED or (cone.opening @ motion).min(initial=0.0) >= -LOADED * np.abs(motion).max()
-    return bool(admitted and np.sqrt(cone.unknowns) * abs(solve.gap) <= MOVED)
+    motion = cone.without_translations(cone.keeping_rules(motion))
+    if closes_nothing(cone, motion, opening=opening):
+        return motion
+    change = cone.rows @ motion
+    count = cone.opening.shape[0]
+    size = float(np.abs(motion).max(initial=0.0))
+    closing = -float(change[:count].min(initial=0.0))
+    if not np.isfinite(change).all() or closing <= 0.0:
+        return None
+    for times in _HARDLY:
+        if times * closing > _LITTLE * size:
+            return None
+        shut = change < times * closing
+        # rigid links and a fixed volume
+        shut[count : count + cone.held.shape[0]] = True
+        if opening and shut[:count].all():
+            return None
+        for kept in cone.shutting(motion, shut):
+            if float(np.abs(kept).max()) > 0.5 * size and closes_nothing(cone, kept, opening=opening):
+                return cone.keeping_rules(kept)
+    return None
+
+
+def _settled(cone: MotionCone, solve: Solve) -> bool:
+    """Return whether the load program's multipliers prove that no motion goes much farther.
+
+    A load of unit length moves what moves by about 1 / sqrt(n).
+    """
+    return bool(np.sqrt(cone.unknowns) * abs(solve.gap) <= MOVED)
 
 
 def yield_to_loads(
@@ -239,30 +326,41 @@ def yield_to_loads(
     bound, solver, tolerance
         As in `programs.yield_to_load`.
     fallback
-        Whether simplex may decide where the solver's answer did not pass the check.
+        Whether to ask again where the solver's answer did not pass the check: at a tolerance of 1e-12, then simplex.
 
     """
     if cone.unknowns == cone.dimension:
         return Finding(True, _VACUOUS)
     load = cone.without_translations(rng.standard_normal(cone.unknowns))
     load /= np.sqrt(load @ load)
+    asking = attempts(cone, solver, tolerance) if fallback else [(solver, tolerance)]
     solves: list[Solve] = []
     longest = 0.0
     for sign in (1.0, -1.0):
-        for name in _order(solver, len(cone.kept_n)) if fallback else (solver,):
+        for name, asked in asking:
             shape = "box" if name == "highs" else bound
-            motion, solve = yield_to_load(cone, sign * load, bound=shape, solver=name, tolerance=tolerance)
+            motion, solve = yield_to_load(cone, sign * load, bound=shape, solver=name, tolerance=asked)
             solves.append(solve)
             size = float(np.sqrt(motion @ motion) if shape == "ball" else np.abs(motion).max())
-            if _settled(cone, motion, size, solve):
+            # where nothing moves the multipliers are proof enough
+            proof = kept_open(cone, motion, opening=False) if size > MOVED else motion
+            if proof is not None and _settled(cone, solve):
                 break
         else:
             longest = max(longest, size)
+            if fallback and size > MOVED:
+                # soft motions come along with the load's; one that opens whatever can open needs none of them
+                opened = open_all(cone, solver=name, tolerance=tolerance)
+                solves.append(opened.solve)
+                proof = kept_open(cone, opened.motion)
+                if proof is not None:
+                    reason = "a motion opens contacts and closes none, near one that a load makes"
+                    return Finding(False, reason, motion=proof, solves=tuple(solves), longest=longest)
             reason = f"no answer of the load program passed the check ({solve.status}, duality gap {solve.gap:.1e})"
             return Finding(None, reason, solves=tuple(solves), longest=longest)
         longest = max(longest, size)
         if size > MOVED:
             reason = f"a load moves the contacts apart (motion {size:.1e} of its bound)"
-            return Finding(False, reason, motion=motion, solves=tuple(solves), longest=longest)
+            return Finding(False, reason, motion=proof, solves=tuple(solves), longest=longest)
     reason = f"neither a random load nor its opposite moves anything (motion {longest:.1e} of its bound)"
     return Finding(True, reason, solves=tuple(solves), longest=longest)

@@ -159,6 +159,8 @@ def classify_jamming(
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
     emptied = len({level.contacts > 0 for level in touching.levels}) > 1
+    if not held and judged.jammed[0] is None:
+        local, local_reason = AMBIGUOUS, judged.collective[1].reason
     doubt = unrest(rest, touching) or (off_plateau(touching) if emptied else "")
     if doubt:
         local, local_reason = AMBIGUOUS, doubt

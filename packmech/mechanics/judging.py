@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
-from packmech.mechanics.certificates import Finding, closes_nothing
+from packmech.mechanics.certificates import Finding, attempts, kept_open
 from packmech.mechanics.motions import MotionCone, motion_cone
 from packmech.mechanics.programs import open_all
 from packmech.mechanics.rattling import moving_apart
@@ -19,6 +19,9 @@ from packmech.outcome import Outcome
 from packmech.packing import Packing
 
 EMPTY = "empty backbone: every particle rattles"
+HARDLY_HELD = "every particle rattles if contacts within 1e-8 of opposite are, and no motion closes nothing"
+# the opening program opens contacts by 1 or not at all
+_OPENED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +95,7 @@ def _judge_once(packing: Packing, contacts: Contacts, volume: str, decide: Calla
     """Return the contacts between particles that do not rattle and what is known about all of them together."""
     network, kept = backbone_of(packing, contacts)
     if not len(network):
-        loose = motion_cone(packing, contacts, strain=False)
-        nothing = (loose, Finding(False, EMPTY, motion=_loosest(loose)))
+        nothing = _nothing_held(motion_cone(packing, contacts, strain=False))
         return Judged(network, nothing, nothing)
     fixed = motion_cone(packing, network, strain=False, kept_n=kept)
     free = motion_cone(packing, network, strain=True, volume=volume, kept_n=kept)
@@ -108,12 +110,24 @@ def _judge_once(packing: Packing, contacts: Contacts, volume: str, decide: Calla
     return Judged(network, (fixed, collective), (free, strict))
 
 
-def _loosest(cone: MotionCone) -> NDArray[np.float64] | None:
-    """Return a motion that opens what it can, or None where there is nothing to open."""
-    if cone.unknowns <= cone.dimension:
-        return None
-    motion = open_all(cone).motion
-    return motion if closes_nothing(cone, motion) else None
+def _nothing_held(cone: MotionCone) -> tuple[MotionCone, Finding]:
+    """Return what is known where all particles rattle: not jammed, with a motion that opens what it can.
+
+    Rattlers are found to within a small angle. Where a motion opens contacts and others cannot be kept from closing, by
+    however little, contacts as good as opposite to one another may hold: then nothing is claimed.
+    """
+    if cone.unknowns <= cone.dimension or not cone.rows.nnz:
+        return cone, Finding(False, EMPTY)
+    opens, proof = False, None
+    for name, tolerance in attempts(cone, "clarabel", 1e-8):
+        motion = open_all(cone, solver=name, tolerance=tolerance).motion
+        opens = bool((cone.opening @ motion).max(initial=0.0) > _OPENED)
+        proof = kept_open(cone, motion)
+        if proof is not None or not opens:
+            break
+    if proof is None and opens:
+        return cone, Finding(None, HARDLY_HELD)
+    return cone, Finding(False, EMPTY, motion=proof)
 
 
 def carrying_contacts(

@@ -8,6 +8,7 @@ rank and a strictly positive combination of them vanishes (Roth and Whiteley 198
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,9 +24,13 @@ from packmech.mechanics.rigidity import rigidity_matrix
 from packmech.mechanics.strain import mandel_tensor, strain_components, trace_vector
 from packmech.packing import Packing
 
-# Smallest over largest eigenvalue of R^T R at which a motion counts as floppy (1e-5 in singular values). Jammed
-# packings stay above 1e-7 of it up to N = 16384, floppy modes come out below 1e-15.
+# Smallest over largest eigenvalue of R^T R below which a motion may be floppy (1e-5 in singular values). Most jammed
+# packings stay above 1e-7 of it up to N = 16384, floppy modes come out below 1e-15; in between the stretch decides.
 FLOPPY = 1e-10
+# rounding of a stretch, of the largest displacement: unit normals know no more digits in a box of N^(1/d) diameters
+_ROUNDING = 100 * float(np.finfo(np.float64).eps)
+# inverse iterations that leave of a floppy mode, tenfold purer each time, what rounding does
+_PURER = 12
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
@@ -89,6 +94,11 @@ class MotionCone:
         """All rows: contacts, held, one-sided."""
         return sp.csr_array(sp.vstack([self.opening, self.held, self.one_sided], format="csr"))
 
+    @property
+    def rounding(self) -> float:
+        """Change of a row that cannot be told from none, of the largest component of the motion [1]."""
+        return float(_ROUNDING * len(self.kept_n) ** (1.0 / self.dimension))
+
     def without_translations(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the motion less its mean displacement."""
         result = motion.copy()
@@ -129,9 +139,12 @@ class MotionCone:
     @functools.cached_property
     def _solve(self) -> Any:
         """Return a function that solves rows^T rows y = load for loads and motions without translation."""
+        return self._solver(self._gram)
+
+    def _solver(self, gram: sp.csr_array) -> Any:
         d = self.dimension
         # one particle held; its rows and columns come back through the loads' balance
-        held = self._gram[d:, d:] + _LIFT * self.largest_eigenvalue * sp.eye_array(self.unknowns - d)
+        held = gram[d:, d:] + _LIFT * self.largest_eigenvalue * sp.eye_array(self.unknowns - d)
         factor = factorize(held)
 
         def solve(load: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,11 +154,32 @@ class MotionCone:
 
         return solve
 
+    def shutting(self, motion: NDArray[np.float64], shut_r: NDArray[np.bool_]) -> Iterator[NDArray[np.float64]]:
+        """Yield the motion nearest to the given one that does not change the chosen rows, better and better.
+
+        Parameters
+        ----------
+        motion
+            (n,) a motion that changes these rows little.
+        shut_r
+            Which of the rows.
+
+        """
+        rows = self.rows[np.flatnonzero(shut_r)]
+        solve = self._solver(sp.csr_array(rows.T @ rows))
+        for _ in range(_PURER):
+            motion = motion - solve(self.without_translations(rows.T @ (rows @ motion)))
+            yield motion
+
     def softest(self) -> tuple[float, NDArray[np.float64]]:
         """Return the smallest singular value of the rows over the largest, translations removed, and its motion.
 
         The motion has unit length. A cone without motions but translations has no smallest value: infinity, and zeros.
         """
+        return self._softest
+
+    @functools.cached_property
+    def _softest(self) -> tuple[float, NDArray[np.float64]]:
         n, d = self.unknowns, self.dimension
         if n == d:
             return np.inf, np.zeros(n)
@@ -161,8 +195,33 @@ class MotionCone:
             start = self.without_translations(_start(n))
             _, vector = spla.eigsh(inverse, k=1, which="LA", tol=1e-7, v0=start)
             motion = _unit(self.without_translations(vector[:, 0]))
+        value = self._relative_stretch(motion)
+        if value**2 <= FLOPPY:
+            for _ in range(_PURER):
+                if self.changes_nothing(motion):
+                    break
+                # corrected by its own stretch it loses more digits of what is not floppy than by solving alone
+                excess = self.rows.T @ (self.rows @ motion)
+                motion = _unit(motion - self._solve(self.without_translations(excess)))
+            value = self._relative_stretch(motion)
+        return value, motion
+
+    def _relative_stretch(self, motion: NDArray[np.float64]) -> float:
         stretch = self.rows @ motion
-        return float(np.sqrt(stretch @ stretch / self.largest_eigenvalue)), motion
+        return float(np.sqrt(stretch @ stretch / self.largest_eigenvalue))
+
+    def changes_nothing(self, motion: NDArray[np.float64]) -> bool:
+        """Return whether a motion changes no row by more than rounding makes of it."""
+        stretch = float(np.abs(self.rows @ motion).max(initial=0.0))
+        return stretch <= self.rounding * float(np.abs(motion).max(initial=0.0))
+
+    @property
+    def is_floppy(self) -> bool:
+        """Whether some motion, translations apart, changes no row: a soft one that does, by however little, is none."""
+        if self.rows.shape[0] < self.unknowns - self.dimension:
+            return True
+        value, motion = self._softest
+        return value**2 <= FLOPPY and self.changes_nothing(motion)
 
     @functools.cached_property
     def _free_basis(self) -> NDArray[np.float64]:
@@ -180,7 +239,8 @@ class MotionCone:
             return 0
         if not self.rows.nnz:
             return self.unknowns - d
-        return eigenvalues_below(self._gram[d:, d:], FLOPPY * self.largest_eigenvalue)
+        count = eigenvalues_below(self._gram[d:, d:], FLOPPY * self.largest_eigenvalue)
+        return count if count and self.is_floppy else 0
 
     def balanced(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nearest weights of the rows that balance: rows^T weight = 0 to rounding."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.generate.defects import open_contact
 from packmech.mechanics import certificates, linear_programs
-from packmech.mechanics.certificates import certify, closes_nothing, yield_to_loads
+from packmech.mechanics.certificates import certify, closes_nothing, force_error, kept_open, yield_to_loads
 from packmech.mechanics.motions import motion_cone
 from packmech.mechanics.programs import largest_smallest_force, open_all, yield_to_load
 from packmech.mechanics.touching import backbone_contacts
@@ -257,3 +258,65 @@ def test_only_state_of_self_stress_is_what_the_program_chooses(name, strain):
     projected, chosen = certify(cone), certify(cone, solver="highs")
     assert "projection" in projected.solves[-1].status and "HiGHS" in chosen.solves[-1].status
     assert np.abs(projected.weight - chosen.weight).max() < 1e-9
+
+
+def thinly_held(gap):
+    """Return the motions of four discs held by a force of about 1.8 gaps on one contact, of the mean force."""
+    opened = open_contact(pm.lattice_packing("triangular", 2), 4, gap)
+    return motion_cone(opened, pm.find_contacts(opened, gap_tolerance=0.1 * gap), strain=True)
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_force_as_small_as_a_gap_holds(gap, solver):
+    cone = thinly_held(gap)
+    assert certify(cone, solver=solver).jammed is True
+    # the simplex method knows stretches to 1e-10 at best
+    allowed = (True, None) if solver == "highs" and gap < 1e-8 else (True,)
+    assert yield_to_loads(cone, np.random.default_rng(0), solver=solver, bound="box").jammed in allowed
+
+
+def test_motion_that_closes_held_contacts_by_a_billionth_is_no_proof():
+    cone = thinly_held(1e-9)
+    # without the weakly held contact the others can stay as they are
+    rows, weak = cone.rows.toarray(), int(np.argmin(certify(cone).weight[:11]))
+    target = np.zeros(len(rows))
+    target[weak] = 1.0
+    motion = np.linalg.lstsq(rows, target, rcond=None)[0]
+    stretch = cone.opening @ motion
+    assert stretch[weak] > 0.5 and -2e-8 < stretch.min() < -1e-10
+    assert not closes_nothing(cone, motion)
+    assert kept_open(cone, motion) is None
+
+
+@pytest.mark.parametrize("strain", [False, True])
+def test_motion_of_a_solver_is_made_to_close_nothing(strain):
+    # half of the contacts carry force: these stay shut
+    cone = cone_of(pm.lattice_packing("kagome", 3), strain, without=5)
+    motion = open_all(cone).motion
+    kept = kept_open(cone, motion)
+    assert np.abs(kept - cone.without_translations(motion)).max() < 1e-5
+    assert -(cone.opening @ kept).min() <= cone.rounding * np.abs(kept).max()
+    assert (cone.opening @ kept).max() > 0.99
+
+
+@pytest.mark.parametrize("name", ["2d-64-shape-free-0", "3d-64-shape-free-0"])
+def test_forces_are_as_near_to_balance_as_their_bound_says(name):
+    cone, rng = cone_of(hard_packing(name), strain=True), np.random.default_rng(3)
+    exact = certify(cone).weight
+    for size in (1e-3, 1e-6, 1e-9):
+        weight = exact + size * rng.standard_normal(len(exact))
+        away = weight - cone.balanced(weight)
+        assert 1e-3 * size < np.sqrt(away @ away) < force_error(cone, cone.softest()[0], weight)
+
+
+@pytest.mark.parametrize(("bend", "floppy"), [(0.0, 1), (1e-7, 0), (1e-10, 0), (1e-3, 0)])
+def test_soft_motion_that_changes_a_contact_is_not_floppy(bend, floppy):
+    # two discs in a row with their images; bent by an angle both contacts open when it straightens
+    places = [[0.0, 0.0], [np.cos(bend), np.sin(bend)]]
+    row = pm.Packing(places, [0.5, 0.5], pm.Box(np.diag([2.0 * np.cos(bend), 3.0])))
+    cone = motion_cone(row, pm.find_contacts(row, gap_tolerance=1e-12), strain=False)
+    assert cone.floppy_modes() == floppy and cone.is_floppy == bool(floppy)
+    finding = certify(cone)
+    assert finding.jammed is False and ("floppy" in finding.reason) == bool(floppy)
+    assert (cone.opening @ finding.motion).min() >= 0.0 if bend > 1e-9 else True
