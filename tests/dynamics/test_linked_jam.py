@@ -83,8 +83,9 @@ def test_fifty_trimers_are_critical_with_one_state_of_self_stress_from_eight_of_
     assert sum(is_isostatic(run) for run in runs) >= 8
 
 
-def test_flexible_chains_jam_in_three_dimensions():
-    packing = pm.chain_packing(4, 15, dimension=3, packing_fraction=0.7, seed=1)
+@pytest.mark.parametrize(("chains", "beads"), [(3, 8), pytest.param(4, 15, marks=pytest.mark.slow)])
+def test_flexible_chains_jam_in_three_dimensions(chains, beads):
+    packing = pm.chain_packing(chains, beads, dimension=3, packing_fraction=0.7, seed=1)
     run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)))
     assert is_isostatic(run) and np.abs(run.packing.link_error).max() <= 1e-13
 
