@@ -57,3 +57,30 @@ def _delicate(frame: FrameType | None) -> bool:
             return True
         frame = frame.f_back
     return False
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back until the block has ended, so that what it changes is changed wholly.
+
+    For blocks of some tens of milliseconds; only the compiler makes one longer. Outside the main thread nothing is
+    changed.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    held: list[tuple[int, FrameType | None]] = []
+
+    def hold(number: int, frame: FrameType | None) -> None:
+        if not held and _delicate(frame):
+            print("packmech: stopping when this piece of machine code is compiled", file=sys.stderr, flush=True)
+        held.append((number, frame))
+
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if held:
+            before(*held[0])

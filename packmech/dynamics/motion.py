@@ -35,7 +35,9 @@ class Sight(NamedTuple):
     the number of touching pairs; max_force and mean_force largest net force (links included) and mean contact force;
     link_error the largest error of a link over its scale; tension_l of the program's links [force].
     overall_stress_dd with torques and spins, symmetric; strain gamma of the box and its rate; sliding the number of
-    contacts at Coulomb's cap; angular_momentum_k about the origin. The last five are of marches, else None or zero.
+    contacts at Coulomb's cap; angular_momentum_k about the origin; tangential and rotational the parts of energy and
+    kinetic in tangential springs and spins; the parts of overall_stress_dd by torques and spins, and the part of
+    stress_dd by bonds. From overall_stress_dd on they are of marches, else None or zero.
     """
 
     time: float
@@ -55,6 +57,11 @@ class Sight(NamedTuple):
     strain_rate: float = 0.0
     sliding: int = 0
     angular_momentum_k: NDArray[np.float64] | None = None
+    tangential: float = 0.0
+    rotational: float = 0.0
+    torque_stress_dd: NDArray[np.float64] | None = None
+    spin_stress_dd: NDArray[np.float64] | None = None
+    bond_stress_dd: NDArray[np.float64] | None = None
 
     @property
     def total(self) -> float:
@@ -201,9 +208,16 @@ class Motion:
         )
         return int(status), int(taken)
 
+    def stride(self, steps: int) -> int:
+        """Return how many of so many steps `follow` would take from here: none beyond one that brings particles home.
+
+        Few enough, too, that an interrupt is seen.
+        """
+        return min(steps, self.program.chunk, _HOMING - self.steps % _HOMING)
+
     def follow(self, method: Any, steps: int) -> int:
-        """Advance by up to `steps` steps, and never across a step at which particles are brought home; return how."""
-        due = min(steps, self.program.chunk, _HOMING - self.steps % _HOMING)
+        """Advance by up to `steps` steps; return how that ended."""
+        due = self.stride(steps)
         status: int
         status, taken = method.advance(self, due)
         self.steps += taken

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import math
-import time
+import os
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array
-from packmech.compiled import compile_clock, compiling_noted
-from packmech.dynamics.kernels import RUNNING
-from packmech.dynamics.march.journey import Marching, needs_march
-from packmech.dynamics.motion import Motion, Sight, choose_time_step
-from packmech.dynamics.program import build_program
+from packmech.compiled import compile_clock
+from packmech.dynamics.checkpoint import check_path, check_scene, read_checkpoint
+from packmech.dynamics.journey import Journey, Plan, Progress, plan_of
+from packmech.dynamics.motion import choose_time_step
 from packmech.dynamics.settings import check_manner
-from packmech.dynamics.simulation import MotionTrace, Simulation
+from packmech.dynamics.simulation import Simulation
 from packmech.dynamics.strain import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.verlet import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
 from packmech.interrupts import safe_interrupts
-from packmech.outcome import NotConverged, Outcome, Stage
-from packmech.packing import Packing
+from packmech.outcome import NotConverged, Outcome
 from packmech.scene import Scene
-
-Progress = Callable[[str, dict[str, Any]], None]
 
 
 def simulate(
@@ -45,6 +40,8 @@ def simulate(
     held_n: ArrayLike | None = None,
     trace_every: int | None = None,
     trace_positions: bool = False,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: int | None = None,
     time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
@@ -87,6 +84,11 @@ def simulate(
         Keep figures every so many steps, in `trace`; the first and last step always.
     trace_positions
         Keep positions and velocities with them.
+    checkpoint
+        A .npz file to which the full state goes, whole or not at all: at the end, at an interrupt (Ctrl-C, time_limit)
+        and every checkpoint_every steps. `pm.resume` goes on from it with the same bits; writing it changes none.
+    checkpoint_every
+        So many steps; only at the end unless given.
     time_limit
         Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress
@@ -150,30 +152,109 @@ def simulate(
         spin = finite_array("spin_nk", spin_nk, shape=(shape[0], 1 if shape[1] == 2 else 3))
     if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
         raise TypeError(f"strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
-    journey = _Journey(
+    plan = Plan(
         scene,
         mass,
         step,
         count,
-        march={"spin_nk": spin, "strain": strain, "held_n": _held(held_n, shape[0])},
-        second_order=isinstance(method, VelocityVerlet),
-        trace_every=None if trace_every is None else integer("trace_every", trace_every, at_least=1),
-        trace_positions=trace_positions,
-        time_limit=math.inf if time_limit is None else positive("time_limit", time_limit),
-        progress=progress,
+        method,
+        strain,
+        _held(held_n, shape[0]),
+        None if trace_every is None else integer("trace_every", trace_every, at_least=1),
+        trace_positions,
+        None if checkpoint is None else check_path(checkpoint),
+        _checkpoint_every(checkpoint, checkpoint_every),
     )
+    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
+    journey = Journey(plan, spin_nk=spin, time_limit=limit, progress=progress)
+
+    def begin() -> None:
+        start = velocity
+        if temperature is not None:
+            start = journey.motion.thermal_velocities(temperature, np.random.default_rng(seed))
+        journey.begin(start)
+
+    return _travel(journey, begin, check)
+
+
+def resume(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    *,
+    steps: int | None = None,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> Simulation:
+    """Return a simulation that goes on from its checkpoint, with the bits of one that was never stopped.
+
+    Everything but the scene is in the file: time step, method, masses, strain, who is held, what is kept on the way,
+    and all that was kept so far. Checkpoints go on being written to it.
+
+    Parameters
+    ----------
+    path
+        The file that `pm.simulate(..., checkpoint=path)` wrote.
+    scene
+        The scene that was simulated; laws and effects may be a user's own, so it is not in the file, but hashes of its
+        packing and effects are.
+    steps
+        Step at which to end, counted from the start of the simulation. The end that was asked for then, unless given;
+        a simulation that got there can be taken to a later one.
+    time_limit, progress, check
+        As in `pm.simulate`; the CPU time counts anew.
+
+    Raises
+    ------
+    FileNotFoundError, TypeError, ValueError
+        If there is no such checkpoint, the scene is another one, or the end lies before what is in the file.
+    NotConverged, KeyboardInterrupt
+        As in `pm.simulate`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "run.ckpt.npz"
+    >>> pair = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    >>> scene = pm.Scene(pair, (pm.Repulsion(),))
+    >>> half = pm.simulate(scene, steps=50, dt=0.05, checkpoint=path)
+    >>> whole = pm.simulate(scene, steps=100, dt=0.05)
+    >>> pm.resume(path, scene, steps=100).packing == whole.packing
+    True
+
+    """
+    found = read_checkpoint(path)
+    instance("scene", scene, Scene)
+    check_scene(scene, found.told["scene"])
+    check_manner(progress, check)
+    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
+    reached = int(found.told["reached"])
+    end = int(found.told["steps"]) if steps is None else integer("steps", steps, at_least=reached)
+    journey = Journey(plan_of(found, scene, path, end), time_limit=limit, progress=progress)
+    return _travel(journey, lambda: journey.restore(found.told, found.arrays), check)
+
+
+def _travel(journey: Journey, begin: Callable[[], None], check: bool) -> Simulation:
+    """Return where a simulation gets to."""
     try:
         with safe_interrupts(), compile_clock() as journey.compiling:
-            if temperature is not None:
-                velocity = journey.motion.thermal_velocities(temperature, np.random.default_rng(seed))
-            outcome = journey.go(method, velocity)
+            begin()
+            outcome = journey.go()
     except KeyboardInterrupt as stop:
-        stop.run = journey.finish(method, Outcome.INTERRUPTED)  # type: ignore[attr-defined]
+        stop.run = journey.finish(Outcome.INTERRUPTED)  # type: ignore[attr-defined]
         raise
-    run = journey.finish(method, outcome)
+    run = journey.finish(outcome)
     if check and not run.ok:
         raise NotConverged(run)
     return run
+
+
+def _checkpoint_every(checkpoint: Any, every: Any) -> int | None:
+    if every is None:
+        return None
+    if checkpoint is None:
+        raise ValueError(f"checkpoint must be a file name where checkpoint_every is given, got None and {every!r}")
+    return integer("checkpoint_every", every, at_least=1)
 
 
 def _held(held_n: Any, particles: int) -> NDArray[np.bool_] | None:
@@ -200,154 +281,3 @@ def _steps(steps: Any, duration: Any, longest: float) -> tuple[int, float]:
     # a duration of whole steps does not get one more by rounding
     count = max(1, math.ceil(whole / longest * (1.0 - 1e-12)))
     return count, whole / count
-
-
-class _Journey:
-    """One simulation on its way: its motion, what was kept, and its limits."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        mass_n: NDArray[np.float64],
-        dt: float,
-        steps: int,
-        *,
-        march: dict[str, Any],
-        second_order: bool,
-        trace_every: int | None,
-        trace_positions: bool,
-        time_limit: float,
-        progress: Progress | None,
-    ) -> None:
-        self.began = time.process_time()
-        self.scene, self.mass_n, self.steps, self.dt = scene, mass_n, steps, dt
-        self.motion: Any
-        if needs_march(scene, march["strain"]) or march["held_n"] is not None:
-            self.motion = Marching(scene, mass_n, dt, second_order=second_order, **march)
-        else:
-            program = build_program(scene)
-            self.motion = Motion(program, scene.effects, 1.0 / mass_n[program.order_n], None, dt)
-            self.motion.affix()
-        self.build_seconds = time.process_time() - self.began
-        self.trace_every = trace_every
-        self.progress = progress
-        self.deadline = self.began + time_limit
-        self.compiling: Callable[[], float] = lambda: 0.0
-        self.kept: list[tuple[int, Sight]] = []
-        self.position_t: list[NDArray[np.float64]] | None = [] if trace_positions else None
-        self.velocity_t: list[NDArray[np.float64]] = []
-        self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
-        self.start = self.last = self._blank()
-        self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))
-        self.reached = 0
-        self.box: Box | None = None
-        self.spin_nk: NDArray[np.float64] | None = None
-
-    def _blank(self) -> Sight:
-        d = self.scene.packing.dimension
-        nothing, none = (
-            np.zeros((d, d)),
-            np.zeros(0 if self.motion.rattle is None else len(self.motion.rattle.impulse_r)),
-        )
-        return Sight(0.0, 0.0, 0.0, np.zeros(d), 0.0, nothing, nothing, 0, 0.0, 0.0, 0.0, none)
-
-    def go(self, method: Any, velocity_nd: NDArray[np.float64]) -> Outcome:
-        """Advance to the end or a limit; return how that ended."""
-        motion = self.motion
-        motion.set_velocities(velocity_nd)
-        self.start = motion.see()
-        self._keep(self.start)
-        while motion.steps < self.steps:
-            due = self.steps - motion.steps
-            if self.trace_every is not None:
-                due = min(due, self.trace_every - motion.steps % self.trace_every)
-            status = motion.follow(method, due)
-            if status != RUNNING:
-                return Outcome.STEP_TOO_LONG
-            now = motion.see()
-            if not motion.sane(now, self.start):
-                return Outcome.STEP_TOO_LONG
-            self._keep(now)
-            if self.progress is not None:
-                figures = {"steps": motion.steps, "time": motion.time, "energy": now.total}
-                self.progress(type(method).__name__, figures)
-            if time.process_time() > self.deadline and motion.steps < self.steps:
-                return Outcome.INTERRUPTED
-        return Outcome.FINISHED
-
-    def _keep(self, now: Sight) -> None:
-        motion, largest = self.motion, self.largest
-        self.last, self.state, self.reached = now, motion.state(), motion.steps
-        if isinstance(motion, Marching):
-            self.box, self.spin_nk = motion.march.box(), motion.march.spins()
-        moved = float(np.abs(now.momentum_d - self.start.momentum_d).max())
-        seen = {"energy": abs(now.energy) + now.kinetic, "impulse": now.impulse, "momentum": moved}
-        for name, value in {**seen, "link": now.link_error}.items():
-            largest[name] = max(largest[name], value)
-        every = self.trace_every
-        if every is not None and (motion.steps % every == 0 or motion.steps == self.steps):
-            self.kept.append((motion.steps, now))
-            if self.position_t is not None:
-                self.position_t.append(self.state[0])
-                self.velocity_t.append(self.state[1])
-
-    def finish(self, method: Any, outcome: Outcome) -> Simulation:
-        """Return the run as far as it came."""
-        last, largest = self.last, self.largest
-        residual = last.max_force / last.mean_force if last.mean_force > 0 else 0.0
-        seconds = time.process_time() - self.began - self.build_seconds
-        note = compiling_noted("", self.compiling(), seconds)
-        return Simulation(
-            packing=self._packing(),
-            outcome=outcome,
-            residual=residual,
-            steps=self.reached,
-            force_evaluations=self.motion.force_evaluations,
-            seconds=seconds,
-            build_seconds=self.build_seconds,
-            stages=(
-                Stage(type(method).__name__, residual, self.reached, self.motion.force_evaluations, seconds, note),
-            ),
-            trace=self._trace(),
-            velocity_nd=self.state[1],
-            mass_n=self.mass_n,
-            dt=self.dt,
-            energy_drift=(last.total - self.start.total) / largest["energy"] if largest["energy"] > 0 else 0.0,
-            momentum_error=largest["momentum"] / largest["impulse"] if largest["impulse"] > 0 else 0.0,
-            link_error=largest["link"],
-            tension_l=self.motion.tensions(last.tension_l),
-            spin_nk=self.spin_nk,
-            strain=last.strain,
-        )
-
-    def _packing(self) -> Packing:
-        if self.box is not None:
-            return self.scene.packing.replace(position_nd=self.state[0], box=self.box)
-        return self.scene.packing.replace(position_nd=self.state[0])
-
-    def _trace(self) -> MotionTrace | None:
-        if self.trace_every is None or not self.kept:
-            return None
-        d = self.scene.packing.dimension
-        step, kept = zip(*self.kept, strict=True)
-        return MotionTrace(
-            step_t=np.array(step, dtype=np.int64),
-            energy_t=np.array([now.energy for now in kept]),
-            pressure_t=np.array([(0.0 - float(np.trace(now.stress_dd))) / d for now in kept]),
-            contacts_t=np.array([now.contacts for now in kept], dtype=np.int64),
-            max_force_t=np.array([now.max_force for now in kept]),
-            position_tnd=None if self.position_t is None else np.array(self.position_t),
-            time_t=np.array([now.time for now in kept]),
-            kinetic_t=np.array([now.kinetic for now in kept]),
-            momentum_td=np.array([now.momentum_d for now in kept]),
-            stress_tdd=np.array([now.stress_dd for now in kept]),
-            kinetic_stress_tdd=np.array([now.kinetic_stress_dd for now in kept]),
-            link_error_t=np.array([now.link_error for now in kept]),
-            overall_stress_tdd=np.array(
-                [now.stress_dd if now.overall_stress_dd is None else now.overall_stress_dd for now in kept]
-            ),
-            strain_t=np.array([now.strain for now in kept]),
-            strain_rate_t=np.array([now.strain_rate for now in kept]),
-            sliding_t=np.array([now.sliding for now in kept], dtype=np.int64),
-            velocity_tnd=None if self.position_t is None else np.array(self.velocity_t),
-        )

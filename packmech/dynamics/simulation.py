@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.dynamics.march.touching import Touching
 from packmech.outcome import Run, Trace
 
 
@@ -31,12 +32,25 @@ class MotionTrace(Trace):
         (T,) largest error of a link, over the larger of its length and the mean diameter [1].
     velocity_tnd
         (T, N, d) velocities (peculiar ones in a box that deforms), or None when positions were not asked for.
+        lattice_tdd are the lattice vectors then, where the box deforms.
     overall_stress_tdd
         (T, d, d) the stress with torques and the spins' part, symmetric (as stress_tdd where nothing turns).
     strain_t, strain_rate_t
         (T,) gamma of the box [1] and its rate [1/time].
     sliding_t
         (T,) number of contacts at Coulomb's cap.
+    torque_stress_tdd, spin_stress_tdd, bond_stress_tdd
+        (T, d, d) the parts of the overall stress by torques and by spins, and the part of stress_tdd that bonds bear;
+        None without friction, bonds, body forces and strain.
+    tangential_t, rotational_t
+        (T,) the parts of energy_t in tangential springs and of kinetic_t in spins.
+    angular_momentum_tk
+        (T, 1 or 3) total angular momenta about the origin, spins included; None as above.
+    spin_tnk
+        (T, N, 1 or 3) spins, None where particles do not turn or positions were not asked for.
+    touching_t
+        Who touches whom at each saved time, with which force and which of them slide; None where positions were not
+        asked for, or as above.
 
     """
 
@@ -51,6 +65,14 @@ class MotionTrace(Trace):
     strain_rate_t: NDArray[np.float64]
     sliding_t: NDArray[np.int64]
     velocity_tnd: NDArray[np.float64] | None = None
+    torque_stress_tdd: NDArray[np.float64] | None = None
+    spin_stress_tdd: NDArray[np.float64] | None = None
+    bond_stress_tdd: NDArray[np.float64] | None = None
+    tangential_t: NDArray[np.float64] | None = None
+    rotational_t: NDArray[np.float64] | None = None
+    angular_momentum_tk: NDArray[np.float64] | None = None
+    spin_tnk: NDArray[np.float64] | None = None
+    touching_t: tuple[Touching, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,6 +98,8 @@ class Simulation(Run):
         (N, 1 or 3) spins at the end [1/time]; None where particles do not turn.
     strain
         gamma of the box at the end [1]; `packing` has the box as it is then.
+    held_n
+        (N,) who was held, if anybody was.
 
     """
 
@@ -88,3 +112,4 @@ class Simulation(Run):
     tension_l: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None = None
     strain: float = 0.0
+    held_n: NDArray[np.bool_] | None = None

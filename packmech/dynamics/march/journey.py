@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics.march.look import (
     ANGULAR,
+    BONDED,
     CONTACTS,
     FORCE,
     IMPULSE,
@@ -134,9 +135,13 @@ class Marching:
             raise ValueError(f"temperature must be left out where nothing can move, got {temperature:g}")
         return np.asarray(draw * math.sqrt(0.5 * freedom * temperature / kinetic))
 
+    def stride(self, steps: int) -> int:
+        """Return how many of so many steps `follow` would take from here: few enough that an interrupt is seen."""
+        return min(steps, max(1, 1_000_000 // self.march.state.body.size))
+
     def follow(self, method: Any, steps: int) -> int:
-        """Advance by up to `steps` steps, few enough that an interrupt is seen; return how that ended."""
-        due = min(steps, max(1, 1_000_000 // self.march.state.body.size))
+        """Advance by up to `steps` steps; return how that ended."""
+        due = self.stride(steps)
         before = self.march.steps
         status = self.march.advance(due)
         self.force_evaluations += self.march.steps - before
@@ -146,7 +151,8 @@ class Marching:
         """Return the figures of the present moment. Looking changes no bit of what follows."""
         d = self.scene.packing.dimension
         out = self.march.see()
-        parts = tensors(out, d, self.march.box().volume)
+        volume = self.march.box().volume
+        parts = tensors(out, d, volume)
         return Sight(
             time=self.time,
             energy=float(out[POTENTIAL] + out[TANGENTIAL]),
@@ -165,6 +171,11 @@ class Marching:
             strain_rate=float(out[RATE]),
             sliding=int(out[SLIDING]),
             angular_momentum_k=out[ANGULAR : ANGULAR + 3].copy(),
+            tangential=float(out[TANGENTIAL]),
+            rotational=float(out[ROTATIONAL]),
+            torque_stress_dd=parts["torque"],
+            spin_stress_dd=parts["spin"],
+            bond_stress_dd=out[BONDED : BONDED + 9].reshape(3, 3)[:d, :d] / volume,
         )
 
     def tensions(self, tension_l: NDArray[np.float64]) -> NDArray[np.float64]:
