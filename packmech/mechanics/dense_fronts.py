@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg  # noqa: F401  the BLAS behind it must be there when `single_thread` looks for what to limit
 from numba import types
 
 from packmech.compiled import device
