@@ -18,8 +18,8 @@ from packmech.dynamics.settings import check_manner
 from packmech.effects import Repulsion
 from packmech.interrupts import safe_interrupts
 from packmech.measure import energy, packing_fraction
-from packmech.mechanics.motions import UnjammingMotion
 from packmech.mechanics.touching import find_touching
+from packmech.mechanics.unjamming import UnjammingMotion
 from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene
 

@@ -17,10 +17,11 @@ from packmech.measure.rattlers import without
 from packmech.mechanics.certificates import Finding, certify, yield_to_loads
 from packmech.mechanics.doubt import off_plateau, settle, undecided, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
-from packmech.mechanics.motions import MotionCone, unjamming_motion
+from packmech.mechanics.motions import MotionCone
 from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_firm, is_stable
 from packmech.mechanics.touching import LEAST_GAP, Touching, check_rest, find_touching
+from packmech.mechanics.unjamming import unjamming_motion
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
 from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene
@@ -141,7 +142,7 @@ def classify_jamming(
             check_contacts(packing, contacts)
             touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
         judge = functools.partial(judge_network, packing, volume=volume, decide=decide, part=part)
-        judged = judge(touching.contacts)
+        judged = judge(touching.contacts, backbone=touching.backbone)
         collectively, strictly = (
             _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )

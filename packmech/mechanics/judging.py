@@ -57,6 +57,7 @@ def judge_network(
     volume: str,
     decide: Callable[[MotionCone], Finding],
     part: Callable[[MotionCone, Finding, Contacts], Contacts | None],
+    backbone: tuple[Contacts, NDArray[np.int64]] | None = None,
 ) -> Judged:
     """Return the backbone of a contact network and what is known about it.
 
@@ -75,9 +76,11 @@ def judge_network(
         Whether a cone of motions is trivial.
     part
         Which contacts of a network that is not jammed may be jammed by themselves; None for unknown.
+    backbone
+        What `backbone_of` makes of the contacts, if known.
 
     """
-    first = judged = _judge_once(packing, contacts, volume, decide)
+    first = judged = _judge_once(packing, contacts, volume, decide, backbone)
     rounds = 0
     # a network of which no solver could tell may still have a part that is jammed
     while len(judged.network) and not judged.jammed[0]:
@@ -91,9 +94,15 @@ def judge_network(
     return replace(first, emptied=rounds)
 
 
-def _judge_once(packing: Packing, contacts: Contacts, volume: str, decide: Callable[[MotionCone], Finding]) -> Judged:
+def _judge_once(
+    packing: Packing,
+    contacts: Contacts,
+    volume: str,
+    decide: Callable[[MotionCone], Finding],
+    backbone: tuple[Contacts, NDArray[np.int64]] | None = None,
+) -> Judged:
     """Return the contacts between particles that do not rattle and what is known about all of them together."""
-    network, kept = backbone_of(packing, contacts)
+    network, kept = backbone_of(packing, contacts) if backbone is None else backbone
     if not len(network):
         nothing = _nothing_held(motion_cone(packing, contacts, strain=False))
         return Judged(network, nothing, nothing)
@@ -107,7 +116,7 @@ def _judge_once(packing: Packing, contacts: Contacts, volume: str, decide: Calla
     weight = None if strict.weight is None else strict.weight[:count]
     reason = f"strictly jammed, so collectively; {strict.reason}"
     collective = replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
-    return Judged(network, (fixed, collective), (free, strict))
+    return Judged(network, (replace(fixed, wider=free), collective), (free, strict))
 
 
 def _nothing_held(cone: MotionCone) -> tuple[MotionCone, Finding]:

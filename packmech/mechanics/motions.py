@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.mechanics.factor import eigenvalues_below, factorize
-from packmech.mechanics.link_rules import LinkRules, RuleKeeper, follow_links, link_rules
+from packmech.mechanics.link_rules import LinkRules, RuleKeeper, link_rules
 from packmech.mechanics.rigidity import rigidity_matrix
-from packmech.mechanics.strain import mandel_tensor, strain_components, trace_vector
+from packmech.mechanics.strain import trace_vector
 from packmech.packing import Packing
 
 # Smallest over largest eigenvalue of R^T R below which a motion may be floppy (1e-5 in singular values). Most jammed
@@ -34,6 +34,8 @@ _PURER = 12
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
+# Lanczos vectors; values come out with the square of its tolerance
+_KRYLOV = 10
 # projections on the weights that balance, each removing what rounding left of the one before
 ROUNDS = 3
 # the volume's row counts as held by others when less than this of it is left
@@ -58,6 +60,9 @@ class MotionCone:
         Length that a unit strain counts as [length]; 0 when the box is fixed.
     links
         What rigid links ask of the motions, their rows first among the held ones; None without links.
+    wider
+        The cone of the same particles and contacts with strains, if this one has none of them and it is at hand: its
+        factorization serves both.
 
     """
 
@@ -68,6 +73,7 @@ class MotionCone:
     dimension: int
     strain_scale: float
     links: LinkRules | None = None
+    wider: MotionCone | None = None
 
     @property
     def unknowns(self) -> int:
@@ -133,13 +139,28 @@ class MotionCone:
         gram = self._gram
         if self.unknowns <= _DENSE_UNKNOWNS:
             return float(np.linalg.eigvalsh(gram.toarray())[-1])
-        found = spla.eigsh(gram, k=1, which="LA", tol=1e-4, v0=_start(self.unknowns), return_eigenvectors=False)
+        found = spla.eigsh(
+            gram, k=1, which="LA", tol=1e-3, ncv=_KRYLOV, v0=_start(self.unknowns), return_eigenvectors=False
+        )
         return float(found[0])
 
     @functools.cached_property
     def _solve(self) -> Any:
         """Return a function that solves rows^T rows y = load for loads and motions without translation."""
-        return self._solver(self._gram)
+        return self._solver(self._gram) if self.wider is None else self._solve_in(self.wider)
+
+    def _solve_in(self, wider: MotionCone) -> Any:
+        """Return what `_solve` does, from the cone with strains: strain forces keep its strains at zero."""
+        n, strains = self.unknowns, wider.unknowns - self.unknowns
+        unit = np.eye(strains, wider.unknowns, n)
+        follow = np.stack([wider._solve(one) for one in unit], axis=1)
+        stiffness = np.linalg.inv(follow[n:])
+
+        def solve(load: NDArray[np.float64]) -> NDArray[np.float64]:
+            motion = wider._solve(np.concatenate([np.asarray(load, dtype=np.float64).reshape(-1), np.zeros(strains)]))
+            return self.without_translations((motion - follow @ (stiffness @ motion[n:]))[:n])
+
+        return solve
 
     def _solver(self, gram: sp.csr_array) -> Any:
         d = self.dimension
@@ -193,7 +214,7 @@ class MotionCone:
                 (n, n), matvec=lambda load: self._solve(self.without_translations(np.ravel(load))), dtype=np.float64
             )
             start = self.without_translations(_start(n))
-            _, vector = spla.eigsh(inverse, k=1, which="LA", tol=1e-7, v0=start)
+            _, vector = spla.eigsh(inverse, k=1, which="LA", tol=1e-5, ncv=_KRYLOV, v0=start)
             motion = _unit(self.without_translations(vector[:, 0]))
         value = self._relative_stretch(motion)
         if value**2 <= FLOPPY:
@@ -318,70 +339,3 @@ def _touched(packing: Packing, contacts: Contacts) -> NDArray[np.int64]:
         return touched
     cluster = packing.links.clusters(packing.particles)
     return np.flatnonzero(np.isin(cluster, cluster[touched]))
-
-
-@dataclass(frozen=True, eq=False)
-class UnjammingMotion:
-    """A motion along which contacts open or keep their length and none closes, to first order.
-
-    Attributes
-    ----------
-    displacement_nd
-        (N, d) displacements, without translation; the largest of them, or strain_scale times the largest strain, is one
-        reference diameter [length]. Rattlers stay, or follow their links.
-    strain_dd
-        (d, d) symmetric strain of the box [1]; zero in a fixed box.
-    closing, opening
-        Largest shortening and largest lengthening of a contact [length].
-
-    """
-
-    displacement_nd: NDArray[np.float64]
-    strain_dd: NDArray[np.float64]
-    closing: float
-    opening: float
-
-    def moved(self, packing: Packing, amplitude: float) -> Packing:
-        """Return the packing moved along the motion: x -> (1 + a strain)(x + a displacement), the box strained alike.
-
-        Rigid links get their lengths back.
-
-        Parameters
-        ----------
-        packing
-            The packing that was classified.
-        amplitude
-            a, in reference diameters [1].
-
-        """
-        change = np.eye(packing.dimension) + amplitude * self.strain_dd
-        position = (packing.position_nd + amplitude * self.displacement_nd) @ change.T
-        moved = packing.replace(position_nd=position, box=packing.box.strained(amplitude * self.strain_dd))
-        if moved.links is None:
-            return moved
-        from packmech.mechanics.reaffixing import reaffix_links
-
-        return reaffix_links(moved).packing
-
-
-def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.float64]) -> UnjammingMotion:
-    """Return the motion of a cone as displacements of all particles of the packing and a strain of its box."""
-    d = packing.dimension
-    moving = len(cone.kept_n) * d
-    motion = cone.without_translations(motion)
-    displacement = np.zeros((packing.particles, d))
-    displacement[cone.kept_n] = motion[:moving].reshape(-1, d)
-    strain = np.zeros(strain_components(d))
-    if cone.strain_scale:
-        strain = motion[moving:] / cone.strain_scale
-    if packing.links is not None:
-        follow_links(packing, cone.kept_n, displacement, strain)
-    size = max(np.sqrt((displacement**2).sum(axis=1)).max(), cone.strain_scale * np.abs(strain).max())
-    factor = packing.reference_diameter / size if size > 0 else 0.0
-    stretch = factor * (cone.opening @ motion)
-    return UnjammingMotion(
-        factor * displacement,
-        factor * mandel_tensor(strain),
-        closing=float(max(0.0, -stretch.min(initial=0.0))),
-        opening=float(max(0.0, stretch.max(initial=0.0))),
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,8 @@ class Touching:
         The network at a tenth of the tolerance, at the tolerance and at ten times; empty when the contacts were given.
     widest
         The pairs at ten times the tolerance; None when the contacts were given.
+    backbone
+        What `backbone_of` makes of the contacts; None when these were given.
 
     """
 
@@ -73,6 +75,7 @@ class Touching:
     rule: str
     levels: tuple[GapLevel, ...] = ()
     widest: Contacts | None = None
+    backbone: tuple[Contacts, NDArray[np.int64]] | None = None
 
     @property
     def on_plateau(self) -> bool:
@@ -131,15 +134,23 @@ def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
     widest = find_contacts(packing, gap_tolerance=steps[-1])
     gap = widest.gap_c / widest.contact_distance_c
     d = packing.dimension
-    levels = []
-    for step in steps:
-        network, kept = backbone_of(packing, widest.select(gap <= step))
-        particles = len(kept)
-        fewest = d * particles - d + 1
-        if packing.links is not None and particles:
-            fewest -= link_rules(packing, kept).position.shape[0]
-        levels.append(GapLevel(step, len(network), particles, len(network) - fewest))
-    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest)
+    levels: list[GapLevel] = []
+    backbone: tuple[Contacts, NDArray[np.int64]] | None = None
+    # the pairs within one tolerance are among those within the next: as many are the same
+    counts = [int(np.count_nonzero(gap <= step)) for step in steps]
+    for k, step in enumerate(steps):
+        if k and counts[k] == counts[k - 1]:
+            levels.append(replace(levels[-1], tolerance=step))
+        else:
+            network, kept = backbone_of(packing, widest.select(gap <= step))
+            particles = len(kept)
+            fewest = d * particles - d + 1
+            if packing.links is not None and particles:
+                fewest -= link_rules(packing, kept).position.shape[0]
+            levels.append(GapLevel(step, len(network), particles, len(network) - fewest))
+        if step == tolerance:
+            backbone = network, kept
+    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest, backbone)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
-from packmech.mechanics.motions import UnjammingMotion
 from packmech.mechanics.touching import RestCheck, Touching
+from packmech.mechanics.unjamming import UnjammingMotion
 from packmech.outcome import Solve
 
 JAMMED, NOT_JAMMED, AMBIGUOUS = "jammed", "not jammed", "ambiguous"
