@@ -43,6 +43,7 @@ _PUBLIC = {
     "CementDrive": "packmech.scene",
     "JamDrive": "packmech.scene",
     "Links": "packmech.links",
+    "OscillatoryShearDrive": "packmech.scene",
     "QuenchDrive": "packmech.scene",
     "ShearStabilizeDrive": "packmech.scene",
     "Scene": "packmech.scene",
@@ -140,6 +141,10 @@ _PUBLIC = {
     "quench": "packmech.dynamics.quench",
     # dynamics
     "bond_contacts": "packmech.dynamics.bond_contacts",
+    "Equilibration": "packmech.dynamics.preparation",
+    "MaterialConstants": "packmech.dynamics.material",
+    "equilibrate": "packmech.dynamics.preparation",
+    "material_constants": "packmech.dynamics.material",
     "OscillatoryStrain": "packmech.dynamics.strain",
     "SteadyStrain": "packmech.dynamics.strain",
     "OscillatoryShear": "packmech.dynamics.rheology.oscillatory",

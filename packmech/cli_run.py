@@ -17,7 +17,7 @@ from packmech.packing import Packing
 from packmech.recording_film import trace_of
 from packmech.report import Report, examine
 from packmech.report_table import result_rows, summary_markdown
-from packmech.scene import CementDrive, Drive, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
+from packmech.scene import CementDrive, Drive, JamDrive, OscillatoryShearDrive, QuenchDrive, Scene, ShearStabilizeDrive
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -66,6 +66,10 @@ def run_scene(name: str, outputs: Outputs, *, seed: int | None) -> int:
     scene = read_scene(name, seed=seed)
     if scene.drive is None:
         raise ValueError(f"scene must have a [drive] to be run, got none in {name!r}")
+    if isinstance(scene.drive, OscillatoryShearDrive):
+        from packmech.cli_shear import shear_scene
+
+        return shear_scene(name, scene, outputs)
     return _run_and_report(name, scene, outputs, {"scene": name, "seed": seed})
 
 
@@ -102,12 +106,12 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
         try:
             run = _drive(scene, tell, keep=outputs.record is not None)
             if outputs.out is not None:  # before the examination, which may be interrupted
-                _write_packing(scene, run.packing, outputs.out)
+                write_result(scene, run.packing, outputs.out)
             report = examine(
                 scene.replace(packing=run.packing), strain=_strain(scene.drive), modes=outputs.modes, told=tell
             )
         except KeyboardInterrupt as stop:
-            return _interrupted(scene, getattr(stop, "run", run), outputs)
+            return interrupted(scene, getattr(stop, "run", run), outputs)
         cemented: dict[str, Any] | None = None
         try:
             if isinstance(scene.drive, CementDrive) and run.ok:
@@ -115,7 +119,7 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
 
                 cemented = cement_scene(scene.replace(packing=run.packing), scene.drive, tell)
         except KeyboardInterrupt:
-            return _interrupted(scene, run, outputs)
+            return interrupted(scene, run, outputs)
     if cemented is not None:
         report = replace(report, numbers={**report.numbers, "cementing": cemented})
     _finish(name, scene, run, report, outputs, parameters)
@@ -135,11 +139,11 @@ def _strain(drive: Drive | None) -> str:
     return "free" if isinstance(drive, ShearStabilizeDrive | CementDrive) else "fixed"
 
 
-def _interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
+def interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
     """Save what was finished, if there is anything and somewhere to put it."""
     words = "packmech: interrupted"
     if run is not None and outputs.out is not None:
-        _write_packing(scene, run.packing, outputs.out)
+        write_result(scene, run.packing, outputs.out)
         words += f"; the last finished packing is in {outputs.out}"
     console(error=True).print(words)
     return INTERRUPTED
@@ -215,7 +219,8 @@ class _Snapshots:
             del self.step_t[::2], self.packing_t[::2]
 
 
-def _write_packing(scene: Scene, packing: Packing, path: Path) -> None:
+def write_result(scene: Scene, packing: Packing, path: Path) -> None:
+    """Write the packing, and the scene's law with it where the format has a place for it."""
     from packmech.effects import law_of
     from packmech.files import write_packing
 

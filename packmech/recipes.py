@@ -1,4 +1,4 @@
-"""How a scene file says its packing: records of what makes it, each with a method that does."""
+"""How a scene file says its packing and its bonds: records of what makes them, each with a method that does."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.effects import Repulsion
+from packmech.effects.laws import Law
 from packmech.files import read_packing
 from packmech.generate import (
     Bidisperse,
@@ -29,12 +31,14 @@ from packmech.generate import (
     Uniform,
     chain_packing,
     cluster_packing,
+    fill_box,
     lattice_packing,
     random_packing,
 )
 from packmech.links import Links
 from packmech.packing import Packing
 from packmech.records import kinds_of
+from packmech.scene import Scene
 
 Vectors = tuple[tuple[float, ...], ...]
 
@@ -160,6 +164,45 @@ class _Chains:
 
 
 @dataclass(frozen=True)
+class Prepared:
+    """A random packing at its energy minimum, without friction and bonds.
+
+    With a `side` or `lattice_vectors` the box is this very one and the radii fill it (`fill_box`), else the smallest
+    diameter is 1. The law is that of the scene's repulsion unless given.
+    """
+
+    particles: int
+    packing_fraction: float
+    seed: int
+    dimension: int = 2
+    sizes: Sizes = Bidisperse()
+    side: float | None = None
+    lattice_vectors: Vectors | None = None
+    law: Law | None = None
+    force_tolerance: float = 1e-10
+
+    def packing(self, folder: Path) -> Packing:
+        """Return the packing."""
+        from packmech.dynamics.quench import quench
+
+        if self.side is not None and self.lattice_vectors is not None:
+            raise ValueError(f"side must be left out where lattice_vectors are given, got {self.side!r}")
+        how: dict[str, Any] = {
+            "packing_fraction": self.packing_fraction,
+            "sizes": self.sizes,
+            "seed": self.seed,
+        }
+        if self.side is not None:
+            drawn = fill_box(Box.cubic(self.side, self.dimension), self.particles, **how)
+        elif self.lattice_vectors is not None:
+            drawn = fill_box(Box(_columns(self.lattice_vectors)), self.particles, **how)
+        else:
+            drawn = random_packing(self.particles, dimension=self.dimension, **how)
+        assert self.law is not None
+        return quench(Scene(drawn, (Repulsion(self.law),)), force_tolerance=self.force_tolerance).packing
+
+
+@dataclass(frozen=True)
 class _File:
     """A packing file; its path is relative to the scene file."""
 
@@ -222,9 +265,10 @@ FIELD_OF = {
 }
 PACKINGS: dict[str, type] = {
     "random": _Random, "lattice": _Lattice, "clusters": _Clusters, "chains": _Chains, "file": _File, "inline": _Inline,
+    "prepared": Prepared,
 }  # fmt: skip
 # kinds whose packing another seed changes
-SEEDED = ("random", "clusters", "chains")
+SEEDED = ("random", "clusters", "chains", "prepared")
 
 
 def inline_table(packing: Packing) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from packmech.check import instance, integer, one_of, positive
+from packmech.check import instance, integer, one_of, positive, real
 from packmech.effects import SIGNED, energy_scale_of, is_bound, is_effect, is_law
 from packmech.packing import Packing
 from packmech.records import is_record
@@ -93,7 +93,62 @@ class CementDrive:
         one_of("drive.freeze", self.freeze, ("angles", "clusters", "nothing"))
 
 
-Drive = QuenchDrive | JamDrive | ShearStabilizeDrive | CementDrive
+@dataclass(frozen=True)
+class OscillatoryShearDrive:
+    """Bring the scene to rest, shear it as a sine, and find the moduli of its stress.
+
+    Parameters
+    ----------
+    amplitude, frequency, relative_frequency, pre_periods, periods, post_periods, skip_periods, axes, dt, method
+        What pm.oscillatory_shear takes; exactly one of the frequencies.
+    samples_per_period
+        As there.
+    density
+        Mass over area, or over volume in space, of every particle [mass/length^d]. Unless given a particle of the
+        reference diameter has mass 1.
+    largest_oscillation
+        What pm.equilibrate takes, which comes first; None: nothing does.
+
+    """
+
+    amplitude: float
+    frequency: float | None = None
+    relative_frequency: float | None = None
+    pre_periods: float = 0.0
+    periods: float = 4.0
+    post_periods: float = 0.0
+    skip_periods: float | None = None
+    axes: tuple[int, int] = (0, 1)
+    dt: float | None = None
+    method: Any = None
+    samples_per_period: int = 200
+    density: float | None = None
+    largest_oscillation: float | None = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "periods"):
+            positive(f"drive.{name}", getattr(self, name))
+        for name in ("frequency", "relative_frequency", "dt", "density", "largest_oscillation"):
+            if getattr(self, name) is not None:
+                positive(f"drive.{name}", getattr(self, name))
+        if (self.frequency is None) == (self.relative_frequency is None):
+            got = "neither" if self.frequency is None else "both"
+            raise ValueError(f"drive.frequency must be given, or else relative_frequency, got {got}")
+        for name in ("pre_periods", "post_periods"):
+            real(f"drive.{name}", getattr(self, name), at_least=0.0)
+        if self.skip_periods is not None:
+            real("drive.skip_periods", self.skip_periods, at_least=0.0, below=self.periods)
+        integer("drive.samples_per_period", self.samples_per_period, at_least=8)
+        _record_or_none("drive.method", self.method)
+        if not isinstance(self.axes, tuple) or len(self.axes) != 2:
+            raise TypeError(f"drive.axes must be two axes, got {self.axes!r}")
+        for axis in self.axes:
+            integer("drive.axes", axis, at_least=0, at_most=2)
+        if self.axes[0] == self.axes[1]:
+            raise ValueError(f"drive.axes must be two different axes, got {self.axes}")
+
+
+Drive = QuenchDrive | JamDrive | ShearStabilizeDrive | CementDrive | OscillatoryShearDrive
 
 
 def _record_or_none(name: str, value: Any) -> None:
@@ -144,7 +199,8 @@ class Scene:
     effects
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
-        What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive or a CementDrive.
+        What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive, a CementDrive or an
+        OscillatoryShearDrive.
 
     Raises
     ------
@@ -181,7 +237,8 @@ class Scene:
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):
             raise TypeError(
-                f"drive must be a Quench-, Jam-, ShearStabilize- or CementDrive or None, got {self.drive!r}"
+                f"drive must be a Quench-, Jam-, ShearStabilize-, Cement- or OscillatoryShearDrive or None, "
+                f"got {self.drive!r}"
             )
 
     @property

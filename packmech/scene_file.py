@@ -24,17 +24,23 @@ A scene file looks like this; `kind` names a class of the package in lower case 
 
 The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient", and
 `kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given), and
-`kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement.
+`kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement,
+and `kind = "oscillatory-shear"`, with the arguments of `pm.oscillatory_shear` and a `density`.
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
 `chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
 `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
 `shape = { kind = "trimer", angle = 1.2 }`, or `angle = [1.1, 2.8]` for another one in every cluster. An inline
 packing may have links: `link_pairs` of particles and `link_lengths`, with `link_images` where some are not zero and
-`link_shapes` where some hold a shape.
+`link_shapes` where some hold a shape. `prepared` takes the arguments of a random packing, and a `side` or
+`lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion.
+
+Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
+`seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import tomllib
 import typing
@@ -42,10 +48,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from packmech import bond_recipe
+from packmech.bond_recipe import BondRecipe, bonds_table
 from packmech.check import instance, integer
-from packmech.effects import registered_effects, registered_laws
+from packmech.effects import Bonds, law_of, registered_effects, registered_laws
 from packmech.files import PathLike, replacing, target_file
-from packmech.recipes import FIELD_OF, NESTED, PACKINGS, SEEDED, inline_table
+from packmech.packing import Packing
+from packmech.recipes import FIELD_OF, NESTED, PACKINGS, SEEDED, Prepared, inline_table
 from packmech.records import from_table, kinds_of, to_table
 from packmech.scene import Drive, Scene
 from packmech.toml_text import toml_text
@@ -131,6 +140,11 @@ def _reseed(tables: dict[str, Any], seed: int) -> None:
         kind = packing.get("kind") if isinstance(packing, dict) else None
         raise ValueError(f"seed must be left out for a packing that is not random, got {seed} for kind {kind!r}")
     packing["seed"] = seed
+    effects = tables.get("effects")
+    for table in effects if isinstance(effects, list) else []:
+        # cuts are drawn anew with the packing
+        if isinstance(table, dict) and table.get("kind") == "bonds" and "seed" in table:
+            table["seed"] = seed
 
 
 _NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
@@ -142,6 +156,10 @@ def _methods(drive: Any) -> dict[str, dict[str, type]]:
         return {}
     from packmech.dynamics.jam_methods import JamMethod
     from packmech.dynamics.minimizers import MinimizeMethod
+    from packmech.dynamics.verlet import INTEGRATORS
+
+    if drive.get("kind") == "oscillatory-shear":
+        return {"method": kinds_of(INTEGRATORS)}
 
     minimize = kinds_of(typing.get_args(MinimizeMethod))
     return {
@@ -161,16 +179,30 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     entries = tables.get("effects")
     if not isinstance(entries, list) or not entries:
         raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}")
-    laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects())
-    effects = tuple(from_table(table, f"effects[{k}]", acting, {"law": laws}) for k, table in enumerate(entries))
+    laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects()) | {"bonds": BondRecipe}
+    fields = dict.fromkeys(("law", "compression", "tension"), laws)
+    said = tuple(from_table(table, f"effects[{k}]", acting, fields) for k, table in enumerate(entries))
     drive = from_table(tables["drive"], "drive", _DRIVES, _methods(tables["drive"])) if "drive" in tables else None
-    recipe = from_table(tables["packing"], "packing", PACKINGS, NESTED)
+    recipe = from_table(tables["packing"], "packing", PACKINGS, NESTED | fields)
+    if isinstance(recipe, Prepared) and recipe.law is None:
+        recipe = dataclasses.replace(recipe, law=law_of(said))
     try:
         packing = recipe.packing(folder)
     except (TypeError, ValueError, OSError) as error:
         argument, must, rest = str(error).partition(" must ")
         raise type(error)(f"packing.{FIELD_OF.get(argument, argument)}{must}{rest}") from error
+    effects = tuple(
+        _bonds(one, packing, f"effects[{k}]") if isinstance(one, BondRecipe) else one for k, one in enumerate(said)
+    )
     return Scene(packing, effects, drive)
+
+
+def _bonds(recipe: BondRecipe, packing: Packing, where: str) -> Bonds:
+    try:
+        return recipe.bonds(packing)
+    except (TypeError, ValueError) as error:
+        argument, must, rest = str(error).partition(" must ")
+        raise type(error)(f"{where}.{bond_recipe.FIELD_OF.get(argument, argument)}{must}{rest}") from error
 
 
 def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
@@ -205,7 +237,7 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     target = target_file(path)
     tables: dict[str, Any] = {"description": description} if description else {}
     tables["packing"] = inline_table(scene.packing)
-    tables["effects"] = [to_table(effect) for effect in scene.effects]
+    tables["effects"] = [bonds_table(one) if isinstance(one, Bonds) else to_table(one) for one in scene.effects]
     if scene.drive is not None:
         drive = to_table(scene.drive)
         tables["drive"] = drive | {"kind": drive["kind"].removesuffix("-drive")}

@@ -21,7 +21,7 @@ RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
     "ComplexModulus", "Demodulation", "OscillatoryShear", "StrainRun",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
-    "ParticleShearRun",
+    "Equilibration", "MaterialConstants", "ParticleShearRun",
     "PlayedMotion",
     "Rattling", "ReaffixedLinks",
     "Run",
@@ -173,6 +173,33 @@ BAD = {
     **{f"{name}.mode": CHOICE for name in ("SteadyStrain", "OscillatoryStrain")},
     "SteadyStrain.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), "01"],
     "OscillatoryStrain.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), "01"],
+    # preparation
+    **{
+        f"material_constants.{name}": POSITIVE
+        for name in ("young_modulus", "density", "packing_fraction", "side", "relative_frequency")
+    },
+    **{
+        f"material_constants.{name}": NOT_NEGATIVE
+        for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio")
+    },
+    "poisson_ratio": [NAN, -0.1, 0.6, "1", None],
+    "size_ratio": [NAN, 0.9, "1", None],
+    "period_decay": [NAN, 0.0, -1.0, 1.1, "1", None],
+    "largest_oscillation": [NAN, INF, 0.0, -1.0, "1"],
+    "equilibrate.largest_oscillation": POSITIVE,
+    "expected_stress": POSITIVE,
+    "frictionless": [*SWITCH],
+    "equilibrate.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
+    "equilibrate.method": ["verlet", 3, pm.VelocityVerlet, pm.Fire()],
+    "equilibrate.step_limit": [*COUNT, None],
+    **{
+        f"OscillatoryShearDrive.{name}": [NAN, INF, 0.0, -1.0, "1"]
+        for name in ("frequency", "relative_frequency", "dt", "density")
+    },
+    "OscillatoryShearDrive.periods": POSITIVE,
+    "OscillatoryShearDrive.skip_periods": [-1.0, NAN, 4.0, "1"],
+    "OscillatoryShearDrive.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), (0.5, 1), "01"],
+    "OscillatoryShearDrive.method": ["verlet", 3, pm.VelocityVerlet],
     # fragments
     "cut_fragments.bonds": [None, 3, "bonds", [[0, 1]], pm.Bonds([0], [9], [[0, 0]], [1.0])],
     "cut_fragments.packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2)],
@@ -374,6 +401,8 @@ def good(name, folder):
         "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "Bonds": {"i_b": [0], "j_b": [1], "image_bd": [[0, 0]], "rest_length_b": [1.0]},
         "SteadyStrain": {"rate": 0.1},
+        "OscillatoryShearDrive": {"amplitude": 0.1, "frequency": 0.2},
+        "equilibrate": {"scene": scene(), "amplitude": 1e-3, "frequency": 0.2, "dt": 0.2},
         "OscillatoryStrain": {"amplitude": 0.1, "frequency": 0.2},
         "cut_fragments": {"bonds": pm.bond_contacts(touching()), "packing": touching(), "seed": 1},
         "fill_box": {"box": pm.Box.cubic(9.0, 2), "particles": 4, "packing_fraction": 0.8, "seed": 1},

@@ -61,6 +61,7 @@ def test_shipped_scenes_cover_every_law_drive_and_dimension_that_the_first_steps
     assert {type(scene.drive) for scene in scenes} == {
         pm.CementDrive,
         pm.JamDrive,
+        pm.OscillatoryShearDrive,
         pm.QuenchDrive,
         pm.ShearStabilizeDrive,
     }

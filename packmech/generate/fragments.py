@@ -23,9 +23,20 @@ _HIGH = 0.9
 class BondsLike(Protocol):
     """What is cut here: bonds between particles i_b and j_b, through images, that can be selected."""
 
-    i_b: NDArray[np.int64]
-    j_b: NDArray[np.int64]
-    image_bd: NDArray[np.int64]
+    @property
+    def i_b(self) -> NDArray[np.int64]:
+        """(B,) first particles."""
+        ...
+
+    @property
+    def j_b(self) -> NDArray[np.int64]:
+        """(B,) second particles."""
+        ...
+
+    @property
+    def image_bd(self) -> NDArray[np.int64]:
+        """(B, d) images."""
+        ...
 
     def select(self, keep_b: NDArray[np.bool_]) -> Any:
         """Return the bonds that are marked."""

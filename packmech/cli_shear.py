@@ -1,0 +1,177 @@
+"""What `packmech run` does with a scene that is to be sheared as a sine: bring it to rest, shear it, print moduli."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from packmech.cli_show import console, print_results, working, write_json
+from packmech.effects import Bonds
+from packmech.generate import fragment_numbers
+from packmech.interrupts import safe_interrupts
+from packmech.measure import packing_fraction
+from packmech.report_table import Row
+from packmech.scene import OscillatoryShearDrive, Scene
+
+Watch = Callable[[str, dict[str, Any]], None]
+
+if TYPE_CHECKING:
+    from packmech.cli_run import Outputs
+    from packmech.dynamics.preparation import Equilibration
+    from packmech.dynamics.rheology.oscillatory import OscillatoryShear
+
+
+def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
+    """Shear the scene as its drive says; return the exit code."""
+    from packmech.cli_run import FAILED, OK, interrupted, write_result
+
+    drive = scene.drive
+    assert isinstance(drive, OscillatoryShearDrive)
+    if outputs.record is not None:
+        raise ValueError(f"record must be left out for a scene that is sheared, got {str(outputs.record)!r}")
+    rest: Equilibration | None = None
+    try:
+        with safe_interrupts(), working(f"{name}: {scene.packing.particles} particles") as tell:
+            watch = _watch(tell)
+            rest = _rest(scene, drive, watch)
+            run = _shear(scene if rest is None else scene.replace(packing=rest.packing), drive, watch)
+    except KeyboardInterrupt as stop:
+        return interrupted(scene, getattr(stop, "run", rest), outputs)
+    numbers = _numbers(scene, rest, run)
+    title = f"{name}: {scene.packing.particles} particles, strain {drive.amplitude:g} sin(2 pi {run.frequency:.6g} t)"
+    print_results(title, _rows(numbers), [*(rest.stages if rest is not None else ()), *run.stages])
+    if outputs.out is not None:
+        write_result(scene, run.packing, outputs.out)
+        console().print(f"packing: {outputs.out}")
+    if outputs.json is not None:
+        write_json(outputs.json, numbers)
+        console().print(f"numbers: {outputs.json}")
+    code = OK
+    for one in (rest, run):
+        if one is not None and not one.ok:
+            console(error=True).print(f"packmech: {one.outcome.value} (residual {one.residual:.1e})")
+            code = FAILED
+    return code
+
+
+def _masses(scene: Scene, density: float | None) -> Any:
+    if density is None:
+        return None
+    ball = math.pi if scene.packing.dimension == 2 else 4.0 * math.pi / 3.0
+    return density * ball * scene.packing.radius_n**scene.packing.dimension
+
+
+def _watch(tell: Callable[[str], None]) -> Watch:
+    def told(stage: str, figures: dict[str, Any]) -> None:
+        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
+        tell(", ".join([stage, *words]))
+
+    return told
+
+
+def _shared(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> dict[str, Any]:
+    return {
+        "amplitude": drive.amplitude,
+        "frequency": drive.frequency,
+        "relative_frequency": drive.relative_frequency,
+        "axes": drive.axes,
+        "dt": drive.dt,
+        "method": drive.method,
+        "mass_n": _masses(scene, drive.density),
+        "progress": watch,
+        "check": False,
+    }
+
+
+def _rest(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> Equilibration | None:
+    from packmech.dynamics.preparation import equilibrate
+
+    if drive.largest_oscillation is None:
+        return None
+    return equilibrate(scene, largest_oscillation=drive.largest_oscillation, **_shared(scene, drive, watch))
+
+
+def _shear(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> OscillatoryShear:
+    from packmech.dynamics.rheology.oscillatory import oscillatory_shear
+
+    return oscillatory_shear(
+        scene,
+        pre_periods=drive.pre_periods,
+        periods=drive.periods,
+        post_periods=drive.post_periods,
+        skip_periods=drive.skip_periods,
+        samples_per_period=drive.samples_per_period,
+        **_shared(scene, drive, watch),
+    )
+
+
+def _numbers(scene: Scene, rest: Equilibration | None, run: OscillatoryShear) -> dict[str, Any]:
+    """Return the results by name; stresses and moduli in the scene's own units of energy/length^d."""
+    numbers: dict[str, Any] = {
+        "particles": scene.packing.particles,
+        "dimension": scene.packing.dimension,
+        "packing_fraction": packing_fraction(scene.packing),
+        "outcome": run.outcome.name.lower(),
+        "strain_amplitude": run.amplitude,
+        "frequency": run.frequency,
+        "time_step": run.dt,
+        "steps": run.steps,
+        "seconds": run.seconds + (0.0 if rest is None else rest.seconds),
+        "mean_pressure": float(np.mean(run.pressure_t)),
+        "mean_contacts": float(np.mean(run.contacts_t)),
+        "mean_sliding_fraction": float(np.mean(run.sliding_fraction_t)),
+    }
+    bonds = [one for one in scene.effects if isinstance(one, Bonds)]
+    if bonds:
+        numbers["bonds"] = sum(map(len, bonds))
+        numbers["fragments"] = int(fragment_numbers(bonds[0], scene.packing.particles).max()) + 1
+    if rest is not None:
+        numbers |= {
+            "residual_oscillation": rest.oscillation,
+            "expected_stress": rest.expected_stress,
+            "oscillation_ratio": rest.ratio,
+        }
+    found = run.moduli
+    if found is not None:
+        numbers |= {
+            "in_phase_stress": found.in_phase,
+            "out_of_phase_stress": found.out_of_phase,
+            "stress": found.stress,
+            "storage_modulus": found.storage,
+            "loss_modulus": found.loss,
+            "storage_error": found.storage_error,
+            "loss_error": found.loss_error,
+            "storage_fit_error": found.storage_fit_error,
+            "loss_fit_error": found.loss_fit_error,
+        }
+    return numbers
+
+
+def _rows(numbers: Mapping[str, Any]) -> list[Row]:
+    unit = f"energy / length^{numbers['dimension']} of the scene"
+    rows: list[Row] = []
+    if "storage_modulus" in numbers:
+        rows = [
+            ("in-phase stress", f"{numbers['in_phase_stress']:.6g}", f"amplitude; {unit}"),
+            ("out-of-phase stress", f"{numbers['out_of_phase_stress']:.6g}", f"amplitude; {unit}"),
+            ("stress", f"{numbers['stress']:.6g}", "amplitude of both together"),
+        ]
+        for name, key in (("G'", "storage"), ("G''", "loss")):
+            between, fit = numbers[f"{key}_error"], numbers[f"{key}_fit_error"]
+            # one period that counts says nothing of how periods differ
+            error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
+            rows.append((name, f"{numbers[f'{key}_modulus']:.6g}", f"{error}; {unit}"))
+    if "oscillation_ratio" in numbers:
+        note = f"stress before the shear over the amplitude expected, {numbers['expected_stress']:.4g}"
+        rows.append(("residual oscillation", f"{numbers['oscillation_ratio']:.2g}", note))
+    rows += [
+        ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted in full"),
+        ("mean pressure", f"{numbers['mean_pressure']:.6g}", unit),
+        ("contacts", f"{numbers['mean_contacts']:.1f}", f"mean; {numbers['mean_sliding_fraction']:.1%} of them slide"),
+    ]
+    if "bonds" in numbers:
+        rows.append(("bonds", str(numbers["bonds"]), f"in {numbers['fragments']} fragments"))
+    return rows

@@ -1,0 +1,268 @@
+"""Preparation: a scene brought to rest before it is sheared, with what is left of its oscillation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import integer, positive, real
+from packmech.dynamics.march.flow import Sine
+from packmech.dynamics.quench import quench
+from packmech.dynamics.rheology.oscillatory import characteristic_time
+from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments
+from packmech.dynamics.strain import OscillatoryStrain
+from packmech.effects import BackgroundDamping, Repulsion, is_bound
+from packmech.mechanics.elasticity import elastic_moduli
+from packmech.outcome import NotConverged, Outcome, Run, Stage
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+STAGE = "baseline"
+_QUENCHED = 1e-10
+# figures kept in a period of the baseline
+_SAMPLES = 200
+# while a scene settles, drag relaxes velocities at least at this rate times 1/tau
+_SETTLING = 0.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Equilibration(Run):
+    """A scene at rest, and how much its stress still oscillates where nothing shears it.
+
+    Attributes
+    ----------
+    oscillation
+        Half the distance between the largest and the smallest shear stress in one period without strain, from rest with
+        slack tangential springs: as what follows will start [energy/length^d].
+    expected_stress
+        The stress amplitude that it was compared with [energy/length^d].
+    periods
+        Periods that were stepped through, to look and to settle.
+    baseline
+        The period that was looked at.
+
+    """
+
+    oscillation: float
+    expected_stress: float
+    periods: int
+    baseline: StrainRun
+
+    @property
+    def ratio(self) -> float:
+        """The oscillation over the expected amplitude [1]."""
+        return self.oscillation / self.expected_stress
+
+
+def equilibrate(
+    scene: Scene,
+    *,
+    amplitude: float,
+    frequency: float | None = None,
+    relative_frequency: float | None = None,
+    largest_oscillation: float = 0.1,
+    expected_stress: float | None = None,
+    frictionless: bool | None = None,
+    axes: tuple[int, int] = (0, 1),
+    dt: float | None = None,
+    method: Method | None = None,
+    mass_n: ArrayLike | None = None,
+    step_limit: int = 500_000,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> Equilibration:
+    """Return the scene's packing at rest: frictionless equilibrium first, then that under all effects.
+
+    The protocol of section 6 of particleShear's documentation. First the energy of what repels is minimized without
+    friction. Then one period is stepped through with all effects and without strain; where the shear stress oscillates
+    too much, particles settle for another period under stronger drag and are looked at again. Each look starts at
+    rest with slack tangential springs, as whatever follows will; what is returned is where the last one began.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    amplitude
+        Of the strain that is to follow [1].
+    frequency, relative_frequency
+        One of them, as for `oscillatory_shear`: a period is looked at.
+    largest_oscillation
+        Ends when the oscillation is below this times the expected amplitude [1].
+    expected_stress
+        Amplitude of the stress to come [energy/length^d]. Unless given: the strain's times the shear modulus of the
+        frictionless packing without bonds; friction and bonds only add to it.
+    frictionless
+        Whether to begin with the frictionless minimum. Unless given: where the scene has no bonds, as those are made in
+        a packing that is there already.
+    axes
+        As for `oscillatory_shear`.
+    dt, method, mass_n
+        As for `oscillatory_shear`.
+    step_limit
+        Largest number of time steps.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures).
+    check
+        Raise NotConverged when the oscillation did not come down; otherwise return what it came to all the same.
+
+    Returns
+    -------
+    Equilibration
+        Outcome.CONVERGED, or Outcome.STEP_LIMIT.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the oscillation did not come down and `check` is set; its `.run` holds what was.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(30, dimension=2, packing_fraction=1.0, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring()), pm.Friction(0.5), pm.BackgroundDamping(0.1)))
+    >>> ready = pm.equilibrate(scene, amplitude=0.01, relative_frequency=0.025)
+    >>> ready.outcome.name, ready.ratio < 1e-6
+    ('CONVERGED', True)
+
+    """
+    manner = check_arguments(
+        scene,
+        dt=dt,
+        method=method,
+        mass_n=mass_n,
+        velocity_nd=None,
+        spin_nk=None,
+        held_n=None,
+        time_limit=time_limit,
+        progress=progress,
+        check=check,
+    )
+    strain = OscillatoryStrain(positive("amplitude", amplitude), _frequency(manner, frequency, relative_frequency))
+    strain = dataclasses.replace(strain, axes=_axes(axes))
+    direction = strain.direction(scene.packing.dimension)
+    most = positive("largest_oscillation", largest_oscillation)
+    limit = integer("step_limit", step_limit, at_least=1)
+    bonded = any(is_bound(one) for one in scene.effects)
+    if frictionless is not None and not isinstance(frictionless, bool):
+        raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
+    stages: list[Stage] = []
+    packing = scene.packing
+    if frictionless or (frictionless is None and not bonded):
+        minimum = quench(_frictionless(scene), force_tolerance=_QUENCHED, progress=progress)
+        packing, stages = minimum.packing, list(minimum.stages)
+    expected = _expected(scene, packing, amplitude) if expected_stress is None else expected_stress
+    expected = positive("expected_stress", expected)
+
+    each = max(_SAMPLES, math.ceil(1.0 / (strain.frequency * manner.longest)))
+    every = max(1, each // _SAMPLES)
+    each = every * math.ceil(each / every)
+    periods, taken = 0, 0
+    while True:
+        # a sine of no amplitude, so that the loops compiled for oscillatory shear serve
+        run, outcome = _period(manner, scene, packing, strain, direction, each, every)
+        stages += run.stages
+        periods, taken = periods + 1, taken + run.steps
+        stress = run.shear_stress_t
+        oscillation = 0.5 * float(stress.max() - stress.min())
+        found = oscillation < most * expected
+        if found or outcome is not Outcome.FINISHED or taken + 2 * each > limit:
+            break
+        settled, outcome = _period(manner, _dragged(scene, manner), packing, strain, direction, each, every)
+        periods, taken, packing = periods + 1, taken + settled.steps, settled.packing
+        stages += settled.stages
+    if outcome is Outcome.FINISHED:
+        outcome = Outcome.CONVERGED if found else Outcome.STEP_LIMIT
+    made = Equilibration(
+        packing=packing,
+        outcome=outcome,
+        residual=run.residual,
+        steps=taken,
+        force_evaluations=sum(stage.force_evaluations for stage in stages),
+        seconds=sum(stage.seconds for stage in stages),
+        build_seconds=run.build_seconds,
+        stages=tuple(stages),
+        oscillation=oscillation,
+        expected_stress=expected,
+        periods=periods,
+        baseline=run,
+    )
+    if check and not made.ok:
+        raise NotConverged(made)
+    return made
+
+
+def _frequency(manner: Manner, frequency: float | None, relative_frequency: float | None) -> float:
+    rate = None if frequency is None else positive("frequency", frequency)
+    relative = None if relative_frequency is None else positive("relative_frequency", relative_frequency)
+    if (rate is None) == (relative is None):
+        got = "neither" if rate is None else "both"
+        raise ValueError(f"frequency must be given, or else relative_frequency, got {got}")
+    if rate is not None:
+        return rate
+    assert relative is not None
+    return relative / characteristic_time(manner.scene, manner.mass_n)
+
+
+def _axes(axes: Any) -> tuple[int, int]:
+    if not isinstance(axes, tuple | list) or len(axes) != 2:
+        raise TypeError(f"axes must be two axes, got {axes!r}")
+    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))
+
+
+def _frictionless(scene: Scene) -> Scene:
+    return Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
+
+
+def _expected(scene: Scene, packing: Packing, amplitude: float) -> float:
+    """Return the stress that the shear modulus of the frictionless packing lets expect."""
+    modulus = elastic_moduli(_frictionless(scene.replace(packing=packing))).shear_modulus
+    return real("amplitude", amplitude) * _stiff(modulus)
+
+
+def _stiff(modulus: float) -> float:
+    if not (math.isfinite(modulus) and modulus > 0.0):
+        raise ValueError(
+            f"expected_stress must be given where nothing resists shear without friction, got the modulus {modulus:g}"
+        )
+    return modulus
+
+
+def _dragged(scene: Scene, manner: Manner) -> Scene:
+    """Return the scene with its background damping, if it has any, strong enough to settle in."""
+    rate = _SETTLING / characteristic_time(manner.scene, manner.mass_n)
+    effects = (
+        BackgroundDamping(max(rate, one.rate)) if isinstance(one, BackgroundDamping) else one for one in scene.effects
+    )
+    return scene.replace(effects=tuple(effects))
+
+
+def _period(
+    manner: Manner,
+    scene: Scene,
+    packing: Packing,
+    strain: OscillatoryStrain,
+    direction_dd: NDArray[np.float64],
+    steps: int,
+    every: int,
+) -> tuple[StrainRun, Outcome]:
+    """Return one period without strain, from rest."""
+    travel = Travel(
+        dataclasses.replace(manner, scene=scene.replace(packing=packing)),
+        dt=1.0 / (strain.frequency * steps),
+        steps=steps,
+        every=every,
+        profile=Sine(0.0, 2.0 * math.pi * strain.frequency, 0.0, math.inf),
+        direction_dd=direction_dd,
+    )
+    outcome = travel.go(STAGE)
+    return StrainRun(**travel.fields(STAGE, outcome, strain.axes)), outcome
