@@ -96,6 +96,7 @@ _PUBLIC = {
     "record_run": "packmech.recording",
     "Table": "packmech.tables",
     "read_table": "packmech.tables",
+    "write_pictures": "packmech.pictures",
     "write_table": "packmech.tables",
     # mechanics
     "Average": "packmech.mechanics.moduli",

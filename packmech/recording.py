@@ -12,10 +12,12 @@ import numpy as np
 
 from packmech import drawing
 from packmech.check import instance, integer, table
+from packmech.march_film import film_of_march, is_march
 from packmech.measure import packing_fraction, pressure
 from packmech.outcome import Run
 from packmech.packing import Packing
 from packmech.recording_film import Film, Motion, film_of_packing, film_of_run, motions_of, properties_of
+from packmech.recording_march import write_march
 from packmech.scene import Scene
 
 if TYPE_CHECKING:
@@ -105,6 +107,9 @@ def record_run(
     packings at `frames` of them at most, evenly chosen, first and last included. A run without a trace shows its start
     and its end.
 
+    A run of a march (friction, bonds, walls, strain) that kept positions shows bonds, contacts that stick and contacts
+    that slide apart, marks that turn with the particles, walls, who is held, the moving box, and stress against strain.
+
     Parameters
     ----------
     run
@@ -151,9 +156,11 @@ def record_run(
         "force_evaluations": run.force_evaluations,
         "seconds": run.seconds,
         "packing_fraction": packing_fraction(run.packing),
-        "pressure": pressure(final),
         **(results or {}),
     }
+    if is_march(run):
+        return write_march(film_of_march(run, scene, frames), path, parameters or {}, told, summary)
+    told.setdefault("pressure", pressure(final))
     film = film_of_run(run, scene, frames)
     return _write(film, path, _motions(modes, film, _stiffness(final), mode_count), parameters or {}, told, summary)
 

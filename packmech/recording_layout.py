@@ -7,6 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from packmech import drawing
+from packmech.march_film import MarchFilm
 from packmech.packing import Packing
 from packmech.recording_film import Film, Motion
 
@@ -33,6 +34,40 @@ def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Bluepr
         shown = ["/world/particles"] if flat else []
         views = [world_view(film, motion.title, [*shown, f"/world/modes/{motion.name}/**"]) for motion in motions]
         middle.append(rrb.Tabs(*views, active_tab=0, name="lowest modes"))
+    if summary:
+        middle.append(rrb.TextDocumentView(origin="/summary", name="results"))
+    columns = [(rrb.Vertical(*pictures), 5.0)]
+    columns += [(rrb.Vertical(*views), share) for views, share in ((middle, 3.0), (plots(film), 2.4)) if views]
+    steps = float(film.step_f[-1] - film.step_f[0])
+    return rrb.Blueprint(
+        rrb.Horizontal(*(column for column, _ in columns), column_shares=[share for _, share in columns]),
+        rrb.TimePanel(timeline="step", state="collapsed", fps=max(steps / PLAY_SECONDS, 1.0), loop_mode="off"),
+        collapse_panels=True,
+    )
+
+
+def march_blueprint(march: MarchFilm, *, summary: bool) -> rrb.Blueprint:
+    """Return the layout for a march: the packing large, stress against strain and the results, the curves."""
+    film = march.film()
+    bodies, lines = ["/world/particles/**", "/world/walls/**"], ["/world/bonds/**", "/world/contacts/**"]
+    pictures: list[rrb.Container | rrb.View]
+    if film.final.dimension == 2:
+        pictures = [world_view(film, "packing", [*bodies, *lines, "/world/marks/**"])]
+    else:  # lines inside solid spheres are not seen, so they have a view of their own
+        pictures = [world_view(film, "packing", bodies), world_view(film, "bonds and contacts", lines)]
+    middle: list[rrb.Container | rrb.View] = []
+    if len(march.strain_t) > 1:
+        across, up = (float(np.abs(part).max()) for part in (march.strain_t, march.stress_t))
+        bounds = rrb.VisualBounds2D(x_range=[-1.25, 1.25], y_range=[-1.25, 1.25])
+        middle.append(
+            rrb.Spatial2DView(
+                origin="/",
+                contents=["/loop/**"],
+                name=f"stress (up, whole {up:.3g}) against strain (across, whole {across:.3g})",
+                visual_bounds=bounds,
+                background=drawing.BACKGROUND,
+            )
+        )
     if summary:
         middle.append(rrb.TextDocumentView(origin="/summary", name="results"))
     columns = [(rrb.Vertical(*pictures), 5.0)]

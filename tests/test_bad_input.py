@@ -409,6 +409,8 @@ def good(name, folder):
         "read_packing": {"path": folder / "a.npz"},
         "read_law": {"path": folder / "a.npz"},
         "read_scene": {"path": "default"},
+    "write_pictures.folder": [3, 1.5, None],
+    "format": CHOICE,
         "write_packing": {"packing": touching(), "path": folder / "b.npz"},
         "write_scene": {"scene": scene(), "path": folder / "b.toml"},
         "Scene": {"packing": touching(), "effects": (pm.Repulsion(),)},
@@ -508,6 +510,11 @@ def folder(tmp_path_factory):
     pm.write_table(traced(), made / "a.csv")
     return made
 
+        "write_pictures": {
+            "run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0),
+            "folder": folder,
+            "scene": scene(),
+        },
 
 def test_every_parameter_is_covered():
     missing = [
