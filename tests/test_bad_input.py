@@ -367,6 +367,8 @@ BAD = {
     "played": [3, None, touching()],
     "frames": [1, 0, 2.5, "2", None],
     "modes": [3, "modes"],
+    "write_pictures.folder": [3, 1.5, None],
+    "format": CHOICE,
     "mode_count": [-1, 2.5, "2", None],
     "parameters": TABLE,
     "results": TABLE,
@@ -409,8 +411,6 @@ def good(name, folder):
         "read_packing": {"path": folder / "a.npz"},
         "read_law": {"path": folder / "a.npz"},
         "read_scene": {"path": "default"},
-    "write_pictures.folder": [3, 1.5, None],
-    "format": CHOICE,
         "write_packing": {"packing": touching(), "path": folder / "b.npz"},
         "write_scene": {"scene": scene(), "path": folder / "b.toml"},
         "Scene": {"packing": touching(), "effects": (pm.Repulsion(),)},
@@ -441,6 +441,9 @@ def good(name, folder):
             "sizes": pm.Bidisperse(ratio=1.4),
         },
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
+        "write_pictures": {
+            "run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0), "folder": folder, "scene": scene(),
+        },
         "write_table": {"subject": traced(), "path": folder / "b.csv"},
         "read_table": {"path": folder / "a.csv"},
         "resume": {"path": folder / "run.npz", "scene": scene()},
@@ -510,11 +513,6 @@ def folder(tmp_path_factory):
     pm.write_table(traced(), made / "a.csv")
     return made
 
-        "write_pictures": {
-            "run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0),
-            "folder": folder,
-            "scene": scene(),
-        },
 
 def test_every_parameter_is_covered():
     missing = [
