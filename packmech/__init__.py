@@ -46,6 +46,7 @@ _PUBLIC = {
     "OscillatoryShearDrive": "packmech.scene",
     "QuenchDrive": "packmech.scene",
     "ShearStabilizeDrive": "packmech.scene",
+    "SteadyShearDrive": "packmech.scene",
     "Scene": "packmech.scene",
     "list_scenes": "packmech.scene_file",
     "read_scene": "packmech.scene_file",

@@ -17,7 +17,16 @@ from packmech.packing import Packing
 from packmech.recording_film import trace_of
 from packmech.report import Report, examine
 from packmech.report_table import result_rows, summary_markdown
-from packmech.scene import CementDrive, Drive, JamDrive, OscillatoryShearDrive, QuenchDrive, Scene, ShearStabilizeDrive
+from packmech.scene import (
+    CementDrive,
+    Drive,
+    JamDrive,
+    OscillatoryShearDrive,
+    QuenchDrive,
+    Scene,
+    ShearStabilizeDrive,
+    SteadyShearDrive,
+)
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -70,6 +79,10 @@ def run_scene(name: str, outputs: Outputs, *, seed: int | None) -> int:
         from packmech.cli_shear import shear_scene
 
         return shear_scene(name, scene, outputs)
+    if isinstance(scene.drive, SteadyShearDrive):
+        from packmech.cli_flow import flow_scene
+
+        return flow_scene(name, scene, outputs)
     return _run_and_report(name, scene, outputs, {"scene": name, "seed": seed})
 
 

@@ -57,7 +57,8 @@ def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     return code
 
 
-def _masses(scene: Scene, density: float | None) -> Any:
+def masses(scene: Scene, density: float | None) -> Any:
+    """Return the (N,) masses of particles of one density; None where none is given."""
     if density is None:
         return None
     ball = math.pi if scene.packing.dimension == 2 else 4.0 * math.pi / 3.0
@@ -80,7 +81,7 @@ def _shared(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> dict[st
         "axes": drive.axes,
         "dt": drive.dt,
         "method": drive.method,
-        "mass_n": _masses(scene, drive.density),
+        "mass_n": masses(scene, drive.density),
         "progress": watch,
         "check": False,
     }

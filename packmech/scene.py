@@ -140,15 +140,57 @@ class OscillatoryShearDrive:
             real("drive.skip_periods", self.skip_periods, at_least=0.0, below=self.periods)
         integer("drive.samples_per_period", self.samples_per_period, at_least=8)
         _record_or_none("drive.method", self.method)
-        if not isinstance(self.axes, tuple) or len(self.axes) != 2:
-            raise TypeError(f"drive.axes must be two axes, got {self.axes!r}")
-        for axis in self.axes:
-            integer("drive.axes", axis, at_least=0, at_most=2)
-        if self.axes[0] == self.axes[1]:
-            raise ValueError(f"drive.axes must be two different axes, got {self.axes}")
+        _two_axes(self.axes)
 
 
-Drive = QuenchDrive | JamDrive | ShearStabilizeDrive | CementDrive | OscillatoryShearDrive
+@dataclass(frozen=True)
+class SteadyShearDrive:
+    """Shear the scene steadily at several rates, and find the mean stress at each.
+
+    Parameters
+    ----------
+    rates, strain, skip_strain, blocks, samples, axes, dt, method
+        What pm.steady_shear takes.
+    density
+        As in `OscillatoryShearDrive`.
+
+    """
+
+    rates: tuple[float, ...]
+    strain: float = 3.0
+    skip_strain: float = 1.0
+    blocks: int = 8
+    samples: int = 400
+    axes: tuple[int, int] = (0, 1)
+    dt: float | None = None
+    method: Any = None
+    density: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.rates, tuple) or not self.rates:
+            raise TypeError(f"drive.rates must be a tuple of shear rates, got {self.rates!r}")
+        for k, rate in enumerate(self.rates):
+            positive(f"drive.rates[{k}]", rate)
+        real("drive.skip_strain", self.skip_strain, at_least=0.0, below=positive("drive.strain", self.strain))
+        integer("drive.blocks", self.blocks, at_least=2)
+        integer("drive.samples", self.samples, at_least=1)
+        for name in ("dt", "density"):
+            if getattr(self, name) is not None:
+                positive(f"drive.{name}", getattr(self, name))
+        _record_or_none("drive.method", self.method)
+        _two_axes(self.axes)
+
+
+Drive = QuenchDrive | JamDrive | ShearStabilizeDrive | CementDrive | OscillatoryShearDrive | SteadyShearDrive
+
+
+def _two_axes(axes: Any) -> None:
+    if not isinstance(axes, tuple) or len(axes) != 2:
+        raise TypeError(f"drive.axes must be two axes, got {axes!r}")
+    for axis in axes:
+        integer("drive.axes", axis, at_least=0, at_most=2)
+    if axes[0] == axes[1]:
+        raise ValueError(f"drive.axes must be two different axes, got {axes}")
 
 
 def _record_or_none(name: str, value: Any) -> None:
@@ -199,8 +241,8 @@ class Scene:
     effects
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
-        What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive, a CementDrive or an
-        OscillatoryShearDrive.
+        What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive, a CementDrive, an
+        OscillatoryShearDrive or a SteadyShearDrive.
 
     Raises
     ------
@@ -237,8 +279,8 @@ class Scene:
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):
             raise TypeError(
-                f"drive must be a Quench-, Jam-, ShearStabilize-, Cement- or OscillatoryShearDrive or None, "
-                f"got {self.drive!r}"
+                "drive must be a Quench-, Jam-, ShearStabilize-, Cement-, OscillatoryShear- or SteadyShearDrive "
+                f"or None, got {self.drive!r}"
             )
 
     @property

@@ -111,6 +111,12 @@ def test_a_drive_of_oscillatory_shear_is_read_as_it_was_written(tmp_path, packin
     assert again(tmp_path, scene) == scene
 
 
+def test_a_drive_of_steady_shear_is_read_as_it_was_written(tmp_path, packing):
+    drive = pm.SteadyShearDrive(rates=(0.1, 1.0 / 3.0), strain=2.0, samples=50, axes=(1, 0), dt=0.01, density=2.0)
+    scene = pm.Scene(packing, (pm.Repulsion(),), drive)
+    assert again(tmp_path, scene) == scene
+
+
 # -- what a file makes -------------------------------------------------------------------------------------------------
 
 
