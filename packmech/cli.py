@@ -38,6 +38,7 @@ def parser() -> argparse.ArgumentParser:
     run = _command(commands, "run", "do what a scene's own [drive] says, then examine the packing")
     run.add_argument("scene", help=SCENE)
     _outputs(run, record=None, out=True, seed=True)
+    _pictures(run)
 
     analyze = _command(commands, "analyze", "examine a packing made elsewhere; nothing is moved")
     analyze.add_argument("file", type=Path, help="a packing: .npz, .gsd, or a text table of positions and radii")
@@ -93,6 +94,24 @@ def _outputs(command: argparse.ArgumentParser, *, record: str | None, out: bool,
         command.add_argument("--out", type=Path, metavar="FILE", help="write the packing: .npz (exact), .gsd or .txt")
     if seed:
         command.add_argument("--seed", type=int, help="another seed for the scene's random start")
+
+
+def _pictures(command: argparse.ArgumentParser) -> None:
+    """Add the options on what to show on the way, and as pictures."""
+    command.add_argument(
+        "--live",
+        nargs="?",
+        const="viewer",
+        metavar="WHERE",
+        help="show the run as it goes on in the Rerun viewer, or at its address, or in a .rrd file",
+    )
+    command.add_argument(
+        "--frames",
+        type=int,
+        metavar="N",
+        help="write so many evenly spaced pictures, and the packing, to the folder --out (default: frames)",
+    )
+    command.add_argument("--format", default="png", help="of the pictures: png (default) or svg")
 
 
 def _unjam_options(command: argparse.ArgumentParser) -> None:
@@ -154,7 +173,20 @@ def execute(given: argparse.Namespace) -> int:
     from packmech.cli_run import Outputs, analyze_file, jam_scene, run_scene
 
     record = None if getattr(given, "no_record", False) else given.record
-    outputs = Outputs(record=record, out=getattr(given, "out", None), json=given.json, modes=given.modes)
+    out, folder, frames = getattr(given, "out", None), None, getattr(given, "frames", None)
+    if frames is not None:
+        folder = Path("frames") if out is None else out
+        out = folder / "packing.npz"
+    outputs = Outputs(
+        record=record,
+        out=out,
+        json=given.json,
+        modes=given.modes,
+        live=getattr(given, "live", None),
+        frames=frames,
+        format=getattr(given, "format", "png"),
+        folder=folder,
+    )
     if given.command == "jam":
         return jam_scene(given.scene, outputs, seed=given.seed, pressure=given.pressure, strain=given.strain)
     if given.command == "run":

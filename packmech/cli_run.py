@@ -11,6 +11,7 @@ import numpy as np
 
 from packmech.check import integer, one_of
 from packmech.cli_show import console, print_results, working, write_json
+from packmech.cli_watch import Watch, live_watch, moments_wanted, nobody, write_frames
 from packmech.interrupts import safe_interrupts
 from packmech.outcome import Run, Stage
 from packmech.packing import Packing
@@ -33,17 +34,29 @@ OK, FAILED, INTERRUPTED = 0, 1, 130
 
 @dataclass(frozen=True)
 class Outputs:
-    """What to write, and how many vibrations to find."""
+    """What to write, how many vibrations to find, and what to show: live, and as pictures in a folder."""
 
     record: Path | None
     out: Path | None
     json: Path | None
     modes: int
+    live: str | None = None
+    frames: int | None = None
+    format: str = "png"
+    folder: Path | None = None
 
     def check(self) -> None:
         """Fail before the work, not after it, when a file cannot be written."""
         from packmech.files import target_file
 
+        one_of("format", self.format, ("png", "svg"))
+        if self.frames is not None and self.folder is not None:
+            integer("frames", self.frames, at_least=2)
+            self.folder.mkdir(parents=True, exist_ok=True)
+        if self.live is not None:
+            from packmech.recording_march import check_target
+
+            check_target(self.live)
         for path in (self.record, self.out, self.json):
             if path is not None:
                 target_file(path, packing=path is self.out)
@@ -117,7 +130,8 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
     with safe_interrupts(), working(f"{name}: {scene.packing.particles} particles") as tell:
         run: Run | None = None
         try:
-            run = _drive(scene, tell, keep=outputs.record is not None)
+            with live_watch(scene, outputs) as live:
+                run = _drive(scene, tell, live, keep=moments_wanted(outputs) > 0)
             if outputs.out is not None:  # before the examination, which may be interrupted
                 write_result(scene, run.packing, outputs.out)
             report = examine(
@@ -136,6 +150,7 @@ def _run_and_report(name: str, scene: Scene, outputs: Outputs, parameters: Mappi
     if cemented is not None:
         report = replace(report, numbers={**report.numbers, "cementing": cemented})
     _finish(name, scene, run, report, outputs, parameters)
+    write_frames(run, scene, outputs)
     if cemented is not None:
         from packmech.cli_cement import print_cementing
 
@@ -162,10 +177,10 @@ def interrupted(scene: Scene, run: Run | None, outputs: Outputs) -> int:
     return INTERRUPTED
 
 
-def _drive(scene: Scene, tell: Callable[[str], None], *, keep: bool) -> Run:
+def _drive(scene: Scene, tell: Callable[[str], None], live: Watch = nobody, *, keep: bool) -> Run:
     """Do what the scene's drive says; keep packings on the way when they are to be recorded."""
     drive = scene.drive
-    watch = _Snapshots(tell)
+    watch = _Snapshots(tell, live)
     if isinstance(drive, QuenchDrive):
         from packmech.dynamics.quench import quench
 
@@ -201,8 +216,8 @@ class _Snapshots:
 
     MOST = 240
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self.tell = tell
+    def __init__(self, tell: Callable[[str], None], live: Watch = nobody) -> None:
+        self.tell, self.live = tell, live
         self.step_t: list[int] = []
         self.packing_t: list[Packing] = []
         self._before = 0
@@ -212,6 +227,7 @@ class _Snapshots:
     def __call__(self, stage: str, figures: dict[str, Any]) -> None:
         words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
         self.tell(", ".join([stage, *words]))
+        self.live(stage, figures)
         steps = int(figures.get("steps", 0))
         if "packing" in figures:
             # a stage that does not count its steps shows one packing after the other

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from packmech.cli_show import console, print_results, working, write_json
+from packmech.cli_watch import Watch, live_watch, moments_wanted, write_frames
 from packmech.effects import Bonds
 from packmech.generate import fragment_numbers
 from packmech.interrupts import safe_interrupts
 from packmech.measure import packing_fraction
-from packmech.report_table import Row
+from packmech.report_table import Row, summary_markdown
 from packmech.scene import OscillatoryShearDrive, Scene
-
-Watch = Callable[[str, dict[str, Any]], None]
 
 if TYPE_CHECKING:
     from packmech.cli_run import Outputs
@@ -30,14 +29,14 @@ def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
 
     drive = scene.drive
     assert isinstance(drive, OscillatoryShearDrive)
-    if outputs.record is not None:
-        raise ValueError(f"record must be left out for a scene that is sheared, got {str(outputs.record)!r}")
     rest: Equilibration | None = None
     try:
-        with safe_interrupts(), working(f"{name}: {scene.packing.particles} particles") as tell:
-            watch = _watch(tell)
+        about = f"{name}: {scene.packing.particles} particles"
+        with safe_interrupts(), working(about) as tell, live_watch(scene, outputs) as live:
+            watch = _watch(tell, live)
             rest = _rest(scene, drive, watch)
-            run = _shear(scene if rest is None else scene.replace(packing=rest.packing), drive, watch)
+            start = scene if rest is None else scene.replace(packing=rest.packing)
+            run = _shear(start, drive, watch, frames=moments_wanted(outputs))
     except KeyboardInterrupt as stop:
         return interrupted(scene, getattr(stop, "run", rest), outputs)
     numbers = _numbers(scene, rest, run)
@@ -49,6 +48,14 @@ def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     if outputs.json is not None:
         write_json(outputs.json, numbers)
         console().print(f"numbers: {outputs.json}")
+    write_frames(run, start, outputs)
+    if outputs.record is not None:
+        from packmech.recording import record_run
+
+        told = {"scene": name, "drive": drive}
+        summary = summary_markdown(title, _rows(numbers), list(run.stages))
+        record_run(run, outputs.record, scene=start, parameters=told, results=numbers, summary=summary)
+        console().print(f"recording: {outputs.record}   (look at it: rerun {outputs.record})")
     code = OK
     for one in (rest, run):
         if one is not None and not one.ok:
@@ -65,10 +72,11 @@ def masses(scene: Scene, density: float | None) -> Any:
     return density * ball * scene.packing.radius_n**scene.packing.dimension
 
 
-def _watch(tell: Callable[[str], None]) -> Watch:
+def _watch(tell: Callable[[str], None], live: Watch) -> Watch:
     def told(stage: str, figures: dict[str, Any]) -> None:
         words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
         tell(", ".join([stage, *words]))
+        live(stage, figures)
 
     return told
 
@@ -95,7 +103,7 @@ def _rest(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> Equilibra
     return equilibrate(scene, largest_oscillation=drive.largest_oscillation, **_shared(scene, drive, watch))
 
 
-def _shear(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> OscillatoryShear:
+def _shear(scene: Scene, drive: OscillatoryShearDrive, watch: Watch, *, frames: int) -> OscillatoryShear:
     from packmech.dynamics.rheology.oscillatory import oscillatory_shear
 
     return oscillatory_shear(
@@ -105,6 +113,7 @@ def _shear(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> Oscillat
         post_periods=drive.post_periods,
         skip_periods=drive.skip_periods,
         samples_per_period=drive.samples_per_period,
+        frames=frames,
         **_shared(scene, drive, watch),
     )
 

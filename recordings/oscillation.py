@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import packmech as pm
 
-SCENE, FRAMES = "microgel", 150
+SCENE, FRAMES = "microgel", 90
 
 
 def sheared() -> tuple[pm.Scene, pm.OscillatoryShear]:

@@ -1,0 +1,59 @@
+"""What the commands show of a run while it goes on, and the pictures that they write of it afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
+
+from packmech.cli_show import console
+from packmech.outcome import Run
+from packmech.scene import Scene
+
+if TYPE_CHECKING:
+    from packmech.cli_run import Outputs
+
+# pictures of a run that is recorded as a film
+RECORDED = 60
+
+
+class Watch(Protocol):
+    """Something that is told of progress."""
+
+    def __call__(self, stage: str, figures: dict[str, Any]) -> None:
+        """Take what a run tells of a stage."""
+
+
+def nobody(stage: str, figures: dict[str, Any]) -> None:
+    """Take what a run tells, and leave it at that."""
+
+
+@contextmanager
+def live_watch(scene: Scene, outputs: Outputs) -> Iterator[Watch]:
+    """Give what shows a run live, as far as that was asked for; end it when the run has ended."""
+    if outputs.live is None:
+        yield nobody
+        return
+    from packmech.recording_march import LiveRecording
+
+    live = LiveRecording(scene, outputs.live)
+    try:
+        yield live.watch
+    finally:
+        live.close()
+        console().print(f"live: {live.shown} moments")
+
+
+def moments_wanted(outputs: Outputs) -> int:
+    """Return how many moments a run must keep for what is to be written of it."""
+    return max(RECORDED if outputs.record is not None else 0, outputs.frames if outputs.frames is not None else 0)
+
+
+def write_frames(run: Run, scene: Scene, outputs: Outputs) -> None:
+    """Write pictures of a run, if any were asked for."""
+    if outputs.frames is None or outputs.folder is None:
+        return
+    from packmech.pictures import write_pictures
+
+    written = write_pictures(run, outputs.folder, scene=scene, frames=outputs.frames, format=outputs.format)
+    console().print(f"pictures: {len(written)} in {outputs.folder}")
