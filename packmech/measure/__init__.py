@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from packmech.measure.averages import block_mean, mean_with_error
 from packmech.measure.counting import coordination_number, packing_fraction
 from packmech.measure.demodulation import Demodulation, demodulate, softening_strain, yield_strain
 from packmech.measure.link_tension import link_tension
@@ -18,6 +19,7 @@ from packmech.measure.stress import (
 
 __all__ = [
     "Demodulation",
+    "block_mean",
     "contact_stress",
     "coordination_number",
     "demodulate",
@@ -26,6 +28,7 @@ __all__ = [
     "force_balance",
     "forces",
     "link_tension",
+    "mean_with_error",
     "packing_fraction",
     "pressure",
     "remove_rattlers",

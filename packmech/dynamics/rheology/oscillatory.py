@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import integer, positive, real
 from packmech.dynamics.march.flow import Sine
-from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments
+from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments, two_axes
 from packmech.dynamics.strain import OscillatoryStrain
 from packmech.effects import Bonds, law_second, pair_second
 from packmech.interrupts import safe_interrupts
@@ -214,7 +213,7 @@ def oscillatory_shear(
     )
     rate = _frequency(manner, frequency, relative_frequency)
     # checks amplitude and axes, and knows the direction
-    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=_two(axes))
+    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=two_axes(axes))
     direction = strain.direction(scene.packing.dimension)
     pre = real("pre_periods", pre_periods, at_least=0.0)
     count = positive("periods", periods)
@@ -255,12 +254,6 @@ def oscillatory_shear(
     if check and not run.ok:
         raise NotConverged(run)
     return run
-
-
-def _two(axes: Any) -> tuple[int, int]:
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))
 
 
 def _finish(

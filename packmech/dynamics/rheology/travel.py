@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, positive, positive_array
+from packmech.check import finite_array, instance, integer, positive, positive_array
 from packmech.dynamics.kernels import RUNNING
+from packmech.dynamics.march.flow import Ramp
 from packmech.dynamics.march.journey import tensors
 from packmech.dynamics.march.look import (
     BONDED,
@@ -28,7 +29,7 @@ from packmech.dynamics.march.look import (
     TIME,
     TOTAL,
 )
-from packmech.dynamics.march.state import March, build_march
+from packmech.dynamics.march.state import March, build_march, homing_steps
 from packmech.dynamics.march.tally import Ledger, new_ledger
 from packmech.dynamics.march.touching import Touching, touching_of
 from packmech.dynamics.motion import choose_time_step
@@ -211,6 +212,8 @@ class Travel:
         self.march.begin()
         self.first = self.march.see()
         self.build_seconds = time.process_time() - self.began
+        # rows that are kept in place of the ledger's, where the run is driven from outside
+        self.driven_rows: list[NDArray[np.float64]] | None = None
         self.chunk = max(1, _CHUNK // self.march.state.body.size)
         self.due_f = np.unique(np.linspace(0, steps, frames).round().astype(np.int64))
         self.frames: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = []
@@ -218,7 +221,7 @@ class Travel:
         self._frame()
 
     def _frame(self) -> None:
-        if len(self.frames) < len(self.due_f) and self.march.steps == self.due_f[len(self.frames)]:
+        if len(self.frames) < len(self.due_f) and self.march.steps >= self.due_f[len(self.frames)]:
             self.frames.append((self.march.time, self.march.positions(), self.march.box().lattice_dd))
             self.seen.append((self.march.spins(), touching_of(self.march)))
 
@@ -233,21 +236,31 @@ class Travel:
                 return outcome
         return Outcome.FINISHED
 
-    def advance(self, steps: int, stage: str) -> Outcome:
+    def advance(self, steps: int, stage: str, *, tell: bool = True) -> Outcome:
         """Advance by so many steps; return FINISHED unless a limit was met."""
         if self.march.advance(steps, self.ledger) != RUNNING:
             return Outcome.STEP_TOO_LONG
         self._frame()
-        if self.manner.progress is not None:
-            figures = {"steps": self.march.steps, "of": self.steps, "time": self.march.time, "strain": self.march.gamma}
-            figures["march"] = self.march
-            self.manner.progress(stage, figures)
+        if tell and self.manner.progress is not None:
+            march = self.march
+            told = {"steps": march.steps, "of": self.steps, "time": march.time, "strain": march.gamma}
+            self.manner.progress(stage, {**told, "march": march})
         if time.process_time() > self.manner.deadline and self.march.steps < self.steps:
             return Outcome.INTERRUPTED
         return Outcome.FINISHED
 
+    def drive(self, rate: float) -> None:
+        """Let gamma go on from where it is at another rate."""
+        march = self.march
+        march.profile = Ramp(march.gamma, rate, march.time, math.inf)
+        assert march.space.flow is not None
+        march.space = march.space._replace(flow=march.space.flow._replace(profile=march.profile))
+        march.homing = homing_steps(march)
+
     def rows(self) -> NDArray[np.float64]:
         """Return the figures kept so far, the start first."""
+        if self.driven_rows is not None:
+            return np.array(self.driven_rows)
         written = int(self.ledger.written[0])
         return np.concatenate([self.first[None], self.ledger.row_tk[:written]])
 
@@ -301,3 +314,10 @@ class Travel:
 
 def _turns(scene: Scene) -> bool:
     return any(isinstance(one, Friction | Bonds) for one in scene.effects)
+
+
+def two_axes(axes: Any) -> tuple[int, int]:
+    """Return the axes after checking that they are two of three."""
+    if not isinstance(axes, tuple | list) or len(axes) != 2:
+        raise TypeError(f"axes must be two axes, got {axes!r}")
+    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))

@@ -1,0 +1,284 @@
+"""Strain at a constant rate: shear, uniaxial and isotropic compression, and the flow curve of steady shear."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import integer, one_of, positive, real
+from packmech.dynamics.march.flow import Ramp
+from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments, two_axes
+from packmech.dynamics.strain import MODES, SteadyStrain
+from packmech.interrupts import safe_interrupts
+from packmech.measure import block_mean
+from packmech.outcome import NotConverged, Outcome
+from packmech.scene import Scene
+
+STAGE = "steady strain"
+
+
+def ramp_strain(
+    scene: Scene,
+    *,
+    rate: float,
+    strain: float,
+    mode: str = "shear",
+    axes: tuple[int, int] = (0, 1),
+    samples: int = 200,
+    dt: float | None = None,
+    method: Method | None = None,
+    mass_n: ArrayLike | None = None,
+    velocity_nd: ArrayLike | None = None,
+    spin_nk: ArrayLike | None = None,
+    held_n: ArrayLike | None = None,
+    frames: int = 0,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> StrainRun:
+    """Return a run in which the box deforms at a constant rate, F = 1 + rate t M, up to a strain.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    rate
+        Of gamma [1/time]; negative rates compress.
+    strain
+        Size of gamma at the end, positive [1].
+    mode, axes
+        "shear" along the first and with the gradient along the second of the axes; "uniaxial" along the first;
+        "isotropic".
+    samples
+        How often figures are kept.
+    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, check
+        As in `oscillatory_shear`; `time_limit` and interrupts keep what was reached.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the end was not reached and `check` is set; its `.run` holds what was.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was reached.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
+    >>> run = pm.ramp_strain(scene, rate=-1e-3, strain=0.01, mode="isotropic")
+    >>> bool(run.pressure_t[-1] > 1.9 * run.pressure_t[0]), round(float(run.strain_t[-1]), 12)
+    (True, -0.01)
+
+    """
+    manner = check_arguments(
+        scene,
+        dt=dt,
+        method=method,
+        mass_n=mass_n,
+        velocity_nd=velocity_nd,
+        spin_nk=spin_nk,
+        held_n=held_n,
+        time_limit=time_limit,
+        progress=progress,
+        check=check,
+    )
+    speed, most = real("rate", rate), positive("strain", strain)
+    if speed == 0.0:
+        raise ValueError("rate must not be zero, got 0.0")
+    if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and most >= 1.0:
+        raise ValueError(f"strain must be below 1 where the box is compressed, got {most:g}")
+    count = integer("samples", samples, at_least=1)
+    run = _ramp(manner, speed, most, mode, two_axes(axes), count, integer("frames", frames, at_least=0))
+    if check and not run.ok:
+        raise NotConverged(run)
+    return run
+
+
+def _ramp(
+    manner: Manner, rate: float, strain: float, mode: str, axes: tuple[int, int], samples: int, frames: int
+) -> StrainRun:
+    direction = SteadyStrain(rate, mode=mode, axes=axes).direction(manner.scene.packing.dimension)
+    duration = strain / abs(rate)
+    every = max(1, math.ceil(duration / (manner.longest * samples) * (1.0 - 1e-12)))
+    steps = every * samples
+    travel = Travel(
+        manner,
+        dt=duration / steps,
+        steps=steps,
+        every=every,
+        profile=Ramp(0.0, rate, 0.0, math.inf),
+        direction_dd=direction,
+        frames=frames,
+    )
+    shown = axes if mode == "shear" else (axes[0], axes[0])
+    try:
+        with safe_interrupts():
+            outcome = travel.go(STAGE)
+    except KeyboardInterrupt as stop:
+        stop.run = StrainRun(**travel.fields(STAGE, Outcome.INTERRUPTED, shown))  # type: ignore[attr-defined]
+        raise
+    return StrainRun(**travel.fields(STAGE, outcome, shown))
+
+
+@dataclass(frozen=True, eq=False)
+class FlowCurve:
+    """Stress against rate in steady shear; errors are those of block means.
+
+    Attributes
+    ----------
+    rate_r
+        (R,) shear rates [1/time].
+    stress_r, stress_error_r
+        (R,) mean shear stresses [energy/length^d].
+    pressure_r, pressure_error_r
+        (R,) mean pressures [energy/length^d].
+    contacts_r, sliding_r
+        (R,) mean numbers of contacts of a particle, and mean parts of the contacts that slide [1].
+    runs
+        The run at each rate.
+    seconds
+        CPU time.
+
+    """
+
+    rate_r: NDArray[np.float64]
+    stress_r: NDArray[np.float64]
+    stress_error_r: NDArray[np.float64]
+    pressure_r: NDArray[np.float64]
+    pressure_error_r: NDArray[np.float64]
+    contacts_r: NDArray[np.float64]
+    sliding_r: NDArray[np.float64]
+    runs: tuple[StrainRun, ...]
+    seconds: float
+
+    @property
+    def viscosity_r(self) -> NDArray[np.float64]:
+        """The (R,) stresses over rates [energy time/length^d]."""
+        return np.asarray(self.stress_r / self.rate_r)
+
+    @property
+    def stress_ratio_r(self) -> NDArray[np.float64]:
+        """The (R,) shear stresses over pressures, the macroscopic friction [1]."""
+        return np.asarray(self.stress_r / self.pressure_r)
+
+
+def steady_shear(
+    scene: Scene,
+    *,
+    rates: Sequence[float],
+    strain: float = 3.0,
+    skip_strain: float = 1.0,
+    blocks: int = 8,
+    samples: int = 400,
+    axes: tuple[int, int] = (0, 1),
+    dt: float | None = None,
+    method: Method | None = None,
+    mass_n: ArrayLike | None = None,
+    held_n: ArrayLike | None = None,
+    progress: Progress | None = None,
+) -> FlowCurve:
+    """Return the flow curve: mean stress in steady shear at several rates, each from the scene as it is.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    rates
+        Shear rates, positive [1/time].
+    strain, skip_strain
+        How far each shear goes, and how much of it is not yet steady and does not count [1].
+    blocks
+        The strain that counts is cut into so many blocks, whose means give the errors.
+    samples
+        How often figures are kept at each rate.
+    axes, dt, method, mass_n, held_n
+        As in `oscillatory_shear`.
+    progress
+        Called now and then as progress(stage, figures), the stage naming the rate.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If a time step is too long; its `.run` holds that run.
+    KeyboardInterrupt
+        Passed on with `.run` set to the curve of the rates that were finished, or None.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.5)))
+    >>> curve = pm.steady_shear(scene, rates=[0.1, 0.2], strain=2.0)
+    >>> curve.stress_r.shape, bool((curve.pressure_r > 0).all())
+    ((2,), True)
+
+    """
+    began = time.process_time()
+    if isinstance(rates, str) or not isinstance(rates, Sequence | np.ndarray) or not len(rates):
+        raise TypeError(f"rates must be a list of shear rates, got {rates!r}")
+    speeds = [positive("rates", one) for one in rates]
+    most = positive("strain", strain)
+    skip = real("skip_strain", skip_strain, at_least=0.0, below=most)
+    parts = integer("blocks", blocks, at_least=2)
+    count = integer("samples", samples, at_least=1)
+    if count * (1.0 - skip / most) < 2 * parts:
+        raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
+    manner = check_arguments(
+        scene,
+        dt=dt,
+        method=method,
+        mass_n=mass_n,
+        velocity_nd=None,
+        spin_nk=None,
+        held_n=held_n,
+        time_limit=None,
+        progress=progress,
+        check=True,
+    )
+    runs: list[StrainRun] = []
+
+    def curve() -> FlowCurve:
+        return _curve(speeds[: len(runs)], tuple(runs), skip, parts, time.process_time() - began)
+
+    for speed in speeds:
+        told = None if progress is None else _named(progress, speed)
+        try:
+            run = _ramp(replace(manner, progress=told), speed, most, "shear", two_axes(axes), count, 0)
+        except KeyboardInterrupt as stop:
+            stop.run = curve() if runs else None  # type: ignore[attr-defined]
+            raise
+        if not run.ok:
+            raise NotConverged(run)
+        runs.append(run)
+    return curve()
+
+
+def _named(progress: Progress, rate: float) -> Progress:
+    return lambda stage, figures: progress(f"steady shear at {rate:g}", figures)
+
+
+def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks: int, seconds: float) -> FlowCurve:
+    table = []
+    for run in runs:
+        on = run.strain_t >= skip * (1.0 - 1e-12)
+        particles = run.packing.particles
+        table.append(
+            [
+                *block_mean(run.shear_stress_t[on], blocks),
+                *block_mean(run.pressure_t[on], blocks),
+                float(2.0 * run.contacts_t[on].mean() / particles),
+                float(run.sliding_fraction_t[on].mean()),
+            ]
+        )
+    stress, stress_error, pressure, pressure_error, contacts, sliding = np.array(table).T.copy()
+    return FlowCurve(np.array(rates), stress, stress_error, pressure, pressure_error, contacts, sliding, runs, seconds)
