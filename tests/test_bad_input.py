@@ -199,7 +199,7 @@ BAD = {
     },
     "OscillatoryShearDrive.periods": POSITIVE,
     "SteadyShearDrive.rates": [(), 0.1, (0.0,), (NAN,), ("1",), None],
-    "SteadyShearDrive.strain": [NAN, 0.0, -1.0, 0.5, "1", None],
+    "SteadyShearDrive.strain": [NAN, 0.0, -1.0, "1", None],
     "SteadyShearDrive.skip_strain": [NAN, -1.0, 3.0, "1", None],
     "SteadyShearDrive.blocks": [*COUNT, 1, None],
     "SteadyShearDrive.samples": [*COUNT, None],

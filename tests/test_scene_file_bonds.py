@@ -243,3 +243,16 @@ def test_the_command_prints_stresses_and_moduli_and_writes_them(tmp_path, capsys
     )
     assert run.moduli.storage == numbers["storage_modulus"]
     assert run.frequency == pytest.approx(pm.material_constants().frequency, rel=1e-8)
+
+
+def test_the_command_prints_a_flow_curve_and_writes_it(tmp_path, capsys):
+    drag = '[[effects]]\nkind = "background-damping"\nrate = 0.5\n'
+    drive = '[drive]\nkind = "steady-shear"\nrates = [0.1, 0.2]\nstrain = 0.4\nskip_strain = 0.2\nsamples = 40\n'
+    (tmp_path / "flow.toml").write_text(CRYSTAL + drag + drive)
+    arguments = ["run", str(tmp_path / "flow.toml"), "--json", str(tmp_path / "a.json")]
+    assert execute(parser().parse_args(arguments)) == 0
+    assert "stress/pressure" in capsys.readouterr().out
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    scene = pm.read_scene(tmp_path / "flow.toml")
+    curve = pm.steady_shear(scene, rates=[0.1, 0.2], strain=0.4, skip_strain=0.2, samples=40)
+    assert numbers["stresses"] == curve.stress_r.tolist() and numbers["rates"] == [0.1, 0.2]
