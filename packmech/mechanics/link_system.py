@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from packmech.compiled import device
 from packmech.links import Links
 from packmech.mechanics.link_factor import factorize_links, solve_links
-from packmech.mechanics.link_order import elimination_order
+from packmech.measure.link_order import elimination_order, envelope
 
 # rates of links below this many units of rounding of the largest force are zero
 AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
@@ -130,54 +130,17 @@ def make_link_system(
 
     """
     order = elimination_order(links, particles)
-    count = len(order)
-    i, j = links.i_l[order], links.j_l[order]
-    # a link of a particle with its own image does not change when the particle moves: it couples to no other link
-    apart = np.flatnonzero(i != j)
-    place = np.concatenate([i[apart], j[apart]])
-    link = np.concatenate([apart, apart])
-    sign = np.concatenate([-np.ones(len(apart)), np.ones(len(apart))])
-    by_place = np.lexsort((link, place))
-    place, link, sign = place[by_place], link[by_place], sign[by_place]
-    pairs: list[tuple[NDArray[np.int64], ...]] = []
-    products: list[NDArray[np.float64]] = []
-    offset = 1
-    while True:
-        same = np.flatnonzero(place[offset:] == place[: len(place) - offset])
-        if not len(same):
-            break
-        pairs.append((link[same + offset], link[same], place[same]))
-        products.append(sign[same + offset] * sign[same])
-        offset += 1
-    none = (np.empty(0, dtype=np.int64),) * 3
-    row, column, shared = (np.concatenate(part) for part in zip(none, *pairs, strict=True))
-    first = np.arange(count)
-    np.minimum.at(first, row, column)
-    start = np.concatenate([[0], np.cumsum(np.arange(count) - first)])
-    # no later row reaches before a cluster's first
-    ahead = np.minimum.accumulate(first[::-1])[::-1]
-    block = np.append(np.flatnonzero(ahead == np.arange(count)), count)
-    last = np.arange(count)
-    np.maximum.at(last, first, np.arange(count))
-    last = np.maximum.accumulate(last)
-    who, begins = np.unique(place, return_index=True)
-    turn = np.argsort(link[begins], kind="stable")
-    lengths = np.diff(np.append(begins, len(place)))[turn]
-    begin = np.concatenate([[0], np.cumsum(lengths)])
-    take = np.repeat(begins[turn] - begin[:-1], lengths) + np.arange(len(place))
-    d = dimension
-    scale = np.maximum(links.length_l[order], mean_diameter)
+    tables = envelope(links, order, particles)
+    count, d = len(order), dimension
+    length = links.length_l[order]
     inverse = np.ones(particles) if mass_n is None else 1.0 / mass_n
     return LinkSystem(
-        axes=(0,) * d, order_r=order, i_r=i, j_r=j, image_rd=links.image_ld[order].astype(np.float64),
-        length_r=links.length_l[order], scale_r=scale, inverse_mass_n=inverse,
-        row_e=row, column_e=column, particle_e=shared, slot_e=start[row] + column - first[row],
-        sign_e=np.concatenate([np.empty(0), *products]), first_r=first, start_r=start,
+        **tables, axes=(0,) * d, order_r=order, image_rd=links.image_ld[order].astype(np.float64), length_r=length,
+        scale_r=np.maximum(length, mean_diameter), inverse_mass_n=inverse,
         normal_rd=np.zeros((count, d)), distance_r=np.zeros(count), error_r=np.zeros(count),
-        factor=np.zeros(int(start[-1])), inverse_pivot_r=np.zeros(count),
-        last_r=last, block_b=block, part_b=np.searchsorted(link[begins[turn]], block), who_q=who[turn], from_q=begin,
-        near_k=link[take], sense_k=sign[take], diagonal_r=np.zeros(count), row_r=np.zeros(count),
-        multiplier_r=np.zeros(count), spare_nd=np.zeros((particles, d)), start_nd=np.zeros((particles, d)),
+        factor=np.zeros(int(tables["start_r"][-1])), inverse_pivot_r=np.zeros(count), diagonal_r=np.zeros(count),
+        row_r=np.zeros(count), multiplier_r=np.zeros(count), spare_nd=np.zeros((particles, d)),
+        start_nd=np.zeros((particles, d)),
     )  # fmt: skip
 
 

@@ -22,9 +22,9 @@ from packmech.compiled import single_thread
 from packmech.mechanics.constraint_basis import METHODS as BASES
 from packmech.mechanics.constraint_basis import Block, ConstraintBasis, constraint_basis
 from packmech.mechanics.constraints import link_vectors, scale_of_strain, strain_rows
-from packmech.mechanics.link_calls import move_links, project_links, refill_links
+from packmech.mechanics.link_calls import prepare_strains, project_links, project_strained, refill_links
 from packmech.mechanics.link_system import make_link_system
-from packmech.mechanics.strain import isochoric_basis, strain_components, trace_vector
+from packmech.mechanics.strain import isochoric_basis, mandel_basis, strain_components, trace_vector
 from packmech.packing import Packing
 
 METHODS = ("clusters", *BASES)
@@ -73,57 +73,41 @@ class ConstrainedForce:
 class Projector:
     """The links of one packing, prepared for many forces by sparse solves; for one thread at a time.
 
-    Sums over particles are einsum's, not BLAS's: their bits must not depend on the number of threads.
+    Sums over particles are the kernels', not BLAS's: their bits must not depend on the number of threads.
 
     `independent` tells whether the links are: otherwise only bases with pivoting can project.
     """
 
     def __init__(self, packing: Packing, *, strain: bool, volume: bool, scale: float) -> None:
-        assert packing.links is not None
-        links = packing.links
-        link_vectors(packing)
-        self._system = make_link_system(links, packing.particles, packing.dimension)
+        links, d = packing.links, packing.dimension
+        assert links is not None
+        self._system = make_link_system(links, packing.particles, d)
         pivot, dependent = refill_links(self._system, packing.position_nd, packing.box.lattice_dd)
+        if not self._system.distance_r.all():
+            link_vectors(packing)
         self.independent = dependent == 0 and pivot > _SAFE_PIVOT
-        self._rows = np.zeros((0, len(links)))
-        self._motion = np.zeros((0, packing.position_nd.size))
-        self._admissible = np.zeros((0, 0))
-        self._held = np.zeros(0)
         if not (strain and self.independent):
             return
-        d, strains = packing.dimension, strain_components(packing.dimension)
-        self._rows = strain_rows(packing) / scale
-        self._part = np.empty((strains, len(links)))
-        self._motion = np.empty((strains, packing.position_nd.size))
-        for rows, part, motion in zip(self._rows, self._part, self._motion, strict=True):
-            move_links(self._system, rows, motion.reshape(-1, d), part)
-        self._admissible = isochoric_basis(d) if volume else np.eye(strains)
-        self._held = trace_vector(d) / scale if volume else np.zeros(strains)
-        inner = np.eye(strains) + np.einsum("mx,kx->mk", self._motion, self._motion)
-        self._inner = self._admissible.T @ inner @ self._admissible
+        strains = strain_components(d)
+        rows, part = np.empty((strains, len(links))), np.empty((strains, len(links)))
+        motion, inner = np.empty((strains, packing.position_nd.size)), np.empty((strains, strains))
+        prepare_strains(self._system, mandel_basis(d), scale, rows, part, motion, inner)
+        free = isochoric_basis(d) if volume else np.eye(strains)
+        follow = free @ np.linalg.solve(free.T @ inner @ free, free.T)
+        self._strains = rows, part, motion, follow, trace_vector(d) / scale if volume else np.zeros(strains)
 
-    def split(
-        self, force_nd: NDArray[np.float64], strain_force_e: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float, float]:
-        """Return what is left of a force and of a force on the scaled strains, the multipliers, the links' rate."""
+    def split(self, force_nd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return what is left of a force at fixed strain, the multipliers, and the links' largest rate."""
         out, multiplier = np.empty_like(force_nd), np.empty(len(self._system.order_r))
         rate = float(project_links(self._system, force_nd, out, multiplier, True))
-        if not len(self._rows):
-            return out, np.zeros_like(strain_force_e), multiplier, 0.0, rate
-        free = self._admissible
-        pull = free.T @ (strain_force_e - np.einsum("mx,x->m", self._motion, force_nd.ravel()))
-        strain = free @ np.linalg.solve(self._inner, pull)
-        out -= np.einsum("m,mx->x", strain, self._motion).reshape(out.shape)
-        multiplier += np.einsum("m,ml->l", strain, self._part)
-        square = float(self._held @ self._held)
-        rest = float(self._held @ (strain_force_e - strain - np.einsum("ml,l->m", self._rows, multiplier)))
-        return out, strain, multiplier, rest / square if square else 0.0, rate
+        return out, multiplier, rate
 
-    def project(self, force_nd: NDArray[np.float64], strain_force_e: NDArray[np.float64]) -> Parts:
-        """Return what is left of the forces and the multipliers, the rounding of a first pass taken out by a second."""
-        force, strain, multiplier, held, _ = self.split(force_nd, strain_force_e)
-        force, strain, more, rest, _ = self.split(force, strain)
-        return force, strain, multiplier + more, held + rest
+    def project(self, force_nd: NDArray[np.float64], pull_e: NDArray[np.float64]) -> tuple[Parts, float]:
+        """Return what is left of a force and of one on the scaled strains, the multipliers; and the largest rate."""
+        out, strain = np.empty_like(force_nd), np.empty_like(pull_e)
+        multiplier = np.empty(len(self._system.order_r))
+        held, rate = project_strained(self._system, self._strains, force_nd, pull_e, out, strain, multiplier)
+        return (out, strain, multiplier, float(held)), float(rate)
 
 
 class _Last(threading.local):
@@ -240,10 +224,11 @@ def project_force(
         projector = _LAST.projector(packing, strain, volume, scale)
     if projector is not None and projector.independent:
         if strain:
-            answer = _answer(packing, projector.project(force, pull), scale, volume, method, started)
+            parts, rate = projector.project(force, pull)
         else:
-            found = projector.split(force, pull)
-            answer = _answer(packing, found[:4], scale, volume, method, started, rate=found[4])
+            out, multiplier, rate = projector.split(force)
+            parts = out, np.zeros(strains), multiplier, 0.0
+        answer = _answer(packing, parts, scale, volume, method, started, rate=rate)
         if answer.rate <= _ROUNDING * max(np.abs(force).max(), np.abs(pull).max()):
             return answer
     method = "householder" if method == "clusters" else method
