@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form, device
 from packmech.dynamics.march.flow import relative
+from packmech.dynamics.march.inlined import inlined
 from packmech.dynamics.march.pairs import NO_SLOT, Slots, collect
 from packmech.dynamics.march.rubbing import turning_axes
 from packmech.dynamics.march.springs import (
@@ -46,7 +47,7 @@ class BondTable(NamedTuple):
     image_bd: NDArray[np.float64]
     rest_b: NDArray[np.float64]
     stretch_bk: NDArray[np.float64]
-    visit_v: NDArray[np.int64]
+    visit_v: NDArray[np.uint32]
     start_b: NDArray[np.int64]
     slot_v: NDArray[np.uint32]
     slots: Slots
@@ -56,74 +57,91 @@ class BondTable(NamedTuple):
 
 
 @device
-def bond_ends(axes, body, bonds, lattice, b):
-    """Return the rows of a bond and the vector between them."""
-    i, j = bonds.i_b[b], bonds.j_b[b]
+def bond_vector(axes, body, image_bd, lattice, b, i, j):
+    """Return the vector of a bond between two rows."""
     dx = body[j, 0] - body[i, 0]
     dy = body[j, 1] - body[i, 1]
     dz = 0.0
     for k in range(len(axes)):
-        dx += lattice[0, k] * bonds.image_bd[b, k]
-        dy += lattice[1, k] * bonds.image_bd[b, k]
+        dx += lattice[0, k] * image_bd[b, k]
+        dy += lattice[1, k] * image_bd[b, k]
     if len(axes) == 3:
         dz = body[j, 2] - body[i, 2]
         for k in range(3):
-            dz += lattice[2, k] * bonds.image_bd[b, k]
-    return i, j, dx, dy, dz
+            dz += lattice[2, k] * image_bd[b, k]
+    return dx, dy, dz
 
 
-@device
-def bond_first(bonds, r, rest):
+def bond_first(compression: Any, tension: Any, r: float, rest: float) -> float:
     """Return du/dr of a bond's normal spring [force]."""
-    if r < rest:
-        return law_first(bonds.compression, r, rest)
-    return law_first(bonds.tension, r, rest)
+    raise NotImplementedError("bonds act in compiled loops")
 
 
-@device
-def _pull(bonds, rates, axes, body, lattice, pace, b):
-    """Return what a bond does: force on its i, moment and arms, and its rows."""
-    i, j, dx, dy, dz = bond_ends(axes, body, bonds, lattice, b)
+@compiled_form(bond_first)
+def _choose_bond_first(compression: Any, tension: Any, r: Any, rest: Any) -> Any:
+    if compression == tension:
+        # whether a bond is stretched is not to be foretold: laws of one kind are told apart by their numbers alone
+
+        def alike(compression, tension, r, rest):
+            return law_first(compression if r < rest else tension, r, rest)
+
+        return alike
+
+    def unlike(compression, tension, r, rest):
+        return law_first(compression, r, rest) if r < rest else law_first(tension, r, rest)
+
+    return unlike
+
+
+@inlined
+def _pull(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest):
+    """Return what a bond does: force on its i, moment and arms."""
+    compression, tension = laws
+    k, damping, c = numbers
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     # ends at the same place have no direction: the next step tells them apart
     inverse = 1.0 / r if r > 0.0 else 0.0
     nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
     ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
     first = 0.0
-    if r > 0.0:
-        first = bond_first(bonds, r, bonds.rest_b[b]) + bonds.damping * (ux * nx + uy * ny + uz * nz)
+    if r == 0.0:
+        # no branch that holds an array: it would be counted at every bond
+        ux = uy = uz = 0.0
+    else:
+        first = bond_first(compression, tension, r, rest) + damping * (ux * nx + uy * ny + uz * nz)
     sigma = body[i, 3] + body[j, 3]
-    k, c = bonds.tangential_stiffness, bonds.tangential_damping
-    stretch_bk = bonds.stretch_bk
     if len(axes) == 2:
         ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
-        stretch = stretch_bk[b, 0]
-        if r > 0.0:
-            stretch += pace.before * slip
-            stretch_bk[b, 0] = stretch + pace.after * slip
+        stretch = stretch_bk[b, 0] + pace.before * slip
+        stretch_bk[b, 0] = stretch + pace.after * slip
         force = k * stretch + c * slip
-        return (first * nx - force * ny, first * ny + force * nx, 0.0, 0.0, 0.0, force, ai, aj), i, j
+        return first * nx - force * ny, first * ny + force * nx, 0.0, 0.0, 0.0, force, ai, aj
     ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_bk[b, 0], stretch_bk[b, 1], stretch_bk[b, 2]
-    if r > 0.0:
-        x, y, z = stretch_before(stretch_bk, b, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
-        stretch_after(stretch_bk, b, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
+    x, y, z = stretch_before(stretch_bk, b, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
+    stretch_after(stretch_bk, b, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
     fx, fy, fz, mx, my, mz, ai, aj = with_moment(nx, ny, nz, k * x + c * sx, k * y + c * sy, k * z + c * sz, ai, aj)
-    return (first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj), i, j
+    return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
 
 
 @device
 def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
+    # arrays one by one: records of them would be counted again at every call
     spins = turning_axes(bonds, axes)
-    for v in range(bonds.start_b[block], bonds.start_b[block + 1]):
-        b = bonds.visit_v[v]
-        done, i, j = _pull(bonds, rates, axes, body, lattice, pace, b)
+    visit_v, slot_v, slot_qk = bonds.visit_v, bonds.slot_v, bonds.slots.push_qk
+    i_b, j_b, image_bd, rest_b, stretch_bk = bonds.i_b, bonds.j_b, bonds.image_bd, bonds.rest_b, bonds.stretch_bk
+    laws = bonds.compression, bonds.tension
+    numbers = bonds.tangential_stiffness, bonds.damping, bonds.tangential_damping
+    for v in range(np.uint64(bonds.start_b[block]), np.uint64(bonds.start_b[block + 1])):
+        b = visit_v[v]
+        i, j = np.uint64(i_b[b]), np.uint64(j_b[b])
+        dx, dy, dz = bond_vector(axes, body, image_bd, lattice, b, i, j)
+        done = _pull(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
         give(axes, spins, push, i, done)
-        slot = bonds.slot_v[v]
+        slot = slot_v[v]
         if slot == NO_SLOT:
             give_back(axes, spins, push, j, done)
         else:
-            leave(axes, spins, bonds.slots.push_qk, slot, done)
+            leave(axes, spins, slot_qk, slot, done)
 
 
 def bonds_of_block(

@@ -69,7 +69,7 @@ def bond_table(
 
 def _shared(
     i_b: NDArray[np.int64], j_b: NDArray[np.int64], n: int, torques: int, d: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint32], Slots]:
+) -> tuple[NDArray[np.uint32], NDArray[np.int64], NDArray[np.uint32], Slots]:
     """Return bonds by the block of their i, the first of each block, their slots, and these by the block of their j."""
     row = blocks_of(n)
     own = np.searchsorted(row, i_b, side="right") - 1
@@ -86,4 +86,4 @@ def _shared(
         j_b[visit[away[order]]].astype(np.uint32),
         np.searchsorted(home[order], blocks).astype(np.int64),
     )
-    return visit, np.searchsorted(own[visit], blocks).astype(np.int64), slot, slots
+    return visit.astype(np.uint32), np.searchsorted(own[visit], blocks).astype(np.int64), slot, slots

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from packmech.compiled import compiled_form, device, kernel
 
 # places in Flow.number
-GAMMA, ANCHORED, OUTER_ANCHORED, NUMBERS = 0, 1, 2, 3
+GAMMA, ANCHORED, OUTER_ANCHORED, NILPOTENT, NUMBERS = 0, 1, 2, 3, 4
 
 
 class Still(NamedTuple):
@@ -138,6 +138,12 @@ def _times(a, b, out):
 def map_between(flow, low, high, out):
     """Write F(high) F(low)^-1 = (1 + high M) (1 + low M)^-1."""
     direction, work = flow.direction_dd, flow.work_dd
+    if flow.number[NILPOTENT] != 0.0:
+        # M M = 0, as in simple shear
+        for i in range(3):
+            for j in range(3):
+                out[i, j] = (1.0 if i == j else 0.0) + (high - low) * direction[i, j]
+        return
     for i in range(3):
         for j in range(3):
             work[i, j] = (1.0 if i == j else 0.0) + low * direction[i, j]

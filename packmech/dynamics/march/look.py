@@ -12,7 +12,7 @@ from typing import Any
 from numba import literal_unroll, types
 
 from packmech.compiled import compiled_form, device, kernel
-from packmech.dynamics.march.bonding import bond_ends, bond_first
+from packmech.dynamics.march.bonding import bond_first, bond_vector
 from packmech.dynamics.march.flow import GAMMA, gamma_at, is_still, rates, with_flow
 from packmech.dynamics.march.lists import held_of
 from packmech.dynamics.march.rubbing import slide
@@ -199,7 +199,8 @@ def _look_at_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, 
 @device
 def _look_at_bonds(bonds, flowing, axes, body, lattice, pace, out):
     for b in range(bonds.i_b.shape[0]):
-        i, j, dx, dy, dz = bond_ends(axes, body, bonds, lattice, b)
+        i, j = bonds.i_b[b], bonds.j_b[b]
+        dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
         r = math.sqrt(dx * dx + dy * dy + dz * dz)
         if r == 0.0:
             continue
@@ -207,7 +208,7 @@ def _look_at_bonds(bonds, flowing, axes, body, lattice, pace, out):
         ux, uy, uz = _relative(axes, flowing, body, i, j, dx, dy, dz)
         sigma = body[i, 3] + body[j, 3]
         rest = bonds.rest_b[b]
-        first = bond_first(bonds, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
+        first = bond_first(bonds.compression, bonds.tension, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
         out[POTENTIAL] += law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
         ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
         x, y, z = stretch_now(axes, bonds.stretch_bk, b, sx, sy, sz, ox, oy, oz, pace.after)

@@ -18,7 +18,7 @@ from packmech.compiled import device
 from packmech.dynamics.pair_list import NUMBERS, SEARCHES, SKIN_FULL, SKIN_INNER, SKIN_OUTER, TRAVEL, anchor
 
 # rows of a block, at least; blocks, at most
-_ROWS, _BLOCKS = 512, 32
+_ROWS, _BLOCKS = 320, 32
 # slot of a pair whose two rows belong to one block
 NO_SLOT = np.uint32(0xFFFFFFFF)
 

@@ -13,7 +13,7 @@ from packmech.box import Box
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.bonds import bond_table
-from packmech.dynamics.march.flow import GAMMA, NUMBERS, Flow, Still, gamma_at, set_flow
+from packmech.dynamics.march.flow import GAMMA, NILPOTENT, NUMBERS, Flow, Still, gamma_at, set_flow
 from packmech.dynamics.march.lists import Space, Track, empty_track, search
 from packmech.dynamics.march.look import COLUMNS, look
 from packmech.dynamics.march.memory import Stretches, read_stretches, write_stretches
@@ -162,7 +162,7 @@ class March:
             space = self.space
             if team is not None and space.flow is not None:
                 # room to reckon in is each thread's own
-                space = space._replace(flow=space.flow._replace(work_dd=np.empty((3, 3))))
+                space = space._replace(flow=own_room(space.flow))
             status, taken = march(
                 self.acting,
                 self.axes,
@@ -261,16 +261,14 @@ def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow
     direction, lattice = np.zeros((3, 3)), np.eye(3)
     direction[:d, :d] = direction_dd
     lattice[:d, :d] = box.lattice_dd
-    return Flow(
-        profile,
-        direction,
-        lattice,
-        np.zeros((3, 3)),
-        np.eye(3),
-        np.eye(3),
-        np.eye(3),
-        np.zeros(NUMBERS),
-    )
+    number = np.zeros(NUMBERS)
+    number[NILPOTENT] = not (direction @ direction).any()
+    return Flow(profile, direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
+
+
+def own_room(flow: Flow) -> Flow:
+    """Return the record with matrices of its own to reckon in."""
+    return flow._replace(step_dd=np.eye(3), back_dd=np.eye(3), work_dd=np.eye(3))
 
 
 def build_march(

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import literal_unroll, types
 
 from packmech.compiled import compiled_form, device, kernel
@@ -61,12 +60,24 @@ class State(NamedTuple):
 def leap(
     flow: Any, axes: Any, state: State, low: int, high: int, time: float, dt: float, early: float, ahead: float
 ) -> float:
-    """Kick rows by the present forces and take them to the end of the step; return the largest squared displacement.
+    """Kick rows, take them to the end of the step and clear their forces; return the largest squared displacement.
 
     `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
     velocities). The box's own share of displacements is not counted.
     """
     raise NotImplementedError("a march is stepped in compiled loops")
+
+
+@device
+def _clear(axes, spins, push, i):
+    for a in range(len(axes) + len(spins)):
+        push[i, a] = 0.0
+
+
+@device
+def _clear_all(axes, state, low, high):
+    for i in range(low, high):
+        _clear(axes, state.spins, state.push, i)
 
 
 @device
@@ -90,6 +101,7 @@ def _leap_still(axes, state, low, high, dt, early, ahead):
             kicked = c + early * weight[i, 1] * push[i, a]
             half[i, a] = kicked
             body[i, 4 + a] = kicked + ahead * (kicked - c)
+        _clear(axes, state.spins, push, i)
         # written so that a speed that is not a number is the largest
         if not square <= most:
             most = square
@@ -111,19 +123,18 @@ def _maps(flow, time, dt):
     start = gamma_at(flow.profile, time)[0]
     middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
     end = gamma_at(flow.profile, time + dt)[0]
-    places = np.empty((3, 3))
-    speeds = np.empty((3, 3))
-    moves = np.empty((3, 3))
-    first = np.empty((3, 3))
-    second = np.empty((3, 3))
-    map_between(flow, start, end, places)
-    map_between(flow, end, start, speeds)
-    map_between(flow, middle, start, first)
-    map_between(flow, middle, end, second)
+    # all of these commute
+    map_between(flow, start, end, flow.step_dd)
+    places = _entries(flow.step_dd)
+    map_between(flow, end, start, flow.step_dd)
+    speeds = _entries(flow.step_dd)
+    map_between(flow, middle, start, flow.step_dd)
+    map_between(flow, middle, end, flow.back_dd)
     for i in range(3):
+        x, y, z = flow.back_dd[i, 0], flow.back_dd[i, 1], flow.back_dd[i, 2]
         for j in range(3):
-            moves[i, j] = second[i, 0] * first[0, j] + second[i, 1] * first[1, j] + second[i, 2] * first[2, j]
-    return _entries(places), _entries(speeds), _entries(moves)
+            flow.back_dd[i, j] = x * flow.step_dd[0, j] + y * flow.step_dd[1, j] + z * flow.step_dd[2, j]
+    return places, speeds, _entries(flow.back_dd)
 
 
 @device
@@ -171,6 +182,7 @@ def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
             kicked = c + early * weight[i, 1] * push[i, a]
             half[i, a] = kicked
             body[i, 4 + a] = kicked + ahead * (kicked - c)
+        _clear(axes, state.spins, push, i)
         # written so that a displacement that is not a number is the largest
         if not square <= most:
             most = square
@@ -208,15 +220,8 @@ def _choose_move_box(flow: Any, frame: Any, time: Any) -> Any:
 
 
 def bodies_push(bodies: Any, axes: Any, state: State, rates: Any, low: int, high: int) -> None:
-    """Set push of rows to the forces on single particles: zero where nothing acts on them."""
+    """Set push of rows, which is zero, to the forces on single particles; nothing where nothing acts on them."""
     raise NotImplementedError("a march is stepped in compiled loops")
-
-
-@device
-def _clear(axes, spins, push, low, high):
-    for i in range(low, high):
-        for a in range(len(axes) + len(spins)):
-            push[i, a] = 0.0
 
 
 @device
@@ -253,7 +258,7 @@ def _push_bodies(bodies, axes, state, rates, low, high):
 @compiled_form(bodies_push)
 def _choose_bodies_push(bodies: Any, axes: Any, state: Any, rates: Any, low: Any, high: Any) -> Any:
     if isinstance(bodies, types.NoneType):
-        return lambda bodies, axes, state, rates, low, high: _clear(axes, state.spins, state.push, low, high)
+        return lambda bodies, axes, state, rates, low, high: None
     return lambda bodies, axes, state, rates, low, high: _push_bodies(bodies, axes, state, rates, low, high)
 
 
@@ -288,6 +293,8 @@ def march(acting, axes, state, space, pairs, track, ledger, team, start, first, 
     low, high = row_b[low_b], row_b[high_b]
     held_pk = held_of(track)
     body, push, lattice = state.body, state.push, space.frame.lattice_dd
+    if start == FORCES:
+        _clear_all(axes, state, low, high)
     for step in range(steps):
         time = (first + step) * dt
         if start == WHOLE_STEP:
