@@ -255,6 +255,17 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     ImportError
         For parquet without pyarrow.
 
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    >>> run = pm.simulate(pm.Scene(crystal, (pm.Repulsion(),)), steps=20, dt=0.1, trace_every=5)
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "run.csv"
+    >>> pm.write_table(run, path)
+    >>> table = read_table(path)
+    >>> table["contacts"].tolist(), table.units["time"], table.about["dt"]
+    ([27, 27, 27, 27, 27], 'time', 0.1)
+
     """
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"path must be a file name, got {path!r}")

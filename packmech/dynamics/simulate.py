@@ -38,6 +38,7 @@ def simulate(
     spin_nk: ArrayLike | None = None,
     strain: SteadyStrain | OscillatoryStrain | None = None,
     held_n: ArrayLike | None = None,
+    threads: int = 1,
     trace_every: int | None = None,
     trace_positions: bool = False,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -80,6 +81,9 @@ def simulate(
         ones, v - L x: what follows the box has none.
     held_n
         (N,) True for particles that nothing pushes or turns; they follow the box.
+    threads
+        Number of threads, for scenes with friction, bonds, body forces, strain or held particles; it changes no bit and
+        pays from some thousand particles on. Time limits and `seconds` count the time of all of them.
     trace_every
         Keep figures every so many steps, in `trace`; the first and last step always.
     trace_positions
@@ -164,6 +168,7 @@ def simulate(
         trace_positions,
         None if checkpoint is None else check_path(checkpoint),
         _checkpoint_every(checkpoint, checkpoint_every),
+        integer("threads", threads, at_least=1),
     )
     limit = math.inf if time_limit is None else positive("time_limit", time_limit)
     journey = Journey(plan, spin_nk=spin, time_limit=limit, progress=progress)
@@ -252,9 +257,10 @@ def _travel(journey: Journey, begin: Callable[[], None], check: bool) -> Simulat
 def _checkpoint_every(checkpoint: Any, every: Any) -> int | None:
     if every is None:
         return None
+    count = integer("checkpoint_every", every, at_least=1)
     if checkpoint is None:
-        raise ValueError(f"checkpoint must be a file name where checkpoint_every is given, got None and {every!r}")
-    return integer("checkpoint_every", every, at_least=1)
+        raise ValueError(f"checkpoint_every must be left out where no checkpoint is given, got {every!r}")
+    return count
 
 
 def _held(held_n: Any, particles: int) -> NDArray[np.bool_] | None:

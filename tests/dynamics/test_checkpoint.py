@@ -239,7 +239,7 @@ def test_an_end_that_lies_behind_is_refused(tmp_path):
     [
         ({"checkpoint": "run.txt"}, r"checkpoint must end in \.npz, got 'run\.txt'"),
         ({"checkpoint": "no such folder/run.npz"}, "checkpoint must lie in an existing folder"),
-        ({"checkpoint_every": 5}, "checkpoint must be a file name where checkpoint_every is given"),
+        ({"checkpoint_every": 5}, "checkpoint_every must be left out where no checkpoint is given, got 5"),
     ],
 )
 def test_where_to_write_is_checked_before_the_run(given, message):
