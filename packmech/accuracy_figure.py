@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 if TYPE_CHECKING:
     from packmech.accuracy_table import WorkPrecision
@@ -41,6 +42,11 @@ def draw(table: WorkPrecision, path: Path) -> None:
             for index, method in enumerate(table.methods):
                 _method(table, method, quantity, zero, COLORS[index % 8], MARKERS[index % 8], above, below)
             above.set(title=quantity, xlabel=table.knob, ylabel=f"error in {quantity}", xscale="log", yscale="log")
+            settings = sorted({trial.setting for trial in table.trials})
+            if settings[-1] < 100.0 * settings[0]:
+                # less than two decades: powers of ten say too little, and numbers between them overlap
+                above.set_xticks(settings, [f"{one:g}" for one in settings], minor=False)
+                above.xaxis.set_minor_formatter(NullFormatter())
             above.invert_xaxis()
             below.set(xlabel=f"error in {quantity}", ylabel="CPU seconds", xscale="log", yscale="log")
             below.invert_xaxis()

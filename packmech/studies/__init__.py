@@ -19,7 +19,8 @@ def studies() -> dict[str, Study]:
     Examples
     --------
     >>> list(studies())
-    ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance']
+    ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance',
+     'shear_time_step']
 
     """
     from packmech.studies.constraint_bases import constraint_bases
@@ -28,6 +29,7 @@ def studies() -> dict[str, Study]:
     from packmech.studies.jamming_programs import jamming_programs
     from packmech.studies.minimizers import minimizers
     from packmech.studies.reaffixing import reaffixing
+    from packmech.studies.shear_time_step import shear_time_step
 
     return {
         "minimizers": minimizers,
@@ -37,4 +39,5 @@ def studies() -> dict[str, Study]:
         "jamming_2d": partial(jamming_programs, 2),
         "jamming_3d": partial(jamming_programs, 3),
         "gap_tolerance": gap_tolerance,
+        "shear_time_step": shear_time_step,
     }
