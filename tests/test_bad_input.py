@@ -341,6 +341,7 @@ BAD = {
     "checkpoint_every": [*COUNT, 10],
     "resume.steps": [*COUNT, 1],
     "trace_every": COUNT,
+    "threads": [*COUNT, 2],
     "trace_positions": SWITCH,
     "time_limit": [NAN, 0.0, -1.0, "1"],
     "dt": POSITIVE,

@@ -49,6 +49,7 @@ class Plan:
     trace_positions: bool = False
     checkpoint: Path | None = None
     checkpoint_every: int | None = None
+    threads: int = 1
 
     def told(self) -> dict[str, Any]:
         """Return the settings that are no arrays, as JSON knows them."""
@@ -64,8 +65,8 @@ class Plan:
         }
 
 
-def plan_of(found: Checkpoint, scene: Scene, path: Any, steps: int) -> Plan:
-    """Return the plan that a checkpoint holds, for the scene that it was made of, to another end."""
+def plan_of(found: Checkpoint, scene: Scene, path: Any, steps: int, threads: int) -> Plan:
+    """Return the plan that a checkpoint holds, for the scene that it was made of, to another end on so many threads."""
     told, arrays = found
     strain, method = told["strain"], told["method"]
     if strain is not None:
@@ -82,6 +83,7 @@ def plan_of(found: Checkpoint, scene: Scene, path: Any, steps: int) -> Plan:
         bool(told["trace_positions"]),
         Path(path),
         told["checkpoint_every"],
+        threads,
     )
 
 
@@ -109,6 +111,12 @@ class Journey:
                 spin_nk=spin_nk,
                 strain=plan.strain,
                 held_n=plan.held_n,
+                threads=plan.threads,
+            )
+        elif plan.threads > 1:
+            raise ValueError(
+                "threads must be 1 for a scene without friction, bonds, body forces, strain and held particles, "
+                f"got {plan.threads}"
             )
         else:
             program = build_program(scene)

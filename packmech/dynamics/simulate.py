@@ -187,6 +187,7 @@ def resume(
     scene: Scene,
     *,
     steps: int | None = None,
+    threads: int = 1,
     time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
@@ -206,7 +207,7 @@ def resume(
     steps
         Step at which to end, counted from the start of the simulation. The end that was asked for then, unless given;
         a simulation that got there can be taken to a later one.
-    time_limit, progress, check
+    threads, time_limit, progress, check
         As in `pm.simulate`; the CPU time counts anew.
 
     Raises
@@ -235,7 +236,8 @@ def resume(
     limit = math.inf if time_limit is None else positive("time_limit", time_limit)
     reached = int(found.told["reached"])
     end = int(found.told["steps"]) if steps is None else integer("steps", steps, at_least=reached)
-    journey = Journey(plan_of(found, scene, path, end), time_limit=limit, progress=progress)
+    workers = integer("threads", threads, at_least=1)
+    journey = Journey(plan_of(found, scene, path, end, workers), time_limit=limit, progress=progress)
     return _travel(journey, lambda: journey.restore(found.told, found.arrays), check)
 
 

@@ -99,6 +99,16 @@ def test_threads_keep_the_same_figures_on_the_way():
     np.testing.assert_array_equal(rows[0].row_tk, rows[1].row_tk)
 
 
+@pytest.mark.slow
+def test_simulate_takes_threads_and_gives_the_same_bits():
+    runs = [
+        pm.simulate(pm.Scene(packing(), EVERYTHING), steps=20, dt=0.1, strain=pm.SteadyStrain(0.01), threads=threads)
+        for threads in (1, 2)
+    ]
+    np.testing.assert_array_equal(runs[0].packing.position_nd, runs[1].packing.position_nd)
+    np.testing.assert_array_equal(runs[0].spin_nk, runs[1].spin_nk)
+
+
 def test_the_scene_of_the_threads_has_several_blocks():
     assert len(blocks_of(700)) == 3
 

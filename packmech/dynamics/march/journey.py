@@ -82,6 +82,7 @@ class Marching:
         spin_nk: NDArray[np.float64] | None,
         strain: Strain | None,
         held_n: NDArray[np.bool_] | None,
+        threads: int = 1,
     ) -> None:
         without_links("scene.packing", scene.packing)
         self.scene, self.mass_n = scene, mass_n
@@ -97,6 +98,7 @@ class Marching:
             direction_dd=None if strain is None else strain.direction(d),
             held_n=held_n,
             second_order=second_order,
+            threads=threads,
         )
         self.force_evaluations = 0
 
