@@ -102,7 +102,7 @@ def write_checkpoint(path: Path, told: Mapping[str, Any], arrays: Mapping[str, A
     """
     head = json.dumps({"version": _VERSION, **told})
     with replacing(path) as partial, open(partial, "wb") as file:
-        np.savez(file, **{_HEAD: np.array(head)}, **arrays)
+        np.savez(file, allow_pickle=False, **{_HEAD: np.array(head)}, **arrays)
         file.flush()
         os.fsync(file.fileno())
 

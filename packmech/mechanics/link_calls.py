@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from packmech.compiled import device, kernel
@@ -36,7 +38,7 @@ def record_links(system, position, lattice, tolerance, most_iterations, error_t)
     return reaffix_recorded(system, position, lattice, tolerance, most_iterations, error_t)
 
 
-def reaffix_links(system, position, lattice, tolerance, most_iterations):
+def reaffix_links(system: Any, position: Any, lattice: Any, tolerance: float, most_iterations: int) -> Any:
     """Call `reaffix` from Python."""
     return record_links(system, position, lattice, tolerance, most_iterations, np.empty(0))
 

@@ -139,7 +139,7 @@ class Marching:
 
     def stride(self, steps: int) -> int:
         """Return how many of so many steps `follow` would take from here: few enough that an interrupt is seen."""
-        return min(steps, max(1, 1_000_000 // self.march.state.body.size))
+        return min(steps, max(1, 1_000_000 // int(self.march.state.body.size)))
 
     def follow(self, method: Any, steps: int) -> int:
         """Advance by up to `steps` steps; return how that ended."""
