@@ -129,7 +129,7 @@ def equilibrate(
     --------
     >>> import packmech as pm
     >>> packing = pm.random_packing(30, dimension=2, packing_fraction=1.0, seed=1)
-    >>> scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring()), pm.Friction(0.5), pm.BackgroundDamping(0.1)))
+    >>> scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring()), pm.BackgroundDamping(0.1)))
     >>> ready = pm.equilibrate(scene, amplitude=0.01, relative_frequency=0.025)
     >>> ready.outcome.name, ready.ratio < 1e-6
     ('CONVERGED', True)
