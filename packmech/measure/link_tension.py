@@ -15,6 +15,7 @@ from packmech.compiled import kernel, single_thread
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.effects import contact_terms
+from packmech.measure.link_band import band_solver
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -207,9 +208,6 @@ def _dependent(block: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def link_gradients(packing: Packing) -> LinkGradients:
     """Return the gradients of a packing's links, factored cluster by cluster."""
-    import scipy.sparse as sp
-    import scipy.sparse.linalg as spla
-
     pairs = link_pairs(packing)
     links = packing.links
     count = len(pairs)
@@ -217,6 +215,12 @@ def link_gradients(packing: Packing) -> LinkGradients:
     if links is None:
         return LinkGradients(pairs, np.zeros(0, np.int64), dependent, lambda right: right, ())
     cluster = links.clusters(packing.particles)[links.i_l]
+    solve = band_solver(pairs, _NUDGE, _SMALL_PIVOT)
+    if solve is not None:
+        return LinkGradients(pairs, cluster, dependent, solve, ())
+    import scipy.sparse as sp
+    import scipy.sparse.linalg as spla
+
     # links share a particle or nothing: their products are sparse, and block diagonal by cluster
     parts = _gradient_products(pairs.i_c, pairs.j_c, pairs.normal_cd, packing.particles, _NUDGE)
     product = sp.csc_matrix(parts, shape=(count, count))

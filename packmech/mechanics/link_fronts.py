@@ -22,7 +22,7 @@ from packmech.mechanics.dissection import dissect, graph_of
 from packmech.mechanics.front_solve import solve_fronts
 from packmech.mechanics.fronts import factor_fronts
 from packmech.mechanics.link_relaxation import SOFT
-from packmech.mechanics.link_rows import link_strains
+from packmech.mechanics.strain import mandel_basis
 
 _REFINEMENTS = 12
 # what may be left unbalanced of the loads: the stiffness is wrong by its square (a second solve would be for nothing);
@@ -45,6 +45,46 @@ class FrontResponse(NamedTuple):
     negative: int
     floppy: int
     residual: float
+
+
+@kernel
+def _shifted(diagonal_ndd, pinned, soft):
+    """Return the mean stiffness of a coordinate, and the particles' own blocks with small diagonals taken and added."""
+    particles, d = diagonal_ndd.shape[0], diagonal_ndd.shape[1]
+    total, count = 0.0, 0
+    for n in range(particles):
+        for a in range(d):
+            own = abs(diagonal_ndd[n, a, a])
+            if n != pinned and own > 0.0:
+                total += own
+                count += 1
+    mean = total / count if count > 0 else 1.0
+    lower, upper = diagonal_ndd.copy(), diagonal_ndd.copy()
+    for n in range(particles):
+        for a in range(d):
+            own = abs(diagonal_ndd[n, a, a])
+            shift = soft * (own if own > soft * mean else mean)
+            lower[n, a, a] -= shift
+            upper[n, a, a] += shift
+    return mean, lower, upper
+
+
+@kernel
+def _loads(coupling_nde, distance_l, normal_ld, basis_edd, unit, pinned):
+    """Return minus the strains' derivatives, of the energy and, times `unit`, of the links' lengths: (s, N d + L)."""
+    particles, d, strains = coupling_nde.shape
+    load = np.empty((strains, particles * d + distance_l.shape[0]))
+    for e in range(strains):
+        for n in range(particles):
+            for a in range(d):
+                load[e, n * d + a] = -coupling_nde[n, a, e] if n != pinned else 0.0
+        for link in range(distance_l.shape[0]):
+            stretch = 0.0
+            for a in range(d):
+                for b in range(d):
+                    stretch += normal_ld[link, a] * basis_edd[e, a, b] * normal_ld[link, b]
+            load[e, particles * d + link] = -unit * distance_l[link] * stretch
+    return load
 
 
 @kernel
@@ -143,22 +183,18 @@ def relax_by_fronts(
 
     """
     particles, dimension = sums.diagonal_ndd.shape[:2]
-    size, sides = particles * dimension, len(sums.strain_ee)
-    free = np.flatnonzero(~links.dependent_l)
-    link_i, link_j, normal = links.pairs.i_c[free], links.pairs.j_c[free], links.pairs.normal_cd[free]
-    own = np.abs(np.diagonal(sums.diagonal_ndd, axis1=1, axis2=2))
-    moving = np.arange(particles) != pinned
-    firm = own[moving] > 0.0
-    mean = float(own[moving][firm].mean()) if firm.any() else 1.0
-    shift = SOFT * np.where(own > SOFT * mean, own, mean)
+    size = particles * dimension
+    pairs, distance = links.pairs, links.pairs.distance_c
+    link_i, link_j, normal = pairs.i_c, pairs.j_c, pairs.normal_cd
+    if links.dependent_l.any():
+        free = np.flatnonzero(~links.dependent_l)
+        link_i, link_j, normal, distance = link_i[free], link_j[free], normal[free], distance[free]
+    mean, lower, upper = _shifted(sums.diagonal_ndd, pinned, SOFT)
     graph = graph_of(np.concatenate([sums.pair_i, link_i]), np.concatenate([sums.pair_j, link_j]), particles)
     link_start, _, link_entry = graph_of(link_i, link_j, particles)
     tree = dissect(place_nd, graph[0], graph[1], pinned, _LEAF[dimension], _TRIALS[dimension])
 
-    def factor(sign: float) -> tuple[bool, int, Any]:
-        shifted = sums.diagonal_ndd.copy()
-        for a in range(dimension):
-            shifted[:, a, a] += sign * shift[:, a]
+    def factor(shifted: NDArray[np.float64]) -> tuple[bool, int, Any]:
         failed, below, fronts, grown = factor_fronts(
             tree,
             graph,
@@ -175,19 +211,16 @@ def relax_by_fronts(
         _keep(grown)
         return failed, below, fronts
 
-    failed, below, fronts = factor(-1.0)
+    failed, below, fronts = factor(lower)
     if failed:
         return None
-    floor = negative = below - len(free)
+    floor = negative = below - len(link_i)
     if floor:
-        failed, below, fronts = factor(1.0)
+        failed, below, fronts = factor(upper)
         if failed:
             return None
-        negative = below - len(free)
-    load = np.empty((sides, size + len(free)))
-    load[:, :size] = -sums.coupling_xe.T
-    load[:, pinned * dimension : (pinned + 1) * dimension] = 0.0
-    load[:, size:] = -mean * link_strains(links)[free].T
+        negative = below - len(link_i)
+    load = _loads(sums.coupling_nde, distance, normal, mandel_basis(dimension), mean, pinned)
     matrix = (sums.pair_i, sums.pair_j, sums.pair_pdd, sums.diagonal_ndd, link_i, link_j, normal, mean, pinned)
     # an unloaded system is balanced; so is one whose links move with the strain alone
     reached = float(np.abs(load).max(initial=0.0))

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from packmech.compiled import device
 from packmech.links import Links
-from packmech.mechanics.link_factor import factorize_links, solve_links
 from packmech.measure.link_order import elimination_order, envelope
+from packmech.mechanics.link_factor import factorize_links, solve_links
 
 # rates of links below this many units of rounding of the largest force are zero
 AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
