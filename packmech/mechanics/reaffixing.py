@@ -23,6 +23,8 @@ _SUSPECT = 1e-9
 _CLOSE = 1e-5
 # Newton's method is done by then where links have full rank, from places not too far off
 _QUADRATIC = 12
+# and from so close a handful of errors is all it leaves, rounding included
+_LAST = 5
 # sine between dependent links where the error has fallen as far as rounding lets it beside a degenerate shape
 _NEAR = 1e-4
 # tolerance for the lengths of redundant links [larger of length and mean diameter]
@@ -140,7 +142,8 @@ def reaffix_links(
     # from farther off than that, where the steps went tells nothing about the links
     if residual[-1] < _CLOSE:
         # near a degenerate shape the error falls by a constant factor, and the shape is met to its square root only
-        slow = len(residual) > _QUADRATIC and residual[-1] > 0.05 * residual[-2]
+        many = len(residual) > _QUADRATIC or np.count_nonzero(residual < _CLOSE) > _LAST
+        slow = many and residual[-1] > 0.05 * residual[-2]
         if slow or refill_links(system, place, lattice)[0] < _SUSPECT:
             degenerate = dependence(packing, _NEAR if slow else SINE).degenerate
             rank -= len(degenerate)

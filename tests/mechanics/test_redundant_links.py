@@ -107,6 +107,13 @@ def test_the_way_back_to_a_degenerate_shape_is_refused_by_name_with_the_rank(pla
     assert not found.ok and found.rank == len(packing.links) - 1
 
 
+def test_a_collinear_trimer_is_named_however_it_was_shaken(rigid_cluster):
+    packing = rigid_cluster(2, COLLINEAR)
+    for seed in range(100):
+        found = pm.reaffix_links(shaken(packing, 0.05, seed), check=False)
+        assert found.outcome is pm.Outcome.DEGENERATE, seed
+
+
 def test_the_error_of_a_collinear_trimer_falls_by_four_in_each_iteration(rigid_cluster):
     packing = shaken(rigid_cluster(2, COLLINEAR), 0.02)
     error = pm.reaffix_links(packing, tolerance=1e-12, check=False).residual_t
