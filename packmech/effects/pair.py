@@ -96,9 +96,9 @@ def is_bound(value: object) -> bool:
 
 
 def refuse_bound(name: str, effects: tuple[Any, ...]) -> None:
-    """Refuse effects with arrays of their own where only forces between touching pairs are known."""
+    """Refuse bonds, and what acts on single particles with an energy, where only touching pairs are known."""
     for one in effects:
-        if is_bound(one):
+        if is_bound(one) or "body_energy" in _COMPILED.get(type(one), {}):
             raise ValueError(f"{name} must not hold {type(one).__name__} here: only pm.simulate knows what they do")
 
 

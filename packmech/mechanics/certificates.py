@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.mechanics.motions import ROUNDS, MotionCone
-from packmech.mechanics.programs import largest_smallest_force, open_all, yield_to_load
+from packmech.mechanics.motions import FLOPPY, ROUNDS, MotionCone
+from packmech.mechanics.programs import largest_smallest_force, open_all
 from packmech.outcome import Outcome, Solve
 
 # safety of the bound on what net forces do to the forces, and rounding of the rows in a box of N^(1/d) diameters
@@ -27,8 +27,6 @@ NET_FORCES, _ROWS = 10.0, 10.0 * float(np.finfo(np.float64).eps)
 _HARDLY = (10.0, 1e3, 1e5)
 # and how large such a change may be, of the motion
 _LITTLE = 1e-2
-# a motion of the load programs longer than this fraction of its bound is one
-MOVED = 1e-3
 # tolerance at which programs are asked again whose answer did not pass its check
 CLOSE = 1e-12
 # up to here a simplex solution decides when the interior-point method did not
@@ -63,6 +61,8 @@ class Finding:
         What each solver achieved.
     longest
         Longest motion of the load programs, of its bound; NaN where not asked.
+    loose
+        Whether motions are taken for floppy that change contacts by no more than these are known.
     implied
         Whether it follows from the answer to the strict question and nothing was computed.
 
@@ -78,9 +78,10 @@ class Finding:
     solves: tuple[Solve, ...] = ()
     implied: bool = False
     longest: float = np.nan
+    loose: bool = False
 
 
-_VACUOUS = "no motion but translations exists for one particle in a fixed box: jammed without any condition"
+VACUOUS = "no motion but translations exists for one particle in a fixed box: jammed without any condition"
 
 
 def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e-8) -> Finding:
@@ -99,14 +100,13 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
     """
     count = cone.opening.shape[0]
     if cone.unknowns == cone.dimension:
-        return Finding(True, _VACUOUS, np.inf, 1.0, np.ones(count + cone.bound_rows))
+        return Finding(True, VACUOUS, np.inf, 1.0, np.ones(count + cone.bound_rows))
     start = time.process_time()
     softest, motion = cone.softest()
     status = "shift-invert Lanczos on rows^T rows"
     rank = Solve(Outcome.CONVERGED, residual=softest, seconds=time.process_time() - start, status=status)
-    if cone.is_floppy:
-        reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
-        return Finding(False, reason, softest, motion=motion, solves=(rank,))
+    if (soft := soft_finding(cone, solver, tolerance, (rank,))) is not None:
+        return soft
     if solver == "clarabel" and cone.rows.shape[0] - (cone.unknowns - cone.dimension) == 1:
         finding = _only_state(cone, softest, rank)
         if finding.jammed:
@@ -124,6 +124,43 @@ def certify(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1e
         if finding.jammed is not None:
             return finding
     return finding
+
+
+def soft_finding(cone: MotionCone, solver: str, tolerance: float, solves: tuple[Solve, ...]) -> Finding | None:
+    """Return what follows where the rows have no full rank, or hardly any; None at full rank.
+
+    Below the threshold of rank a soft motion may be floppy in the hard packing that is meant: no forces make it sure
+    then that the packing is jammed. It is not where some motion opens contacts and closes none, nor where the soft one
+    changes the contacts by no more than these are known.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+    solver, tolerance
+        As in `programs.open_all`.
+    solves
+        What solvers did before.
+
+    """
+    softest, motion = cone.softest()
+    if cone.is_floppy:
+        reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
+        return Finding(False, reason, softest, motion=motion, solves=solves)
+    if softest**2 > FLOPPY:
+        return None
+    told = f"smallest singular value {softest:.1e} of the largest"
+    for name, asked in attempts(cone, solver, tolerance):
+        opened = open_all(cone, solver=name, tolerance=asked)
+        solves = (*solves, opened.solve)
+        if (proof := kept_open(cone, opened.motion)) is not None:
+            return Finding(
+                False, f"a motion opens contacts and closes none ({told})", softest, motion=proof, solves=solves
+            )
+    if cone.is_loose:
+        reason = f"floppy: a motion changes contacts by less than these are known ({told})"
+        return Finding(False, reason, softest, motion=motion, solves=solves, loose=True)
+    return Finding(None, f"no full rank, but no motion passed the check either ({told})", softest, solves=solves)
 
 
 def _only_state(cone: MotionCone, softest: float, rank: Solve) -> Finding:
@@ -296,71 +333,3 @@ def kept_open(cone: MotionCone, motion: NDArray[np.float64], *, opening: bool = 
             if float(np.abs(kept).max()) > 0.5 * size and closes_nothing(cone, kept, opening=opening):
                 return cone.keeping_rules(kept)
     return None
-
-
-def _settled(cone: MotionCone, solve: Solve) -> bool:
-    """Return whether the load program's multipliers prove that no motion goes much farther.
-
-    A load of unit length moves what moves by about 1 / sqrt(n).
-    """
-    return bool(np.sqrt(cone.unknowns) * abs(solve.gap) <= MOVED)
-
-
-def yield_to_loads(
-    cone: MotionCone,
-    rng: np.random.Generator,
-    *,
-    bound: str = "ball",
-    solver: str = "clarabel",
-    tolerance: float = 1e-8,
-    fallback: bool = True,
-) -> Finding:
-    """Return whether the cone is trivial, by the source's programs: a random load b, then -b, move nothing.
-
-    Parameters
-    ----------
-    cone
-        The motions that the contacts admit.
-    rng
-        Draws the load.
-    bound, solver, tolerance
-        As in `programs.yield_to_load`.
-    fallback
-        Whether to ask again where the solver's answer did not pass the check: at a tolerance of 1e-12, then simplex.
-
-    """
-    if cone.unknowns == cone.dimension:
-        return Finding(True, _VACUOUS)
-    load = cone.without_translations(rng.standard_normal(cone.unknowns))
-    load /= np.sqrt(load @ load)
-    asking = attempts(cone, solver, tolerance) if fallback else [(solver, tolerance)]
-    solves: list[Solve] = []
-    longest = 0.0
-    for sign in (1.0, -1.0):
-        for name, asked in asking:
-            shape = "box" if name == "highs" else bound
-            motion, solve = yield_to_load(cone, sign * load, bound=shape, solver=name, tolerance=asked)
-            solves.append(solve)
-            size = float(np.sqrt(motion @ motion) if shape == "ball" else np.abs(motion).max())
-            # where nothing moves the multipliers are proof enough
-            proof = kept_open(cone, motion, opening=False) if size > MOVED else motion
-            if proof is not None and _settled(cone, solve):
-                break
-        else:
-            longest = max(longest, size)
-            if fallback and size > MOVED:
-                # soft motions come along with the load's; one that opens whatever can open needs none of them
-                opened = open_all(cone, solver=name, tolerance=tolerance)
-                solves.append(opened.solve)
-                proof = kept_open(cone, opened.motion)
-                if proof is not None:
-                    reason = "a motion opens contacts and closes none, near one that a load makes"
-                    return Finding(False, reason, motion=proof, solves=tuple(solves), longest=longest)
-            reason = f"no answer of the load program passed the check ({solve.status}, duality gap {solve.gap:.1e})"
-            return Finding(None, reason, solves=tuple(solves), longest=longest)
-        longest = max(longest, size)
-        if size > MOVED:
-            reason = f"a load moves the contacts apart (motion {size:.1e} of its bound)"
-            return Finding(False, reason, motion=proof, solves=tuple(solves), longest=longest)
-    reason = f"neither a random load nor its opposite moves anything (motion {longest:.1e} of its bound)"
-    return Finding(True, reason, solves=tuple(solves), longest=longest)

@@ -83,7 +83,11 @@ def settle(
 
 def undecided(packing: Packing, answer: Answer) -> Answer:
     """Return the answer, ambiguous where a motion that links admit is blocked at second order, by the forces."""
-    if packing.links is None or answer.verdict != NOT_JAMMED or not answer.stable:
+    if packing.links is None or answer.verdict != NOT_JAMMED:
+        return answer
+    if answer.stable is None and answer.unjamming_motion is not None:
+        return replace(answer, reason=f"{answer.reason}; to first order: links may block it at second, a law would tell")
+    if not answer.stable:
         return answer
     return _left_open(answer, f"not jammed to first order, but held by the forces at second order; {answer.reason}")
 

@@ -14,9 +14,10 @@ from packmech.compiled import single_thread
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_contacts
 from packmech.measure.rattlers import without
-from packmech.mechanics.certificates import Finding, certify, yield_to_loads
+from packmech.mechanics.certificates import Finding, certify
 from packmech.mechanics.doubt import off_plateau, settle, undecided, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
+from packmech.mechanics.loads import yield_to_loads
 from packmech.mechanics.motions import MotionCone
 from packmech.mechanics.programs import SOLVERS
 from packmech.mechanics.stability import is_firm, is_stable
@@ -155,7 +156,7 @@ def classify_jamming(
             closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
             collectively = replace(collectively, stable=_stable(scene, rattlers, strain=False, gap_tolerance=closed))
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain=True, gap_tolerance=closed))
-            collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
+        collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
         collectively, strictly = settle(collectively, strictly, touching, rest, judge)
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
@@ -205,7 +206,7 @@ def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], c
     cone, finding = judged
     # without a backbone there is nothing to count
     independent = cone.unknowns - cone.dimension if count else 0
-    floppy = 0 if finding.jammed or not independent else cone.floppy_modes()
+    floppy = 0 if finding.jammed or not independent else cone.floppy_modes(loose=finding.loose)
     states = count + cone.bound_rows - (independent - floppy) if count else 0
     return Answer(
         verdict=AMBIGUOUS if finding.jammed is None else JAMMED if finding.jammed else NOT_JAMMED,

@@ -31,6 +31,8 @@ FLOPPY = 1e-10
 _ROUNDING = 100 * float(np.finfo(np.float64).eps)
 # inverse iterations that leave of a floppy mode, tenfold purer each time, what rounding does
 _PURER = 12
+# changes of rows by so many times what the contacts are known to cannot be told from none
+_KNOWN = 10.0
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
@@ -63,6 +65,9 @@ class MotionCone:
     wider
         The cone of the same particles and contacts with strains, if this one has none of them and it is at hand: its
         factorization serves both.
+    slack
+        How well the contacts are known: their largest gap or overlap and rounding of the coordinates, in contact
+        distances [1]. The hard packing that is meant may have rows that differ by so much.
 
     """
 
@@ -74,6 +79,7 @@ class MotionCone:
     strain_scale: float
     links: LinkRules | None = None
     wider: MotionCone | None = None
+    slack: float = 0.0
 
     @property
     def unknowns(self) -> int:
@@ -244,6 +250,13 @@ class MotionCone:
         value, motion = self._softest
         return value**2 <= FLOPPY and self.changes_nothing(motion)
 
+    @property
+    def is_loose(self) -> bool:
+        """Whether the softest motion changes no row by more than the contacts are known: it may be floppy."""
+        value, motion = self._softest
+        stretch = float(np.abs(self.rows @ motion).max(initial=0.0))
+        return value**2 <= FLOPPY and stretch <= _KNOWN * self.slack * float(np.abs(motion).max(initial=0.0))
+
     @functools.cached_property
     def _free_basis(self) -> NDArray[np.float64]:
         """Orthonormal columns that span everything but translations; for small systems."""
@@ -253,15 +266,22 @@ class MotionCone:
         basis, _ = np.linalg.qr(translations, mode="complete")
         return np.asarray(basis[:, d:])
 
-    def floppy_modes(self) -> int:
-        """Return the number of independent motions, translations apart, that change no row."""
+    def floppy_modes(self, *, loose: bool = False) -> int:
+        """Return the number of independent motions, translations apart, that change no row.
+
+        Parameters
+        ----------
+        loose
+            Whether those count that change rows by no more than the contacts are known.
+
+        """
         d = self.dimension
         if self.unknowns == d:
             return 0
         if not self.rows.nnz:
             return self.unknowns - d
         count = eigenvalues_below(self._gram[d:, d:], FLOPPY * self.largest_eigenvalue)
-        return count if count and self.is_floppy else 0
+        return count if count and (self.is_floppy or loose) else 0
 
     def balanced(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nearest weights of the rows that balance: rows^T weight = 0 to rounding."""
@@ -314,9 +334,13 @@ def motion_cone(
     moving = (kept[:, None] * d + np.arange(d)).ravel()
     position = matrix[:, moving]
     rules = None if packing.links is None else link_rules(packing, kept)
+    extent = float(np.abs(packing.position_nd).max())
+    slack = float(np.abs(contacts.gap_c / contacts.contact_distance_c).max(initial=0.0))
+    slack += float(np.spacing(extent)) / packing.reference_diameter
     if not strain:
         none = sp.csr_array((0, len(moving)))
-        return MotionCone(position, none if rules is None else rules.position, none, kept, d, 0.0, rules)
+        linked = none if rules is None else rules.position
+        return MotionCone(position, linked, none, kept, d, 0.0, rules, slack=slack)
     scale = float(packing.box.volume ** (1.0 / d))
     opening = sp.csr_array(sp.hstack([position, matrix[:, packing.particles * d :] / scale], format="csr"))
     row = np.concatenate([np.zeros(len(moving)), -trace_vector(d) / np.sqrt(d)])
@@ -330,7 +354,7 @@ def motion_cone(
             held = one_sided = none
         stiff = sp.hstack([sp.csr_array((len(rules.stiff), len(moving))), sp.csr_array(rules.stiff)])
         held = sp.csr_array(sp.vstack([linked, stiff, held], format="csr"))
-    return MotionCone(opening, held, one_sided, kept, d, scale, rules)
+    return MotionCone(opening, held, one_sided, kept, d, scale, rules, slack=slack)
 
 
 def _touched(packing: Packing, contacts: Contacts) -> NDArray[np.int64]:

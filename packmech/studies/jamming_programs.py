@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech.accuracy import Answer, WorkPrecision, work_precision
-from packmech.mechanics.certificates import Finding, proven, yield_to_loads
+from packmech.mechanics.certificates import Finding, proven
 from packmech.mechanics.linear_programs import Program
+from packmech.mechanics.loads import yield_to_loads
 from packmech.mechanics.motions import FLOPPY, MotionCone, motion_cone
 from packmech.mechanics.programs import largest_smallest_force, load_program, open_all
 from packmech.mechanics.touching import backbone_of, find_touching
@@ -81,7 +82,7 @@ def closing(cone: MotionCone, motion: NDArray[np.float64]) -> float:
 def certificate(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str) -> Told:
     """Return what rank and the force program say; the error is that of the smallest force, or of the motion."""
     softest, motion = cone.softest()
-    if softest**2 <= FLOPPY:
+    if softest**2 <= FLOPPY and (cone.is_floppy or cone.is_loose):
         return Told(False, closing(cone, motion))
     stress = largest_smallest_force(cone, solver=solver, tolerance=tolerance)
     finding = proven(cone, softest, stress.weight, stress.motion, (stress.solve, stress.solve))

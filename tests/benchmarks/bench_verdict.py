@@ -18,7 +18,7 @@ import numpy as np
 from calibration import REFERENCE_NS, calibrate, cpu_seconds
 
 import packmech as pm
-from packmech.mechanics.certificates import yield_to_loads
+from packmech.mechanics.loads import yield_to_loads
 from packmech.mechanics.motions import motion_cone
 from packmech.mechanics.programs import largest_smallest_force
 from packmech.mechanics.touching import backbone_contacts, backbone_of, check_rest, find_touching

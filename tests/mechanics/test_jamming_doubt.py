@@ -160,10 +160,20 @@ def test_solver_that_fails_is_replaced_by_simplex(monkeypatch, method):
 def test_when_every_solver_fails_the_answer_is_ambiguous(monkeypatch, method):
     for name in ("clarabel", "highs"):
         monkeypatch.setitem(linear_programs.SOLVE, name, fail)
-    verdict = pm.classify_jamming(soft_packing(), method=method)
+    # many states of self stress: which one is wanted must be asked
+    verdict = pm.classify_jamming(pm.lattice_packing("triangular", (3, 3), relative_overlap=0.01), method=method)
     assert (verdict.local, verdict.collective, verdict.strict) == (YES, UNKNOWN, UNKNOWN)
     assert "forced to fail" in verdict.strictly.reason
     assert verdict.first_order_jammed is None
+
+
+def test_the_only_state_of_self_stress_needs_no_solver(monkeypatch):
+    for name in ("clarabel", "highs"):
+        monkeypatch.setitem(linear_programs.SOLVE, name, fail)
+    verdict = pm.classify_jamming(soft_packing())
+    assert (verdict.local, verdict.collective, verdict.strict) == (YES, YES, YES)
+    assert verdict.contact_force_c.min() > 0
+    assert pm.classify_jamming(soft_packing(), method="loads").strict == UNKNOWN
 
 
 def test_rank_of_a_floppy_crystal_needs_no_solver(monkeypatch):

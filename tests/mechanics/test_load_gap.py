@@ -7,7 +7,7 @@ import pytest
 
 import packmech as pm
 from packmech.mechanics import linear_programs
-from packmech.mechanics.certificates import yield_to_loads
+from packmech.mechanics.loads import yield_to_loads
 from packmech.mechanics.motions import motion_cone
 from packmech.mechanics.programs import load_gap, yield_to_load
 from packmech.mechanics.touching import backbone_contacts

@@ -8,7 +8,8 @@ import pytest
 import packmech as pm
 from packmech.generate.defects import open_contact
 from packmech.mechanics import certificates, linear_programs
-from packmech.mechanics.certificates import certify, closes_nothing, force_error, kept_open, yield_to_loads
+from packmech.mechanics.certificates import certify, closes_nothing, force_error, kept_open
+from packmech.mechanics.loads import yield_to_loads
 from packmech.mechanics.motions import motion_cone
 from packmech.mechanics.programs import largest_smallest_force, open_all, yield_to_load
 from packmech.mechanics.touching import backbone_contacts
