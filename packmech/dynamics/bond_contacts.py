@@ -47,7 +47,7 @@ def bond_contacts(
     --------
     >>> import packmech as pm
     >>> bonds = bond_contacts(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01))
-    >>> len(bonds), bonds.rest_length_b[0]
+    >>> len(bonds), float(bonds.rest_length_b[0])
     (27, 1.0)
 
     """

@@ -134,7 +134,7 @@ def complex_modulus(
     >>> bonds = pm.bond_contacts(packing, tangential_stiffness=0.5, damping=2.0, gap_tolerance=1e-9)
     >>> found = pm.complex_modulus(pm.Scene(packing, (bonds,)), [0.1])
     >>> found.modulus_f.round(6).tolist()  # sqrt(3)/4 (k_n + k_t + i w c_n)
-    [(0.649519+0.544140j)]
+    [(0.649519+0.54414j)]
 
     """
     began = time.process_time()

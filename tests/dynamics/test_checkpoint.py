@@ -3,6 +3,7 @@
 import dataclasses
 import signal
 import threading
+import time
 from functools import cache
 
 import numpy as np
@@ -151,7 +152,11 @@ def test_a_signal_in_the_middle_of_a_loop_leaves_a_whole_checkpoint(tmp_path):
     manner = manner | {"trace_every": 200}
     steps = 6000
     whole = pm.simulate(scene, steps=steps, **manner)
-    for delay in (0.003, 0.02):
+    # once more, with compiled loops: how long it takes here
+    began = time.perf_counter()
+    pm.simulate(scene, steps=steps, **manner)
+    took = time.perf_counter() - began
+    for delay in (0.05 * took, 0.3 * took):
         timer = threading.Timer(delay, signal.raise_signal, (signal.SIGINT,))
 
         def start(stage, figures, timer=timer):
