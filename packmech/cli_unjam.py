@@ -40,6 +40,8 @@ def unjam(given: argparse.Namespace) -> int:
         }
         if motion is None:
             console().print(rich_table("unjam", ("quantity", "value"), _rows(answers), right=(1,)))
+            if given.json is not None:
+                write_json(given.json, answers | {"outcome": None, "reason": verdict.strictly.reason})
             console(error=True).print(f"packmech: no unjamming motion: {verdict.strictly.reason}")
             return 1
         played = play_motion(
