@@ -86,7 +86,7 @@ def undecided(packing: Packing, answer: Answer) -> Answer:
     if packing.links is None or answer.verdict != NOT_JAMMED:
         return answer
     if answer.stable is None and answer.unjamming_motion is not None:
-        return replace(answer, reason=f"{answer.reason}; to first order: links may block it at second, a law would tell")
+        return replace(answer, reason=f"{answer.reason}; to first order only: links may block it at second")
     if not answer.stable:
         return answer
     return _left_open(answer, f"not jammed to first order, but held by the forces at second order; {answer.reason}")
