@@ -150,13 +150,13 @@ def test_an_interrupted_run_goes_on_from_where_it_was(name, tmp_path):
 def test_a_signal_in_the_middle_of_a_loop_leaves_a_whole_checkpoint(tmp_path):
     scene, manner = flat()
     manner = manner | {"trace_every": 200}
-    steps = 6000
+    steps = 20_000
     whole = pm.simulate(scene, steps=steps, **manner)
     # once more, with compiled loops: how long it takes here
     began = time.perf_counter()
     pm.simulate(scene, steps=steps, **manner)
     took = time.perf_counter() - began
-    for delay in (0.05 * took, 0.3 * took):
+    for delay in (0.01 * took, 0.1 * took):
         timer = threading.Timer(delay, signal.raise_signal, (signal.SIGINT,))
 
         def start(stage, figures, timer=timer):
