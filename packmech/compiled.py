@@ -100,6 +100,9 @@ def _record_types(numba_type: Any) -> Iterator[tuple[type, Any]]:
     """Find the record classes in a type, those inside others first."""
     for part in getattr(numba_type, "types", None) or ():
         yield from _record_types(part)
+    listed = getattr(numba_type, "item_type", None)
+    if listed is not None:
+        yield from _record_types(listed)
     cls = getattr(numba_type, "instance_class", None)
     if cls is not None:
         yield cls, numba_type

@@ -49,11 +49,33 @@ class Sine(NamedTuple):
     end: float
 
 
+class Increments(NamedTuple):
+    """The strain of a `Sine` at every multiple of dt, and equal parts of its increments between: a piecewise line.
+
+    The rate at a multiple of dt is that of the increment before it, so that it lags by half a step.
+    """
+
+    amplitude: float
+    angular_frequency: float
+    start: float
+    end: float
+    dt: float
+
+
+class Driven(NamedTuple):
+    """A piece of a path that is given as it goes: number_k is low and high time, gamma there, and its rates there.
+
+    A cubic between the two; a line where both rates are the mean one. Beyond the piece gamma rests at its end.
+    """
+
+    number_k: NDArray[np.float64]
+
+
 def gamma_at(profile: Any, time: float) -> tuple[float, float]:
     """Return gamma and its rate [1/time] at a time."""
     if isinstance(profile, Still):
         return profile.gamma, 0.0
-    found: tuple[float, float] = _ramp(profile, time) if isinstance(profile, Ramp) else _sine(profile, time)
+    found: tuple[float, float] = _GAMMA[type(profile)](profile, time)
     return found
 
 
@@ -77,6 +99,40 @@ def _sine(profile, time):
     return profile.amplitude * math.sin(phase), profile.amplitude * omega * math.cos(phase)
 
 
+@device
+def _increments(profile, time):
+    omega, begin, dt = profile.angular_frequency, profile.start, profile.dt
+    # times are whole or half numbers of steps but for rounding; a whole one ends its step
+    after = math.ceil(time / dt - 0.25) * dt
+    before = after - dt
+    low = profile.amplitude * math.sin(omega * (min(max(before, begin), profile.end) - begin))
+    high = profile.amplitude * math.sin(omega * (min(max(after, begin), profile.end) - begin))
+    rate = (high - low) / dt
+    return high - rate * (after - time), rate
+
+
+@device
+def _driven(profile, time):
+    number = profile.number_k
+    begin, end = number[0], number[1]
+    if time >= end:
+        return number[3], number[5]
+    if time <= begin:
+        return number[2], number[4]
+    span = end - begin
+    u = (time - begin) / span
+    rise = number[3] - number[2]
+    # Hermite's cubic as a line and what bends it: where both rates are the mean one only the line is left
+    mean = rise / span
+    bend_low, bend_high = number[4] - mean, number[5] - mean
+    gamma = number[2] + rise * u + span * u * (1.0 - u) * ((1.0 - u) * bend_low - u * bend_high)
+    rate = mean + (1.0 - u) * (1.0 - 3.0 * u) * bend_low - u * (2.0 - 3.0 * u) * bend_high
+    return gamma, rate
+
+
+_GAMMA = {Ramp: _ramp, Sine: _sine, Increments: _increments, Driven: _driven}
+
+
 @compiled_form(gamma_at)
 def _choose_gamma_at(profile: Any, time: Any) -> Any:
     cls = getattr(profile, "instance_class", None)
@@ -84,6 +140,10 @@ def _choose_gamma_at(profile: Any, time: Any) -> Any:
         return lambda profile, time: _ramp(profile, time)
     if cls is Sine:
         return lambda profile, time: _sine(profile, time)
+    if cls is Increments:
+        return lambda profile, time: _increments(profile, time)
+    if cls is Driven:
+        return lambda profile, time: _driven(profile, time)
     return lambda profile, time: (profile.gamma, 0.0)
 
 
