@@ -1,5 +1,6 @@
 """Facts about the house: one direction of import, light to import, every public name explained by an example."""
 
+import ast
 import doctest
 import importlib
 import inspect
@@ -68,9 +69,44 @@ def test_every_public_name_is_found_and_listed():
         pm.no_such_name  # noqa: B018 - reading it is the test
 
 
+def test_environments_use_only_public_names_and_only_by_pm():
+    for path in (ROOT / "envs").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                assert (node.module or "").partition(".")[0] != "packmech", f"{path.name}:{node.lineno}"
+            if isinstance(node, ast.Import):
+                for one in node.names:
+                    if one.name.partition(".")[0] == "packmech":
+                        assert (one.name, one.asname) == ("packmech", "pm"), f"{path.name}:{node.lineno}"
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "pm":
+                assert node.attr in pm.__all__, f"{path.name}:{node.lineno} pm.{node.attr}"
+
+
+def test_environments_without_gymnasium_say_which_extra_to_install():
+    code = """
+import sys
+sys.modules["gymnasium"] = None  # as where it is not installed
+try:
+    import packmech_envs
+except ModuleNotFoundError as missing:
+    assert 'pip install "packmech[envs]"' in str(missing), str(missing)
+    assert missing.name == "gymnasium"
+else:
+    raise SystemExit("imported without gymnasium")
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+def test_gymnasium_is_no_dependency_of_the_physics_but_of_the_environments_and_the_tests():
+    project = PYPROJECT["project"]
+    assert not any(one.startswith("gymnasium") for one in project["dependencies"])
+    assert any(one.startswith("gymnasium") for one in project["optional-dependencies"]["envs"])
+    assert "packmech[envs]" in project["optional-dependencies"]["test"]
+
+
 def test_no_module_is_longer_than_400_lines():
     long = {}
-    for path in (ROOT / "packmech").rglob("*.py"):
+    for path in (*(ROOT / "packmech").rglob("*.py"), *(ROOT / "envs").rglob("*.py")):
         lines = len(path.read_text().splitlines())
         if lines > 400:
             long[path.name] = lines
