@@ -1,0 +1,192 @@
+"""Which scene an environment runs: a shipped one by name, a file, or a Scene; and what each environment takes of it."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import packmech as pm
+
+__all__ = ["bonds_for_links", "quenchable", "scene_of", "shearable"]
+
+LINKS = ("refuse", "bonds")
+BONDS = ("refuse", "leave out")
+
+
+def scene_of(scene: Any) -> pm.Scene:
+    """Return the scene that was named.
+
+    Parameters
+    ----------
+    scene
+        A pm.Scene, the name of a shipped scene (`pm.list_scenes()`), or a scene file.
+
+    Raises
+    ------
+    TypeError, ValueError, FileNotFoundError
+        Saying what is wrong with the argument, or with which field of the file.
+
+    Examples
+    --------
+    >>> scene_of("triangular").packing.particles
+    64
+
+    """
+    if isinstance(scene, pm.Scene):
+        return scene
+    if not isinstance(scene, str | os.PathLike):
+        raise TypeError(
+            f"scene must be a Scene, a scene file or the name of a shipped scene, got {type(scene).__name__}"
+        )
+    name = os.fspath(scene)
+    if isinstance(scene, str) and name in pm.list_scenes():
+        return _shipped(name)
+    if not Path(name).suffix and Path(name).name == name:
+        raise ValueError(f"scene must be a file or one of {', '.join(pm.list_scenes())}, got {name!r}")
+    return pm.read_scene(scene)
+
+
+@cache
+def _shipped(name: str) -> pm.Scene:
+    """Return a shipped scene; some take seconds to prepare, and a scene is data that nothing changes."""
+    return pm.read_scene(name)
+
+
+def shearable(scene: pm.Scene, *, links: str = "refuse", link_stiffness: float | None = None) -> pm.Scene:
+    """Return the scene as time-stepped shear takes it: rigid links refused, or made bonds.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    links
+        What to do with rigid links, which the march under strain does not hold: "refuse", or "bonds": each becomes a
+        permanent bond of its length.
+    link_stiffness
+        Of these bonds [energy/length^2]; ten times energy_scale / reference_diameter^2 unless given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> trimers = scene_of("fifty-trimers-2d")
+    >>> bonded = shearable(trimers, links="bonds")
+    >>> len(bonded.effects[-1]), len(trimers.packing.links), bonded.packing.links
+    (150, 150, None)
+
+    """
+    _one_of("links", links, LINKS)
+    if scene.packing.links is None:
+        return scene
+    if links == "refuse":
+        raise ValueError(
+            f"scene must have no rigid links here, got {len(scene.packing.links)}; "
+            'links="bonds" makes each of them a stiff permanent bond'
+        )
+    return bonds_for_links(scene, link_stiffness)
+
+
+def bonds_for_links(scene: pm.Scene, stiffness: float | None = None) -> pm.Scene:
+    """Return the scene with a permanent bond in place of each rigid link.
+
+    The bonds are linear springs without tangential springs, slack at the lengths of the links. Links that hold a shape
+    become bonds too, so that clusters keep theirs. Pairs without a link in a rigid cluster, which rigid links keep from
+    touching, may touch.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    stiffness
+        Of the bonds [energy/length^2]; ten times energy_scale / reference_diameter^2 unless given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a stiffness that is no positive number, or bonds between pairs that are linked.
+
+    Examples
+    --------
+    >>> bonds_for_links(scene_of("fifty-trimers-2d"), 100.0).effects[-1].tension
+    LinearSpring(stiffness=100.0)
+
+    """
+    packing = scene.packing
+    links = packing.links
+    if links is None:
+        return scene
+    if stiffness is None:
+        stiffness = 10.0 * scene.energy_scale / packing.reference_diameter**2
+    if isinstance(stiffness, bool) or not isinstance(stiffness, int | float):
+        raise TypeError(f"link_stiffness must be a positive number, got {stiffness!r}")
+    if not (np.isfinite(stiffness) and stiffness > 0.0):
+        raise ValueError(f"link_stiffness must be a positive number, got {stiffness!r}")
+    spring = pm.LinearSpring(float(stiffness))
+    bonds = pm.Bonds(
+        links.i_l,
+        links.j_l,
+        links.image_ld,
+        links.length_l,
+        compression=spring,
+        tension=spring,
+        tangential_stiffness=0.0,
+    )
+    if any(isinstance(one, pm.Bonds) for one in scene.effects):
+        raise ValueError("scene must not have bonds beside rigid links that are to become bonds, got both")
+    return scene.replace(packing=packing.replace(links=None), effects=(*scene.effects, bonds))
+
+
+def quenchable(scene: pm.Scene, *, bonds: str = "refuse") -> pm.Scene:
+    """Return the scene as minimizers take it: with those effects that are an energy of pairs in contact.
+
+    Friction and dashpots have no energy that a minimum could be of and are left out, as `pm.quench` does. So are, by
+    name, bonds; gravity and walls are refused, as a packing between walls is another one than that in the box alone.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    bonds
+        "refuse", or "leave out".
+
+    Raises
+    ------
+    ValueError
+        Naming what is not known here.
+
+    Examples
+    --------
+    >>> [type(one).__name__ for one in quenchable(scene_of("frictionless")).effects]
+    ['Repulsion']
+
+    """
+    _one_of("bonds", bonds, BONDS)
+    kept = []
+    for k, one in enumerate(scene.effects):
+        if isinstance(one, pm.Bonds):
+            if bonds == "refuse" and len(one):
+                raise ValueError(
+                    f"scene must have no bonds here, which no minimizer knows, got {len(one)} in effects[{k}]; "
+                    'bonds="leave out" quenches the packing without them'
+                )
+        elif isinstance(one, pm.Gravity | pm.Walls):
+            raise ValueError(
+                f"scene must have no {type(one).__name__} here, which no minimizer knows, got effects[{k}]"
+            )
+        elif hasattr(type(one), "pair_energy"):
+            kept.append(one)
+    if not kept:
+        raise ValueError("scene must have an effect with an energy, such as Repulsion(), got none")
+    return scene if len(kept) == len(scene.effects) else scene.replace(effects=tuple(kept))
+
+
+def _one_of(name: str, value: Any, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
