@@ -282,6 +282,8 @@ BAD = {
     "viscosity": [NAN, INF, -1.0, "1"],
     "creep.frames": [-1, 2.5, "2", None],
     "ramp_strain.frames": [-1, 2.5, "2", None],
+    "steady_shear.frames": [-1, 2.5, "2", None],
+    "amplitude_sweep.frames": [-1, 2.5, "2", None],
     **{f"{one}.method": ["verlet", 3, pm.VelocityVerlet, pm.Fire()] for one in (
         "ramp_strain", "steady_shear", "creep", "amplitude_sweep",
     )},

@@ -60,11 +60,12 @@ def scene_marks(scene: Scene) -> dict[str, str]:
     packing = scene.packing
     links = packing.links
     named = () if links is None else (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l)
-    marks = {"packing": _mark((packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named))}
-    return marks | {f"effects[{k}]": _mark(one) for k, one in enumerate(scene.effects)}
+    marks = {"packing": mark((packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named))}
+    return marks | {f"effects[{k}]": mark(one) for k, one in enumerate(scene.effects)}
 
 
-def _mark(value: Any) -> str:
+def mark(value: Any) -> str:
+    """Return a hash of arrays, numbers, texts and records of them: the same for equal values in any process."""
     taken = hashlib.sha256()
     _take(value, taken)
     return taken.hexdigest()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import integer, positive, real
 from packmech.dynamics.march.flow import Sine
 from packmech.dynamics.quench import quench
-from packmech.dynamics.rheology.oscillatory import characteristic_time
-from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments
+from packmech.dynamics.rheology.keeper import Keeper
+from packmech.dynamics.rheology.manner import Manner, Method, Progress, check_arguments, two_axes
+from packmech.dynamics.rheology.oscillatory import characteristic_time, frequency_of
+from packmech.dynamics.rheology.travel import StrainRun, Travel
 from packmech.dynamics.strain import OscillatoryStrain
 from packmech.effects import BackgroundDamping, Repulsion, is_bound
 from packmech.mechanics.elasticity import elastic_moduli
@@ -75,6 +77,7 @@ def equilibrate(
     step_limit: int = 500_000,
     time_limit: float | None = None,
     progress: Progress | None = None,
+    checkpoint: str | os.PathLike[str] | Keeper | None = None,
     check: bool = True,
 ) -> Equilibration:
     """Return the scene's packing at rest: frictionless equilibrium first, then that under all effects.
@@ -110,6 +113,8 @@ def equilibrate(
         Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress
         Called now and then as progress(stage, figures).
+    checkpoint
+        As in `oscillatory_shear`, one file for all periods.
     check
         Raise NotConverged when the oscillation did not come down; otherwise return what it came to all the same.
 
@@ -140,15 +145,13 @@ def equilibrate(
         dt=dt,
         method=method,
         mass_n=mass_n,
-        velocity_nd=None,
-        spin_nk=None,
-        held_n=None,
         time_limit=time_limit,
         progress=progress,
+        checkpoint=checkpoint,
         check=check,
     )
-    strain = OscillatoryStrain(positive("amplitude", amplitude), _frequency(manner, frequency, relative_frequency))
-    strain = dataclasses.replace(strain, axes=_axes(axes))
+    strain = OscillatoryStrain(positive("amplitude", amplitude), frequency_of(manner, frequency, relative_frequency))
+    strain = dataclasses.replace(strain, axes=two_axes(axes))
     direction = strain.direction(scene.packing.dimension)
     most = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)
@@ -201,24 +204,6 @@ def equilibrate(
     return made
 
 
-def _frequency(manner: Manner, frequency: float | None, relative_frequency: float | None) -> float:
-    rate = None if frequency is None else positive("frequency", frequency)
-    relative = None if relative_frequency is None else positive("relative_frequency", relative_frequency)
-    if (rate is None) == (relative is None):
-        got = "neither" if rate is None else "both"
-        raise ValueError(f"frequency must be given, or else relative_frequency, got {got}")
-    if rate is not None:
-        return rate
-    assert relative is not None
-    return relative / characteristic_time(manner.scene, manner.mass_n)
-
-
-def _axes(axes: Any) -> tuple[int, int]:
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))
-
-
 def _frictionless(scene: Scene) -> Scene:
     return Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
 
@@ -257,12 +242,12 @@ def _period(
 ) -> tuple[StrainRun, Outcome]:
     """Return one period without strain, from rest."""
     travel = Travel(
-        dataclasses.replace(manner, scene=scene.replace(packing=packing)),
+        dataclasses.replace(manner, scene=scene.replace(packing=packing), check=False),
         dt=1.0 / (strain.frequency * steps),
         steps=steps,
         every=every,
         profile=Sine(0.0, 2.0 * math.pi * strain.frequency, 0.0, math.inf),
         direction_dd=direction_dd,
     )
-    outcome = travel.go(STAGE)
-    return StrainRun(**travel.fields(STAGE, outcome, strain.axes)), outcome
+    run = travel.end(lambda: travel.go(STAGE), lambda outcome: StrainRun(**travel.fields(STAGE, outcome, strain.axes)))
+    return run, run.outcome

@@ -230,6 +230,11 @@ def resume(
 
     """
     found = read_checkpoint(path)
+    if "scene" not in found.told:
+        raise ValueError(
+            f"path must name a checkpoint of pm.simulate, got {os.fspath(path)!r}; a strained run goes on when it is "
+            "called again with the same checkpoint"
+        )
     instance("scene", scene, Scene)
     check_scene(scene, found.told["scene"])
     check_manner(progress, check)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from packmech.check import integer, positive, real
+from packmech.check import positive, real
 from packmech.dynamics.march.flow import Ramp
 from packmech.dynamics.march.journey import tensors
 from packmech.dynamics.motion import stiffness_and_damping
-from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments, two_axes
+from packmech.dynamics.rheology.manner import Common, check_arguments, listed, two_axes
+from packmech.dynamics.rheology.travel import StrainRun, Travel
 from packmech.dynamics.strain import SteadyStrain
-from packmech.interrupts import safe_interrupts
-from packmech.outcome import NotConverged, Outcome
+from packmech.interrupts import held_interrupts
+from packmech.outcome import Outcome
 from packmech.scene import Scene
 
 STAGE = "creep"
@@ -51,6 +52,7 @@ class Creep(StrainRun):
         return np.asarray(self.strain_t / self.applied_stress)
 
 
+@listed(Common)
 def creep(
     scene: Scene,
     *,
@@ -60,16 +62,7 @@ def creep(
     inertia: float | None = None,
     viscosity: float | None = None,
     axes: tuple[int, int] = (0, 1),
-    dt: float | None = None,
-    method: Method | None = None,
-    mass_n: ArrayLike | None = None,
-    velocity_nd: ArrayLike | None = None,
-    spin_nk: ArrayLike | None = None,
-    held_n: ArrayLike | None = None,
-    frames: int = 0,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-    check: bool = True,
+    **common: Unpack[Common],
 ) -> Creep:
     """Return how the box shears under a constant stress.
 
@@ -97,7 +90,7 @@ def creep(
         2 sqrt(W E / V) with E = stiffness d^(2 - dimension).
     axes
         Direction of the displacements, and of their gradient.
-    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, check
+    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
         As in `oscillatory_shear`.
 
     Raises
@@ -119,18 +112,7 @@ def creep(
     0.42
 
     """
-    manner = check_arguments(
-        scene,
-        dt=dt,
-        method=method,
-        mass_n=mass_n,
-        velocity_nd=velocity_nd,
-        spin_nk=spin_nk,
-        held_n=held_n,
-        time_limit=time_limit,
-        progress=progress,
-        check=check,
-    )
+    manner = check_arguments(scene, **common)
     load = real("stress", stress)
     if load == 0.0:
         raise ValueError("stress must not be zero, got 0.0")
@@ -150,6 +132,7 @@ def creep(
     chunk = max(1, int(_OFTEN * answer / manner.longest))
     turns = max(1, math.ceil(time / (manner.longest * chunk) * (1.0 - 1e-12)))
     pair = two_axes(axes)
+    driven = {"applied_stress": load, "hold": held, "inertia": weight, "viscosity": eta}
     travel = Travel(
         manner,
         dt=time / (turns * chunk),
@@ -157,39 +140,36 @@ def creep(
         every=turns * chunk + 1,
         profile=Ramp(0.0, 0.0, 0.0, math.inf),
         direction_dd=SteadyStrain(0.0, axes=pair).direction(d),
-        frames=integer("frames", frames, at_least=0),
+        driven=True,
+        further={**driven, "chunk": chunk},
     )
-    driven = {"applied_stress": load, "hold": held, "inertia": weight, "viscosity": eta}
-    try:
-        with safe_interrupts():
-            outcome = _drive(travel, manner, chunk, pair, driven)
-    except KeyboardInterrupt as stop:
-        stop.run = Creep(**travel.fields(STAGE, Outcome.INTERRUPTED, pair), **driven)  # type: ignore[attr-defined]
-        raise
-    run = Creep(**travel.fields(STAGE, outcome, pair), **driven)
-    if check and not run.ok:
-        raise NotConverged(run)
-    return run
+    return travel.end(
+        lambda: _drive(travel, chunk, pair, driven),
+        lambda outcome: Creep(**travel.fields(STAGE, outcome, pair), **driven),
+    )
 
 
-def _drive(travel: Travel, manner: Manner, chunk: int, axes: tuple[int, int], driven: dict[str, Any]) -> Outcome:
-    packing = manner.scene.packing
+def _drive(travel: Travel, chunk: int, axes: tuple[int, int], driven: dict[str, Any]) -> Outcome:
+    packing = travel.manner.scene.packing
     volume, weight, eta = packing.box.volume, driven["inertia"], driven["viscosity"]
-    rows = travel.driven_rows = [travel.first]
+    rows = travel.driven_rows
+    assert rows is not None
     span = chunk * travel.dt
-    rate = 0.0
     while travel.march.steps < travel.steps:
+        # the rate of strain is part of the state: it is stepped like a velocity
+        rate = travel.march.profile.rate
         sigma = float(tensors(rows[-1], packing.dimension, volume)["overall"][axes])
         # what ends within half a span ends now
         load = driven["applied_stress"] if travel.march.time < driven["hold"] - 0.5 * span else 0.0
         rate = (rate + span * volume * (load - sigma) / weight) / (1.0 + span * volume * eta / weight)
-        travel.drive(rate)
-        due = len(rows) % _TELL == 0
-        # frames fall on the ends of spans
-        outcome = travel.advance(chunk, STAGE, tell=due)
-        if outcome is Outcome.STEP_TOO_LONG:
-            return outcome
-        rows.append(travel.march.see())
-        if outcome is not Outcome.FINISHED:
-            return outcome
+        with held_interrupts():
+            travel.drive(rate)
+            # frames fall on the ends of spans
+            if not travel.advance(chunk):
+                return Outcome.STEP_TOO_LONG
+            rows.append(travel.march.see())
+        if len(rows) % _TELL == 0:
+            travel.tell(STAGE)
+        if travel.late():
+            return Outcome.INTERRUPTED
     return Outcome.FINISHED

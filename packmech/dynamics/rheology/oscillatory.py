@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from packmech.check import integer, positive, real
 from packmech.dynamics.march.flow import Sine
-from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments, two_axes
+from packmech.dynamics.rheology.manner import Common, Manner, check_arguments, listed, two_axes
+from packmech.dynamics.rheology.travel import StrainRun, Travel
 from packmech.dynamics.strain import OscillatoryStrain
 from packmech.effects import Bonds, law_second, pair_second
-from packmech.interrupts import safe_interrupts
 from packmech.measure import Demodulation, demodulate
-from packmech.outcome import NotConverged, Outcome
+from packmech.outcome import Outcome
 from packmech.scene import Scene
 
 STAGE = "oscillatory shear"
@@ -99,7 +100,8 @@ def characteristic_time(scene: Scene, mass_n: NDArray[np.float64]) -> float:
     return math.sqrt(float(mass_n.mean()) / stiffness)
 
 
-def _frequency(manner: Manner, frequency: float | None, relative_frequency: float | None) -> float:
+def frequency_of(manner: Manner, frequency: float | None, relative_frequency: float | None) -> float:
+    """Return the frequency [1/time] from whichever of the two is given."""
     relative = None if relative_frequency is None else positive("relative_frequency", relative_frequency)
     if (frequency is None) == (relative is None):
         got = "neither" if frequency is None else "both"
@@ -109,6 +111,7 @@ def _frequency(manner: Manner, frequency: float | None, relative_frequency: floa
     return positive("frequency", frequency)
 
 
+@listed(Common)
 def oscillatory_shear(
     scene: Scene,
     *,
@@ -120,17 +123,8 @@ def oscillatory_shear(
     post_periods: float = 0.0,
     skip_periods: float | None = None,
     axes: tuple[int, int] = (0, 1),
-    dt: float | None = None,
-    method: Method | None = None,
-    mass_n: ArrayLike | None = None,
-    velocity_nd: ArrayLike | None = None,
-    spin_nk: ArrayLike | None = None,
-    held_n: ArrayLike | None = None,
     samples_per_period: int = 200,
-    frames: int = 0,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-    check: bool = True,
+    **common: Unpack[Common],
 ) -> OscillatoryShear:
     """Return a run under oscillatory shear, gamma = amplitude sin(2 pi frequency t), with G' and G'' of its stress.
 
@@ -172,6 +166,10 @@ def oscillatory_shear(
         Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress
         Called now and then as progress(stage, figures), figures a dict with "steps", "of", "time" and "strain".
+    checkpoint
+        A .npz file to which the full state goes, whole or not at all: at the end, at an interrupt (Ctrl-C, time_limit)
+        and now and then on the way. Where it is there already, made of the same scene and arguments, the run goes on
+        from it with the same bits; a run that got to its end is returned as it was. Writing it changes no bit.
     check
         Raise NotConverged when the run did not get to its end; otherwise return what it came to all the same.
 
@@ -199,19 +197,8 @@ def oscillatory_shear(
     (0.42, True)
 
     """
-    manner = check_arguments(
-        scene,
-        dt=dt,
-        method=method,
-        mass_n=mass_n,
-        velocity_nd=velocity_nd,
-        spin_nk=spin_nk,
-        held_n=held_n,
-        time_limit=time_limit,
-        progress=progress,
-        check=check,
-    )
-    rate = _frequency(manner, frequency, relative_frequency)
+    manner = check_arguments(scene, **common)
+    rate = frequency_of(manner, frequency, relative_frequency)
     # checks amplitude and axes, and knows the direction
     strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=two_axes(axes))
     direction = strain.direction(scene.packing.dimension)
@@ -238,22 +225,9 @@ def oscillatory_shear(
         every=every,
         profile=Sine(float(amplitude), 2.0 * math.pi * rate, start, end),
         direction_dd=direction,
-        frames=integer("frames", frames, at_least=0),
     )
 
-    def finished(outcome: Outcome) -> OscillatoryShear:
-        return _finish(travel, outcome, strain, start, count, skip)
-
-    try:
-        with safe_interrupts():
-            outcome = travel.go(STAGE)
-    except KeyboardInterrupt as stop:
-        stop.run = finished(Outcome.INTERRUPTED)  # type: ignore[attr-defined]
-        raise
-    run = finished(outcome)
-    if check and not run.ok:
-        raise NotConverged(run)
-    return run
+    return travel.end(lambda: travel.go(STAGE), lambda outcome: _finish(travel, outcome, strain, start, count, skip))
 
 
 def _finish(

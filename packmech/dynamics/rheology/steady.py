@@ -5,23 +5,24 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from packmech.check import integer, one_of, positive, real
 from packmech.dynamics.march.flow import Ramp
-from packmech.dynamics.rheology.travel import Manner, Method, Progress, StrainRun, Travel, check_arguments, two_axes
+from packmech.dynamics.rheology.manner import Common, Manner, Several, check_arguments, listed, two_axes
+from packmech.dynamics.rheology.travel import StrainRun, Travel
 from packmech.dynamics.strain import MODES, SteadyStrain
-from packmech.interrupts import safe_interrupts
 from packmech.measure import block_mean
-from packmech.outcome import NotConverged, Outcome
 from packmech.scene import Scene
 
 STAGE = "steady strain"
 
 
+@listed(Common)
 def ramp_strain(
     scene: Scene,
     *,
@@ -30,16 +31,7 @@ def ramp_strain(
     mode: str = "shear",
     axes: tuple[int, int] = (0, 1),
     samples: int = 200,
-    dt: float | None = None,
-    method: Method | None = None,
-    mass_n: ArrayLike | None = None,
-    velocity_nd: ArrayLike | None = None,
-    spin_nk: ArrayLike | None = None,
-    held_n: ArrayLike | None = None,
-    frames: int = 0,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-    check: bool = True,
+    **common: Unpack[Common],
 ) -> StrainRun:
     """Return a run in which the box deforms at a constant rate, F = 1 + rate t M, up to a strain.
 
@@ -56,7 +48,7 @@ def ramp_strain(
         "isotropic".
     samples
         How often figures are kept.
-    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, check
+    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
         As in `oscillatory_shear`; `time_limit` and interrupts keep what was reached.
 
     Raises
@@ -78,32 +70,18 @@ def ramp_strain(
     (True, -0.01)
 
     """
-    manner = check_arguments(
-        scene,
-        dt=dt,
-        method=method,
-        mass_n=mass_n,
-        velocity_nd=velocity_nd,
-        spin_nk=spin_nk,
-        held_n=held_n,
-        time_limit=time_limit,
-        progress=progress,
-        check=check,
-    )
+    manner = check_arguments(scene, **common)
     speed, most = real("rate", rate), positive("strain", strain)
     if speed == 0.0:
         raise ValueError("rate must not be zero, got 0.0")
     if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and most >= 1.0:
         raise ValueError(f"strain must be below 1 where the box is compressed, got {most:g}")
     count = integer("samples", samples, at_least=1)
-    run = _ramp(manner, speed, most, mode, two_axes(axes), count, integer("frames", frames, at_least=0))
-    if check and not run.ok:
-        raise NotConverged(run)
-    return run
+    return _ramp(manner, speed, most, mode, two_axes(axes), count)
 
 
 def _ramp(
-    manner: Manner, rate: float, strain: float, mode: str, axes: tuple[int, int], samples: int, frames: int
+    manner: Manner, rate: float, strain: float, mode: str, axes: tuple[int, int], samples: int, stage: str = STAGE
 ) -> StrainRun:
     direction = SteadyStrain(rate, mode=mode, axes=axes).direction(manner.scene.packing.dimension)
     duration = strain / abs(rate)
@@ -116,16 +94,9 @@ def _ramp(
         every=every,
         profile=Ramp(0.0, rate, 0.0, math.inf),
         direction_dd=direction,
-        frames=frames,
     )
     shown = axes if mode == "shear" else (axes[0], axes[0])
-    try:
-        with safe_interrupts():
-            outcome = travel.go(STAGE)
-    except KeyboardInterrupt as stop:
-        stop.run = StrainRun(**travel.fields(STAGE, Outcome.INTERRUPTED, shown))  # type: ignore[attr-defined]
-        raise
-    return StrainRun(**travel.fields(STAGE, outcome, shown))
+    return travel.end(lambda: travel.go(stage), lambda outcome: StrainRun(**travel.fields(stage, outcome, shown)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +141,7 @@ class FlowCurve:
         return np.asarray(self.stress_r / self.pressure_r)
 
 
+@listed(Several)
 def steady_shear(
     scene: Scene,
     *,
@@ -179,11 +151,7 @@ def steady_shear(
     blocks: int = 8,
     samples: int = 400,
     axes: tuple[int, int] = (0, 1),
-    dt: float | None = None,
-    method: Method | None = None,
-    mass_n: ArrayLike | None = None,
-    held_n: ArrayLike | None = None,
-    progress: Progress | None = None,
+    **common: Unpack[Several],
 ) -> FlowCurve:
     """Return the flow curve: mean stress in steady shear at several rates, each from the scene as it is.
 
@@ -199,10 +167,12 @@ def steady_shear(
         The strain that counts is cut into so many blocks, whose means give the errors.
     samples
         How often figures are kept at each rate.
-    axes, dt, method, mass_n, held_n
-        As in `oscillatory_shear`.
+    axes, dt, method, mass_n, held_n, frames
+        As in `oscillatory_shear`; as many frames of each run.
     progress
         Called now and then as progress(stage, figures), the stage naming the rate.
+    checkpoint
+        As in `oscillatory_shear`, one file for all rates: those that were finished are not run again.
 
     Raises
     ------
@@ -233,38 +203,20 @@ def steady_shear(
     count = integer("samples", samples, at_least=1)
     if count * (1.0 - skip / most) < 2 * parts:
         raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
-    manner = check_arguments(
-        scene,
-        dt=dt,
-        method=method,
-        mass_n=mass_n,
-        velocity_nd=None,
-        spin_nk=None,
-        held_n=held_n,
-        time_limit=None,
-        progress=progress,
-        check=True,
-    )
+    manner = check_arguments(scene, **common)
     runs: list[StrainRun] = []
 
     def curve() -> FlowCurve:
         return _curve(speeds[: len(runs)], tuple(runs), skip, parts, time.process_time() - began)
 
+    pair = two_axes(axes)
     for speed in speeds:
-        told = None if progress is None else _named(progress, speed)
         try:
-            run = _ramp(replace(manner, progress=told), speed, most, "shear", two_axes(axes), count, 0)
+            runs.append(_ramp(manner, speed, most, "shear", pair, count, f"steady shear at {speed:g}"))
         except KeyboardInterrupt as stop:
             stop.run = curve() if runs else None  # type: ignore[attr-defined]
             raise
-        if not run.ok:
-            raise NotConverged(run)
-        runs.append(run)
     return curve()
-
-
-def _named(progress: Progress, rate: float) -> Progress:
-    return lambda stage, figures: progress(f"steady shear at {rate:g}", figures)
 
 
 def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks: int, seconds: float) -> FlowCurve:

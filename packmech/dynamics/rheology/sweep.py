@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from packmech.check import function, positive
+from packmech.dynamics.rheology.keeper import keeper_of
+from packmech.dynamics.rheology.manner import Progress, Several, listed
 from packmech.dynamics.rheology.oscillatory import OscillatoryShear, oscillatory_shear
-from packmech.dynamics.rheology.travel import Method, Progress
 from packmech.measure import softening_strain, yield_strain
 from packmech.scene import Scene
 
@@ -67,6 +68,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
     return found
 
 
+@listed(Several)
 def amplitude_sweep(
     scene: Scene,
     *,
@@ -77,12 +79,8 @@ def amplitude_sweep(
     periods: float = 4.0,
     post_periods: float = 0.0,
     axes: tuple[int, int] = (0, 1),
-    dt: float | None = None,
-    method: Method | None = None,
-    mass_n: ArrayLike | None = None,
-    held_n: ArrayLike | None = None,
     samples_per_period: int = 200,
-    progress: Progress | None = None,
+    **common: Unpack[Several],
 ) -> AmplitudeSweep:
     """Return G' and G'' at several amplitudes, each from the scene as it is, with the same time step.
 
@@ -94,10 +92,12 @@ def amplitude_sweep(
         Of the strain, in any order [1].
     frequency, relative_frequency, pre_periods, periods, post_periods, axes, dt, method, mass_n, held_n
         As in `oscillatory_shear`.
-    samples_per_period
+    samples_per_period, frames
         As in `oscillatory_shear`.
     progress
         Called now and then as progress(stage, figures), the stage naming the amplitude.
+    checkpoint
+        As in `oscillatory_shear`, one file for all amplitudes: those that were finished are not run again.
 
     Raises
     ------
@@ -119,11 +119,15 @@ def amplitude_sweep(
 
     """
     asked = check_amplitudes(amplitudes)
+    progress = common.get("progress")
     if progress is not None:
         function("progress", progress)
+    # one file for all of them
+    keeper = keeper_of(common.get("checkpoint"))
     runs: list[OscillatoryShear] = []
     for amplitude in asked:
         told = None if progress is None else named(progress, amplitude)
+        given: Several = {**common, "progress": told, "checkpoint": keeper}
         try:
             run = oscillatory_shear(
                 scene,
@@ -134,12 +138,8 @@ def amplitude_sweep(
                 periods=periods,
                 post_periods=post_periods,
                 axes=axes,
-                dt=dt,
-                method=method,
-                mass_n=mass_n,
-                held_n=held_n,
                 samples_per_period=samples_per_period,
-                progress=told,
+                **given,
             )
         except KeyboardInterrupt as stop:
             stop.run = _gathered(asked, runs) if runs else None  # type: ignore[attr-defined]

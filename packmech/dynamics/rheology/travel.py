@@ -1,4 +1,4 @@
-"""A march under strain from start to end: checked arguments, figures kept on the way, and the run that comes of it."""
+"""A march under strain from start to end: figures kept on the way, and the run that comes of it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from packmech.check import finite_array, instance, integer, positive, positive_array
+from packmech.dynamics.checkpoint import scene_marks
+from packmech.dynamics.keepsakes import Scenery, sceneries, scenery_arrays
 from packmech.dynamics.kernels import RUNNING
+from packmech.dynamics.march.checkpoint import Leaves, march_leaves, restore_march
 from packmech.dynamics.march.flow import Ramp
 from packmech.dynamics.march.journey import tensors
 from packmech.dynamics.march.look import (
@@ -32,16 +34,13 @@ from packmech.dynamics.march.look import (
 from packmech.dynamics.march.state import March, build_march, homing_steps
 from packmech.dynamics.march.tally import Ledger, new_ledger
 from packmech.dynamics.march.touching import Touching, touching_of
-from packmech.dynamics.motion import choose_time_step
-from packmech.dynamics.settings import check_manner
-from packmech.dynamics.verlet import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
+from packmech.dynamics.rheology.manner import Manner
+from packmech.dynamics.verlet import VelocityVerlet
 from packmech.effects import Bonds, Friction
-from packmech.outcome import Outcome, Run, Stage
-from packmech.packing import without_links
+from packmech.interrupts import held_interrupts, safe_interrupts
+from packmech.outcome import NotConverged, Outcome, Run, Stage
 from packmech.scene import Scene
 
-Method = VelocityVerlet | SemiImplicitEuler
-Progress = Callable[[str, dict[str, Any]], None]
 # numbers in the loops' arrays times steps between two looks at the clock
 _CHUNK = 1_000_000
 
@@ -117,68 +116,7 @@ class StrainRun(Run):
         return np.asarray(self.sliding_t / np.maximum(self.contacts_t, 1))
 
 
-@dataclass(frozen=True)
-class Manner:
-    """Checked arguments that all strained runs share."""
-
-    scene: Scene
-    method: Method
-    mass_n: NDArray[np.float64]
-    velocity_nd: NDArray[np.float64]
-    spin_nk: NDArray[np.float64] | None
-    held_n: NDArray[np.bool_] | None
-    longest: float
-    deadline: float
-    progress: Progress | None
-
-
-def check_arguments(
-    scene: Scene,
-    *,
-    dt: float | None,
-    method: Method | None,
-    mass_n: ArrayLike | None,
-    velocity_nd: ArrayLike | None,
-    spin_nk: ArrayLike | None,
-    held_n: ArrayLike | None,
-    time_limit: float | None,
-    progress: Progress | None,
-    check: bool,
-) -> Manner:
-    """Return the arguments as the march takes them.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Naming the argument that is wrong.
-
-    """
-    instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
-    packing = scene.packing
-    n, d = packing.particles, packing.dimension
-    method = VelocityVerlet() if method is None else method
-    if not isinstance(method, INTEGRATORS):
-        raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
-    fraction = positive("method.fraction", method.fraction)
-    if mass_n is None:
-        mass = (packing.diameter_n / packing.reference_diameter) ** d
-    else:
-        mass = positive_array("mass_n", mass_n, shape=(n,))
-    velocity = np.zeros((n, d)) if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
-    spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
-    held = None
-    if held_n is not None:
-        held = np.asarray(held_n)
-        if held.dtype != bool:
-            raise TypeError(f"held_n must be True or False for each particle, got {held_n!r}")
-        if held.shape != (n,):
-            raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
-        velocity[held] = 0.0
-    longest = choose_time_step(scene, mass, fraction) if dt is None else positive("dt", dt)
-    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
-    check_manner(progress, check)
-    return Manner(scene, method, mass, velocity, spin, held, longest, time.process_time() + limit, progress)
+R = TypeVar("R", bound=StrainRun)
 
 
 class Travel:
@@ -193,7 +131,8 @@ class Travel:
         every: int,
         profile: Any,
         direction_dd: NDArray[np.float64],
-        frames: int = 0,
+        driven: bool = False,
+        further: dict[str, Any] | None = None,
     ) -> None:
         self.began = time.process_time()
         self.manner, self.dt, self.steps, self.every = manner, dt, steps, every
@@ -209,45 +148,78 @@ class Travel:
             second_order=isinstance(manner.method, VelocityVerlet),
         )
         self.ledger: Ledger = new_ledger(every, steps // every)
-        self.march.begin()
-        self.first = self.march.see()
-        self.build_seconds = time.process_time() - self.began
+        self.chunk = max(1, _CHUNK // self.march.state.body.size)
+        self.due_f = np.unique(np.linspace(0, steps, manner.frames).round().astype(np.int64))
+        self.frame_time_f: list[float] = []
+        self.position_f: list[NDArray[np.float64]] = []
+        self.scenery_f: list[Scenery] = []
+        self.seconds_before = 0.0
         # rows that are kept in place of the ledger's, where the run is driven from outside
         self.driven_rows: list[NDArray[np.float64]] | None = None
-        self.chunk = max(1, _CHUNK // self.march.state.body.size)
-        self.due_f = np.unique(np.linspace(0, steps, frames).round().astype(np.int64))
-        self.frames: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = []
-        self.seen: list[tuple[NDArray[np.float64] | None, Touching]] = []
-        self._frame()
+        kept = None
+        if manner.keeper is not None:
+            settings = {
+                **{f"scene.{name}": text for name, text in scene_marks(manner.scene).items()},
+                "dt": dt,
+                "steps": steps,
+                "samples": every,
+                "strain": (profile, direction_dd),
+                "frames": self.due_f,
+                **{name: getattr(manner, name) for name in ("method", "mass_n", "velocity_nd", "spin_nk", "held_n")},
+            }
+            kept = manner.keeper.next(settings | (further or {}))
+        if kept is None:
+            self.march.begin()
+            self.first = self.march.see()
+            self.driven_rows = [self.first] if driven else None
+            self._frame()
+        else:
+            self._restore(kept, driven)
+        self.build_seconds = time.process_time() - self.began
 
     def _frame(self) -> None:
-        if len(self.frames) < len(self.due_f) and self.march.steps >= self.due_f[len(self.frames)]:
-            self.frames.append((self.march.time, self.march.positions(), self.march.box().lattice_dd))
-            self.seen.append((self.march.spins(), touching_of(self.march)))
+        march = self.march
+        if len(self.position_f) < len(self.due_f) and march.steps >= self.due_f[len(self.position_f)]:
+            self.frame_time_f.append(march.time)
+            self.position_f.append(march.positions())
+            self.scenery_f.append(Scenery(march.box().lattice_dd, self._spins(), touching_of(march)))
+
+    def _spins(self) -> NDArray[np.float64] | None:
+        return self.march.spins() if _turns(self.manner.scene) else None
 
     def go(self, stage: str) -> Outcome:
         """Advance to the end or a limit; return how that ended."""
         while self.march.steps < self.steps:
             due = min(self.chunk, self.steps - self.march.steps)
-            if len(self.frames) < len(self.due_f):
-                due = min(due, int(self.due_f[len(self.frames)]) - self.march.steps)
-            outcome = self.advance(due, stage)
-            if outcome is not Outcome.FINISHED:
-                return outcome
+            if len(self.position_f) < len(self.due_f):
+                due = min(due, int(self.due_f[len(self.position_f)]) - self.march.steps)
+            if not self.advance(due):
+                return Outcome.STEP_TOO_LONG
+            self.tell(stage)
+            if self.late():
+                return Outcome.INTERRUPTED
         return Outcome.FINISHED
 
-    def advance(self, steps: int, stage: str, *, tell: bool = True) -> Outcome:
-        """Advance by so many steps; return FINISHED unless a limit was met."""
-        if self.march.advance(steps, self.ledger) != RUNNING:
-            return Outcome.STEP_TOO_LONG
-        self._frame()
-        if tell and self.manner.progress is not None:
-            march = self.march
+    def advance(self, steps: int) -> bool:
+        """Advance by so many steps, wholly; return whether they could be taken."""
+        with held_interrupts():
+            if self.march.advance(steps, self.ledger) != RUNNING:
+                return False
+            self._frame()
+        return True
+
+    def tell(self, stage: str) -> None:
+        """Tell who wants to know of it, and write a checkpoint if that was long ago."""
+        march, keeper = self.march, self.manner.keeper
+        if keeper is not None and keeper.due():
+            self.save()
+        if self.manner.progress is not None:
             told = {"steps": march.steps, "of": self.steps, "time": march.time, "strain": march.gamma}
             self.manner.progress(stage, {**told, "march": march})
-        if time.process_time() > self.manner.deadline and self.march.steps < self.steps:
-            return Outcome.INTERRUPTED
-        return Outcome.FINISHED
+
+    def late(self) -> bool:
+        """Whether time is up before the end."""
+        return time.process_time() > self.manner.deadline and self.march.steps < self.steps
 
     def drive(self, rate: float) -> None:
         """Let gamma go on from where it is at another rate."""
@@ -256,6 +228,73 @@ class Travel:
         assert march.space.flow is not None
         march.space = march.space._replace(flow=march.space.flow._replace(profile=march.profile))
         march.homing = homing_steps(march)
+
+    def save(self) -> None:
+        """Write a checkpoint, if any are asked for."""
+        keeper = self.manner.keeper
+        if keeper is None:
+            return
+        shape = (-1, *self.manner.scene.packing.position_nd.shape)
+        arrays: Leaves = {
+            **march_leaves(self.march),
+            "rows": self.rows(),
+            "frame_time_f": np.array(self.frame_time_f),
+            "position_fnd": np.array(self.position_f).reshape(shape),
+            **scenery_arrays(self.scenery_f),
+            "seconds": np.array(self.seconds()),
+        }
+        with held_interrupts():
+            keeper.write(arrays, finished=self.march.steps >= self.steps)
+
+    def _restore(self, kept: Leaves, driven: bool) -> None:
+        march, rows = self.march, kept["rows"]
+        restore_march(march, kept)
+        if march.space.flow is not None:
+            march.profile = march.space.flow.profile
+            march.homing = homing_steps(march)
+        self.first = rows[0]
+        if driven:
+            self.driven_rows = list(rows)
+        else:
+            self.ledger.row_tk[: len(rows) - 1] = rows[1:]
+            self.ledger.written[0] = len(rows) - 1
+        self.frame_time_f = kept["frame_time_f"].tolist()
+        self.position_f = list(kept["position_fnd"])
+        self.scenery_f = sceneries(kept)
+        self.seconds_before = float(kept["seconds"])
+
+    def seconds(self) -> float:
+        """Return the CPU time taken so far, in what went before a checkpoint too."""
+        return self.seconds_before + time.process_time() - self.began - self.build_seconds
+
+    def end(
+        self,
+        drive: Callable[[], Outcome],
+        finished: Callable[[Outcome], R],
+    ) -> R:
+        """Return the run that comes of driving this to its end or a limit; `finished` makes it as far as it came.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Passed on with `.run` set to what was reached.
+        NotConverged
+            If the end was not reached, unless that is not to be checked.
+
+        """
+        try:
+            with safe_interrupts():
+                outcome = drive()
+                if outcome is not Outcome.STEP_TOO_LONG:
+                    self.save()
+        except KeyboardInterrupt as stop:
+            self.save()
+            stop.run = finished(Outcome.INTERRUPTED)  # type: ignore[attr-defined]
+            raise
+        run = finished(outcome)
+        if self.manner.check and not run.ok:
+            raise NotConverged(run)
+        return run
 
     def rows(self) -> NDArray[np.float64]:
         """Return the figures kept so far, the start first."""
@@ -278,7 +317,8 @@ class Travel:
         now = march.see()
         mean = now[TOTAL] / now[CONTACTS] if now[CONTACTS] else 0.0
         residual = float(now[MOST] / mean) if mean > 0.0 else 0.0
-        seconds = time.process_time() - self.began - self.build_seconds
+        seconds = self.seconds()
+        scenery = self.scenery_f
         return {
             "packing": packing.replace(position_nd=march.positions(), box=march.box()),
             "outcome": outcome,
@@ -302,22 +342,15 @@ class Travel:
             "dt": self.dt,
             "mass_n": manner.mass_n,
             "velocity_nd": march.velocities(),
-            "spin_nk": march.spins() if _turns(manner.scene) else None,
-            "frame_time_f": np.array([one[0] for one in self.frames]),
-            "position_fnd": np.array([one[1] for one in self.frames]).reshape(-1, n, d),
-            "lattice_fdd": np.array([one[2] for one in self.frames]).reshape(-1, d, d),
-            "spin_fnk": np.array([spin for spin, _ in self.seen]) if self.seen and _turns(manner.scene) else None,
-            "touching_f": tuple(touching for _, touching in self.seen),
+            "spin_nk": self._spins(),
+            "frame_time_f": np.array(self.frame_time_f),
+            "position_fnd": np.array(self.position_f).reshape(-1, n, d),
+            "lattice_fdd": np.array([one.lattice_dd for one in scenery]).reshape(-1, d, d),
+            "spin_fnk": np.array([one.spin_nk for one in scenery]) if scenery and _turns(manner.scene) else None,
+            "touching_f": tuple(one.touching for one in scenery),
             "held_n": manner.held_n,
         }
 
 
 def _turns(scene: Scene) -> bool:
     return any(isinstance(one, Friction | Bonds) for one in scene.effects)
-
-
-def two_axes(axes: Any) -> tuple[int, int]:
-    """Return the axes after checking that they are two of three."""
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))
