@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import literal_unroll
+from numba import literal_unroll, types
 
-from packmech.compiled import device
+from packmech.compiled import compiled_form, device
 from packmech.dynamics.kernels import coincident_direction
 from packmech.dynamics.march.flow import relative
 from packmech.dynamics.march.inlined import inlined
 from packmech.dynamics.march.pairs import NO_SLOT
 from packmech.dynamics.march.rubbing import forget, rub, turning_axes
-from packmech.dynamics.march.springs import give, give_back, leave
+from packmech.dynamics.march.springs import Pace, give, give_back, leave
 from packmech.effects import pair_first
 
 
@@ -43,7 +44,7 @@ def meet(effects, friction, rates, axes, body, held_pk, p, i, j, dx, dy, dz, squ
 
 
 @device
-def contacts_of_block(effects, friction, rates, axes, body, push, pairs, held_pk, pace, b):
+def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, held_pk, pace, b):
     """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
     spins = turning_axes(friction, axes)
     i_p, j_p, image_p, slot_p = pairs.i_p, pairs.j_p, pairs.image_p, pairs.slot_p
@@ -82,3 +83,46 @@ def contacts_of_block(effects, friction, rates, axes, body, push, pairs, held_pk
             if slot != NO_SLOT:
                 for a in range(slot_qk.shape[1]):
                     slot_qk[slot, a] = 0.0
+
+
+def contacts_of_block(
+    effects: Any,
+    friction: Any,
+    rates: Any,
+    axes: Any,
+    body: Any,
+    push: Any,
+    pairs: Any,
+    held_pk: Any,
+    pace: Pace,
+    b: int,
+) -> None:
+    """Add what the touching pairs of a block's rows do; nothing where no effect acts on touching pairs."""
+    raise NotImplementedError("contacts act in compiled loops")
+
+
+@compiled_form(contacts_of_block)
+def _choose_contacts_of_block(
+    effects: Any,
+    friction: Any,
+    rates: Any,
+    axes: Any,
+    body: Any,
+    push: Any,
+    pairs: Any,
+    held_pk: Any,
+    pace: Any,
+    b: Any,
+) -> Any:
+    if isinstance(effects, types.NoneType):
+
+        def none(effects, friction, rates, axes, body, push, pairs, held_pk, pace, b):
+            for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
+                pairs.slots.push_qk[q] = 0.0
+
+        return none
+
+    def some(effects, friction, rates, axes, body, push, pairs, held_pk, pace, b):
+        _contacts_of_block(effects, friction, rates, axes, body, push, pairs, held_pk, pace, b)
+
+    return some

@@ -171,6 +171,52 @@ def touch(body, i, j, dx, dy, dz):
     return dx * dx + dy * dy + dz * dz < sigma * sigma
 
 
+def look_at_pair(
+    effects: Any,
+    friction: Any,
+    flowing: Any,
+    axes: Any,
+    body: Any,
+    held_pk: Any,
+    p: int,
+    i: int,
+    j: int,
+    dx: float,
+    dy: float,
+    dz: float,
+    pace: Any,
+    out: Any,
+) -> None:
+    """Add what a touching pair does; nothing where no effect acts on touching pairs."""
+    raise NotImplementedError("a march is looked at in compiled loops")
+
+
+@compiled_form(look_at_pair)
+def _choose_look_at_pair(
+    effects: Any,
+    friction: Any,
+    flowing: Any,
+    axes: Any,
+    body: Any,
+    held_pk: Any,
+    p: Any,
+    i: Any,
+    j: Any,
+    dx: Any,
+    dy: Any,
+    dz: Any,
+    pace: Any,
+    out: Any,
+) -> Any:
+    if isinstance(effects, types.NoneType):
+        return lambda effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out: None
+
+    def some(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out):
+        _look_at_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out)
+
+    return some
+
+
 @device
 def _look_at_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out):
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -327,7 +373,7 @@ def look(acting, axes, state, space, pairs, track, time, pace, out):
                 dy += pairs.shift_kd[k, 1]
                 dz += pairs.shift_kd[k, 2]
             if touch(body, i, j, dx, dy, dz):
-                _look_at_pair(
+                look_at_pair(
                     acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out
                 )
     look_at_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)

@@ -14,6 +14,7 @@ from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.bonds import bond_table
 from packmech.dynamics.march.flow import GAMMA, NILPOTENT, NUMBERS, Flow, Still, gamma_at, set_flow
+from packmech.dynamics.march.leading import leading_share
 from packmech.dynamics.march.lists import Space, Track, empty_track, search
 from packmech.dynamics.march.look import COLUMNS, look
 from packmech.dynamics.march.memory import Stretches, read_stretches, write_stretches
@@ -131,6 +132,8 @@ class March:
             set_flow(self.space.flow, self.space.frame, self.time)
         self._search()
         self._run(FORCES, 1, None)
+        if self.state.last.size:
+            self.state.last[:] = self.state.push
         self.started = True
 
     def advance(self, steps: int, ledger: Ledger | None = None) -> int:
@@ -311,6 +314,7 @@ def build_march(
     bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
     turns = friction is not None or bonds is not None
     spins = 0 if not turns else 1 if d == 2 else 3
+    lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
     order = space_order(packing)
     n = packing.particles
     body = aligned_rows(n, 4 + d + spins)
@@ -344,7 +348,16 @@ def build_march(
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
         acting=Acting(pairs or None, bodies or None, friction),
-        state=State(tuple(range(spins)), body, np.zeros((n, d + spins)), np.zeros((n, d + spins)), weight, mass),
+        state=State(
+            tuple(range(spins)),
+            body,
+            np.zeros((n, d + spins)),
+            np.zeros((n, d + spins)),
+            weight,
+            mass,
+            np.zeros((n if lead else 0, d + spins)),
+            lead,
+        ),
         space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table),
         pairs=empty_pairs(n, d + spins, skin),
         track=empty_track(d) if friction is not None else None,

@@ -3,7 +3,9 @@
 
 A Verlet step kicks for half a step, lets the box carry everything to the middle of the step, moves by the peculiar
 velocity, lets the box carry on to the end, takes the forces there and kicks again (a Strang splitting, of second
-order). Dashpots, slips and drag see velocities extrapolated to the end of the step.
+order). Dashpots, slips and drag see velocities extrapolated to the end of the step: by the force, and for tangential
+springs without dashpots by its last change too, as their stretch, an integral of the slip, would grow by (omega dt)^4/8
+of itself in every step otherwise.
 
 Every loop starts and ends with the forces of the present state in `push`, so that a run may be cut anywhere without a
 change of a bit. Rows are walked by blocks, each by one thread.
@@ -46,7 +48,8 @@ class Acting(NamedTuple):
 class State(NamedTuple):
     """The arrays of a march. weight_nk holds 1/m and, where particles turn, 1/I; both are 0 for what is held.
 
-    `spins` is a tuple as long as a spin: none where nothing turns, 1 in a plane, 3 in space.
+    `spins` is a tuple as long as a spin: none where nothing turns, 1 in a plane, 3 in space. `lead` is the share of the
+    last change of the forces, from `last` to `push`, in extrapolated velocities; `last` is empty where it is zero.
     """
 
     spins: Any
@@ -55,6 +58,8 @@ class State(NamedTuple):
     half: Any
     weight_nk: Any
     mass_n: Any
+    last: Any
+    lead: Any
 
 
 def leap(
@@ -81,9 +86,20 @@ def _clear_all(axes, state, low, high):
 
 
 @device
+def _led(spins, lead, last, i, a, force):
+    """Return what the change of a force since the last step adds to it for an extrapolation; remember the force."""
+    if len(spins) == 0 or lead == 0.0:
+        return 0.0
+    change = force - last[i, a]
+    last[i, a] = force
+    return lead * change
+
+
+@device
 def _leap_still(axes, state, low, high, dt, early, ahead):
     d = len(axes)
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    spins, last, lead = state.spins, state.last, state.lead
     most = 0.0
     for i in range(low, high):
         kick = early * weight[i, 0]
@@ -92,16 +108,17 @@ def _leap_still(axes, state, low, high, dt, early, ahead):
             c = body[i, 4 + a]
             kicked = c + kick * push[i, a]
             half[i, a] = kicked
-            body[i, 4 + a] = kicked + ahead * (kicked - c)
+            body[i, 4 + a] = kicked + ahead * (kicked - c) + kick * _led(spins, lead, last, i, a, push[i, a])
             body[i, a] += dt * kicked
             square += kicked * kicked
-        for k in range(len(state.spins)):
+        for k in range(len(spins)):
             a = d + k
             c = body[i, 4 + a]
-            kicked = c + early * weight[i, 1] * push[i, a]
+            turn = early * weight[i, 1]
+            kicked = c + turn * push[i, a]
             half[i, a] = kicked
-            body[i, 4 + a] = kicked + ahead * (kicked - c)
-        _clear(axes, state.spins, push, i)
+            body[i, 4 + a] = kicked + ahead * (kicked - c) + turn * _led(spins, lead, last, i, a, push[i, a])
+        _clear(axes, spins, push, i)
         # written so that a speed that is not a number is the largest
         if not square <= most:
             most = square
@@ -141,6 +158,7 @@ def _maps(flow, time, dt):
 def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
     d = len(axes)
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    spins, last, lead = state.spins, state.last, state.lead
     g, b, h = _maps(flow, time, dt)
     most = 0.0
     for i in range(low, high):
@@ -153,7 +171,8 @@ def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
             my = dt * (h[1][0] * p + h[1][1] * q)
             body[i, 0] = g[0][0] * x + g[0][1] * y + mx
             body[i, 1] = g[1][0] * x + g[1][1] * y + my
-            s, t = p + ahead * (p - u), q + ahead * (q - v)
+            s = p + ahead * (p - u) + kick * _led(spins, lead, last, i, 0, push[i, 0])
+            t = q + ahead * (q - v) + kick * _led(spins, lead, last, i, 1, push[i, 1])
             half[i, 0] = b[0][0] * p + b[0][1] * q
             half[i, 1] = b[1][0] * p + b[1][1] * q
             body[i, 4] = b[0][0] * s + b[0][1] * t
@@ -168,7 +187,9 @@ def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
             body[i, 0] = g[0][0] * x + g[0][1] * y + g[0][2] * z + mx
             body[i, 1] = g[1][0] * x + g[1][1] * y + g[1][2] * z + my
             body[i, 2] = g[2][0] * x + g[2][1] * y + g[2][2] * z + mz
-            s, t, o = p + ahead * (p - u), q + ahead * (q - v), r + ahead * (r - w)
+            s = p + ahead * (p - u) + kick * _led(spins, lead, last, i, 0, push[i, 0])
+            t = q + ahead * (q - v) + kick * _led(spins, lead, last, i, 1, push[i, 1])
+            o = r + ahead * (r - w) + kick * _led(spins, lead, last, i, 2, push[i, 2])
             half[i, 0] = b[0][0] * p + b[0][1] * q + b[0][2] * r
             half[i, 1] = b[1][0] * p + b[1][1] * q + b[1][2] * r
             half[i, 2] = b[2][0] * p + b[2][1] * q + b[2][2] * r
@@ -176,13 +197,14 @@ def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
             body[i, 5] = b[1][0] * s + b[1][1] * t + b[1][2] * o
             body[i, 6] = b[2][0] * s + b[2][1] * t + b[2][2] * o
             square = mx * mx + my * my + mz * mz
-        for k in range(len(state.spins)):
+        for k in range(len(spins)):
             a = d + k
             c = body[i, 4 + a]
-            kicked = c + early * weight[i, 1] * push[i, a]
+            turn = early * weight[i, 1]
+            kicked = c + turn * push[i, a]
             half[i, a] = kicked
-            body[i, 4 + a] = kicked + ahead * (kicked - c)
-        _clear(axes, state.spins, push, i)
+            body[i, 4 + a] = kicked + ahead * (kicked - c) + turn * _led(spins, lead, last, i, a, push[i, a])
+        _clear(axes, spins, push, i)
         # written so that a displacement that is not a number is the largest
         if not square <= most:
             most = square
