@@ -2,15 +2,16 @@
 
 Contacts added to a jammed packing leave it jammed, contacts taken from one that is not leave it so. So where the number
 of contacts depends on the tolerance, an answer still stands if the least favorable of the tolerances gives it too.
+For the same reason the fewest contacts, if they jam the packing, answer for the others as well.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 
-from packmech.contacts import Contacts
-from packmech.mechanics.judging import Judged
+from packmech.mechanics.judging import Judged, with_more
 from packmech.mechanics.touching import LEAST_GAP, RestCheck, Touching
 from packmech.mechanics.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer
 from packmech.packing import Packing
@@ -43,12 +44,63 @@ def off_plateau(touching: Touching) -> str:
     return f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}"
 
 
+def by_level(touching: Touching, judge: Callable[..., Judged]) -> Callable[[int], Judged]:
+    """Return a function that gives the findings at each level of the gap tolerance, judged once when first asked for.
+
+    Parameters
+    ----------
+    touching
+        The pairs that touch; the level in the middle, 1, is at the tolerance.
+    judge
+        As `judging.judge_network` with the contacts and, by name, their backbone left open.
+
+    """
+
+    @functools.cache
+    def within(level: int) -> Judged:
+        if level == 1:
+            return judge(touching.contacts, backbone=touching.backbone)
+        contacts = touching.within(level)
+        # the pairs of one level are among those of the next: as many are the same
+        return within(1) if len(contacts) == len(touching.contacts) else judge(contacts)
+
+    return within
+
+
+def judged_by_fewest(
+    packing: Packing, touching: Touching, rest: RestCheck | None, within: Callable[[int], Judged], volume: str
+) -> Judged | None:
+    """Return the findings at the gap tolerance where those at a tenth of it, asked first, imply them; or None.
+
+    They are asked where the answer depends on them, as off the plateau, and where they may suffice: with the same
+    backbone particles, and contacts enough to jam these strictly.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    touching, rest
+        What was assumed.
+    within
+        Gives the findings at a level.
+    volume
+        As in `judging.judge_network`.
+
+    """
+    if not off_plateau(touching) or unrest(rest, touching) or touching.backbone is None:
+        return None
+    d, (few, at, _) = packing.dimension, touching.levels
+    if few.particles != at.particles or few.contacts == at.contacts or few.excess < d * (d + 1) // 2 - 1:
+        return None
+    return with_more(packing, within(0), touching.backbone, volume)
+
+
 def settle(
     collectively: Answer,
     strictly: Answer,
     touching: Touching,
     rest: RestCheck | None,
-    judge: Callable[[Contacts], Judged],
+    within: Callable[[int], Judged],
 ) -> tuple[Answer, Answer]:
     """Return the collective and the strict answer, ambiguous where the packing's state leaves them open.
 
@@ -58,8 +110,8 @@ def settle(
         The answers by the contacts within the gap tolerance.
     touching, rest
         What was assumed.
-    judge
-        Gives all findings on other contacts of the same packing.
+    within
+        Gives all findings on the contacts at a level of the gap tolerance.
 
     """
     reason = unrest(rest, touching)
@@ -67,14 +119,16 @@ def settle(
         return _left_open(collectively, reason), _left_open(strictly, reason)
     reason = off_plateau(touching)
     if reason:
-        fewer, more = touching.within(0), touching.within(2)
         jammed = (collectively.verdict == JAMMED, strictly.verdict == JAMMED)
+        kept: tuple[bool | None, bool | None]
         if jammed == (True, True):
-            kept = judge(fewer).jammed
+            may = _may_stand(collectively, touching) or _may_stand(strictly, touching)
+            kept = within(0).jammed if may else (None, None)
         elif jammed == (True, False):
-            kept = (judge(fewer).jammed[0], judge(more).jammed[1] is False)
+            may = _may_stand(collectively, touching)
+            kept = (within(0).jammed[0] if may else None, within(2).jammed[1] is False)
         else:
-            collective, strict = judge(more).jammed
+            collective, strict = within(2).jammed
             kept = (collective is False, strict is False)
         collectively = _settled(collectively, touching, kept[0], reason)
         strictly = _settled(strictly, touching, kept[1], reason)
@@ -100,14 +154,19 @@ def _settled(answer: Answer, touching: Touching, kept: bool | None, reason: str)
     """Return the answer, ambiguous unless it is `kept` by the fewest contacts (if jammed) or the most (if not)."""
     if answer.verdict == AMBIGUOUS:
         return answer
-    fewest, at, most = touching.levels
+    fewest, _, most = touching.levels
     if answer.verdict == NOT_JAMMED and kept:
         return replace(answer, reason=f"{answer.reason}; nor with all pairs within {most.tolerance:.1e}")
-    if answer.verdict == JAMMED and kept:
-        unique = answer.states_of_self_stress == 1 and fewest.excess == at.excess
-        if unique or touching.mean_overlap * fewest.particles**2 < SMALL_OVERLAP:
-            return replace(answer, reason=f"{answer.reason}; with the pairs within {fewest.tolerance:.1e} already")
+    if answer.verdict == JAMMED and kept and _may_stand(answer, touching):
+        return replace(answer, reason=f"{answer.reason}; with the pairs within {fewest.tolerance:.1e} already")
     return _left_open(answer, reason)
+
+
+def _may_stand(answer: Answer, touching: Touching) -> bool:
+    """Return whether "jammed" may stand off the plateau, if the fewest contacts give it too."""
+    fewest, at, _ = touching.levels
+    unique = answer.states_of_self_stress == 1 and fewest.excess == at.excess
+    return unique or touching.mean_overlap * fewest.particles**2 < SMALL_OVERLAP
 
 
 def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]:

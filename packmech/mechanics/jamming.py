@@ -15,7 +15,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_contacts
 from packmech.measure.rattlers import without
 from packmech.mechanics.certificates import Finding, certify
-from packmech.mechanics.doubt import off_plateau, settle, undecided, unrest
+from packmech.mechanics.doubt import by_level, judged_by_fewest, off_plateau, settle, undecided, unrest
 from packmech.mechanics.judging import EMPTY, carrying_contacts, judge_network, standing_contacts
 from packmech.mechanics.loads import yield_to_loads
 from packmech.mechanics.motions import MotionCone
@@ -143,7 +143,10 @@ def classify_jamming(
             check_contacts(packing, contacts)
             touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
         judge = functools.partial(judge_network, packing, volume=volume, decide=decide, part=part)
-        judged = judge(touching.contacts, backbone=touching.backbone)
+        within = by_level(touching, judge)
+        # the load programs give no forces that would have to be those at the tolerance
+        implied = judged_by_fewest(packing, touching, rest, within, volume) if method == "loads" else None
+        judged = within(1) if implied is None else implied
         collectively, strictly = (
             _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
         )
@@ -157,7 +160,7 @@ def classify_jamming(
             collectively = replace(collectively, stable=_stable(scene, rattlers, strain=False, gap_tolerance=closed))
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain=True, gap_tolerance=closed))
         collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
-        collectively, strictly = settle(collectively, strictly, touching, rest, judge)
+        collectively, strictly = settle(collectively, strictly, touching, rest, within)
     held = len(judged.network) > 0
     local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
     emptied = len({level.contacts > 0 for level in touching.levels}) > 1

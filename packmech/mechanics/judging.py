@@ -106,17 +106,50 @@ def _judge_once(
     if not len(network):
         nothing = _nothing_held(motion_cone(packing, contacts, strain=False))
         return Judged(network, nothing, nothing)
-    fixed = motion_cone(packing, network, strain=False, kept_n=kept)
     free = motion_cone(packing, network, strain=True, volume=volume, kept_n=kept)
     strict = decide(free)
-    if not strict.jammed:
-        return Judged(network, (fixed, decide(fixed)), (free, strict))
+    if strict.jammed:
+        return Judged(network, _implied(packing, network, kept, free, strict), (free, strict))
+    fixed = motion_cone(packing, network, strain=False, kept_n=kept)
+    return Judged(network, (fixed, decide(fixed)), (free, strict))
+
+
+def with_more(
+    packing: Packing, fewer: Judged, backbone: tuple[Contacts, NDArray[np.int64]], volume: str
+) -> Judged | None:
+    """Return what follows for the backbone with contacts added, where it is strictly jammed without them; or None.
+
+    More contacts admit fewer motions. No forces come with it: those without the new contacts leave these idle.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    fewer
+        The findings on some of the contacts.
+    backbone
+        All contacts between particles that do not rattle, and the numbers of these, as `backbone_of` gives them.
+    volume
+        "nonincreasing" or "fixed": what a strain may do to the volume.
+
+    """
+    network, kept = backbone
+    if fewer.jammed != (True, True) or not np.array_equal(fewer.strict[0].kept_n, kept):
+        return None
+    free = motion_cone(packing, network, strain=True, volume=volume, kept_n=kept)
+    strict = replace(fewer.strict[1], softest=np.nan, smallest_force=np.nan, weight=None, balance=0.0)
+    return Judged(network, _implied(packing, network, kept, free, strict), (free, strict))
+
+
+def _implied(
+    packing: Packing, network: Contacts, kept: NDArray[np.int64], free: MotionCone, strict: Finding
+) -> tuple[MotionCone, Finding]:
+    """Return the answer to the collective question that a strictly jammed packing has."""
     # a motion in the fixed box is one of those that were excluded
-    count = len(network) + fixed.link_rows
-    weight = None if strict.weight is None else strict.weight[:count]
+    fixed = replace(motion_cone(packing, network, strain=False, kept_n=kept), wider=free)
+    weight = None if strict.weight is None else strict.weight[: len(network) + fixed.link_rows]
     reason = f"strictly jammed, so collectively; {strict.reason}"
-    collective = replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
-    return Judged(network, (replace(fixed, wider=free), collective), (free, strict))
+    return fixed, replace(strict, reason=reason, softest=np.nan, weight=weight, solves=(), implied=True)
 
 
 def _nothing_held(cone: MotionCone) -> tuple[MotionCone, Finding]:

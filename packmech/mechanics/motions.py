@@ -285,11 +285,15 @@ class MotionCone:
 
     def balanced(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nearest weights of the rows that balance: rows^T weight = 0 to rounding."""
+        return self.bearing(weight, np.zeros(self.unknowns))
+
+    def bearing(self, weight: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the nearest weights of the rows that bear a load: rows^T weight = load to rounding, at full rank."""
         result = weight.copy()
         if self.unknowns == self.dimension:
             return result
         for _ in range(ROUNDS):
-            result -= self.rows @ self._solve(self.without_translations(self.rows.T @ result))
+            result -= self.rows @ self._solve(self.without_translations(self.rows.T @ result - load))
         return result
 
 

@@ -16,6 +16,7 @@ gets the program as printed.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -95,6 +96,7 @@ def largest_smallest_force(cone: MotionCone, *, solver: str = "clarabel", tolera
         np.zeros(0),
         lower,
         np.full(size, np.inf),
+        dimension=d,
     )
     found = SOLVE[solver](program, tolerance)
     outcome = found.solve.outcome
@@ -168,6 +170,7 @@ def open_all(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1
         np.zeros(below.shape[0]),
         np.concatenate([np.full(free, -np.inf), np.zeros(count)]),
         np.concatenate([np.full(free, np.inf), np.ones(count)]),
+        dimension=d,
     )
     found = SOLVE[solver](program, tolerance)
     return _openings(cone, found, free)
@@ -183,6 +186,25 @@ def _openings(cone: MotionCone, found: Solution, free: int) -> Openings:
     return Openings(force > 0.5, weight, _unpinned(cone, found.x[:free]), found.solve)
 
 
+class Yielding(NamedTuple):
+    """The answer of a load program.
+
+    Attributes
+    ----------
+    motion
+        (n,) the motion that goes farthest against the load; zero if nothing moves.
+    solve
+        What the solver achieved; its gap is that of `weight`.
+    weight
+        (C + h + b,) the program's multipliers; NaN where the solver gave none.
+
+    """
+
+    motion: NDArray[np.float64]
+    solve: Solve
+    weight: NDArray[np.float64]
+
+
 def yield_to_load(
     cone: MotionCone,
     load: NDArray[np.float64],
@@ -190,7 +212,7 @@ def yield_to_load(
     bound: str = "ball",
     solver: str = "clarabel",
     tolerance: float = 1e-8,
-) -> tuple[NDArray[np.float64], Solve]:
+) -> Yielding:
     """Return the motion of bounded size that goes farthest against a load, by the source's program; zero if jammed.
 
     Parameters
@@ -213,12 +235,12 @@ def yield_to_load(
     load = cone.without_translations(load)
     load = load / max(float(np.sqrt(load @ load)), 1e-300)
     # measured: fewest iterations with a load as long as this, where the solver scales its rows; the answer goes with it
-    scale = 1.0 if bound == "box" else float(n)
+    scale = 1.0 if bound == "box" else 5.0 * n
     found = SOLVE[solver](load_program(cone, scale * load, bound), tolerance)
     motion = cone.without_translations(found.x / scale)
     length = float(np.sqrt(motion @ motion))
     if not len(found.below_multiplier):
-        return motion, found.solve
+        return Yielding(motion, found.solve, np.full(cone.rows.shape[0], np.nan))
     if bound == "ball" and np.sqrt(n) * length > NEAREST:
         motion /= length
     weight = np.concatenate(
@@ -228,7 +250,8 @@ def yield_to_load(
             found.below_multiplier[cone.opening.shape[0] :],
         ]
     )
-    return motion, replace(found.solve, gap=load_gap(cone, load, motion, weight / scale, bound))
+    weight /= scale
+    return Yielding(motion, replace(found.solve, gap=load_gap(cone, load, motion, weight, bound)), weight)
 
 
 def load_program(cone: MotionCone, load: NDArray[np.float64], bound: str) -> Program:
@@ -257,6 +280,7 @@ def load_program(cone: MotionCone, load: NDArray[np.float64], bound: str) -> Pro
         np.full(n, -limit),
         np.full(n, limit),
         quadratic=0.0 if bound == "box" else 1.0,
+        dimension=d,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.mechanics.motions import MotionCone
-from packmech.mechanics.programs import ForceBalance, Openings, load_gap
+from packmech.mechanics.programs import ForceBalance, Openings, Yielding, load_gap
 from packmech.outcome import Outcome, Solve
 
 _OUTCOMES = {"optimal": Outcome.CONVERGED, "infeasible": Outcome.INFEASIBLE}
@@ -58,9 +58,7 @@ def _motion(cone: MotionCone) -> tuple[Any, list[Any]]:
     return y, rules
 
 
-def yield_to_load_readable(
-    cone: MotionCone, load: NDArray[np.float64], bound: str, tolerance: float
-) -> tuple[NDArray[np.float64], Solve]:
+def yield_to_load_readable(cone: MotionCone, load: NDArray[np.float64], bound: str, tolerance: float) -> Yielding:
     """Return what `programs.yield_to_load` returns; equations 40-42 of the polymer source, contacts may not shorten.
 
     Parameters
@@ -80,12 +78,12 @@ def yield_to_load_readable(
     solve = _solved(problem, tolerance)
     found = np.full(cone.unknowns, np.nan) if y.value is None else np.asarray(y.value)
     if contact.dual_value is None:
-        return found, solve
+        return Yielding(found, solve, np.full(cone.rows.shape[0], np.nan))
     others = [np.ravel(rule.dual_value) for rule in rules[1:]]
     if cone.held.shape[0]:
         others[0] = -others[0]
     weight = np.concatenate([np.asarray(contact.dual_value), *others])
-    return found, replace(solve, gap=load_gap(cone, load, found, weight, bound))
+    return Yielding(found, replace(solve, gap=load_gap(cone, load, found, weight, bound)), weight)
 
 
 def largest_smallest_force_readable(cone: MotionCone, tolerance: float) -> ForceBalance:

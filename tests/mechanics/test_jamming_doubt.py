@@ -1,12 +1,16 @@
 """Facts about what a verdict assumes: gaps, rest, solvers; and when it says that it does not know."""
 
 import functools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.mechanics import linear_programs
+from packmech.mechanics import jamming, linear_programs
+from packmech.mechanics.doubt import judged_by_fewest
+from packmech.mechanics.judging import judge_network
 from packmech.mechanics.touching import check_rest, find_touching
 from packmech.outcome import Outcome, Solve
 
@@ -86,6 +90,75 @@ def test_one_contact_opened_within_the_tolerances_does_not_shake_a_jammed_crysta
     assert len({level.excess for level in verdict.touching.levels}) == 2
     assert (verdict.collective, verdict.strict) == (YES, YES)
     assert "already" in verdict.strictly.reason
+
+
+def counting(asked):
+    """Return a stand-in for Clarabel that notes the size of what it is asked."""
+
+    def solve(program, tolerance):
+        asked.append(len(program.cost))
+        return linear_programs.solve_clarabel(program, tolerance)
+
+    return solve
+
+
+# off the plateau by pairs between the same backbone particles
+DENSER = [(32, 1e-4, "free", 1), (64, 1e-4, "free", 2)]
+
+
+@pytest.mark.parametrize("case", DENSER, ids=str)
+def test_loads_on_the_fewest_contacts_answer_for_the_others(monkeypatch, case):
+    packing, asked = soft_packing(*case), []
+    monkeypatch.setitem(linear_programs.SOLVE, "clarabel", counting(asked))
+    verdict = pm.classify_jamming(packing, method="loads")
+    few, at, _ = verdict.touching.levels
+    assert few.contacts < at.contacts == verdict.contacts and few.particles == at.particles
+    assert verdict.first_order_jammed and len(asked) == 1
+    monkeypatch.setattr(jamming, "judged_by_fewest", lambda *_: None)
+    direct = pm.classify_jamming(packing, method="loads")
+    assert len(asked) == 2
+    for ours, other in ((verdict.collectively, direct.collectively), (verdict.strictly, direct.strictly)):
+        for name in ("verdict", "first_order_jammed", "isostatic_contacts", "states_of_self_stress", "floppy_modes"):
+            assert getattr(ours, name) == getattr(other, name)
+    certified = pm.classify_jamming(packing)
+    assert (certified.collective, certified.strict) == (verdict.collective, verdict.strict)
+    assert certified.states_of_self_stress == verdict.states_of_self_stress
+
+
+def test_fewest_contacts_answer_for_nothing_where_they_do_not_jam():
+    packing = soft_packing(*DENSER[0])
+    touching = find_touching(packing, None)
+    unjammed = SimpleNamespace(jammed=(True, False))
+    found = judged_by_fewest(packing, touching, None, lambda level: unjammed, "nonincreasing")
+    assert found is None
+
+
+def test_fewest_contacts_are_not_asked_where_they_hold_fewer_particles_or_cannot_jam_strictly():
+    def never(level):
+        raise AssertionError(level)
+
+    packing = soft_packing(*DENSER[0])
+    touching = find_touching(packing, None)
+    few, at, many = touching.levels
+    for fewer in (replace(few, particles=few.particles - 1), replace(few, excess=1), at):
+        changed = replace(touching, levels=(fewer, at, many))
+        assert judged_by_fewest(packing, changed, None, never, "nonincreasing") is None
+
+
+@pytest.mark.parametrize("method", ["certificate", "loads"])
+def test_network_that_is_the_same_at_two_levels_is_judged_once(monkeypatch, method):
+    packing = soft_packing(32, 1e-4, "free", 2)
+    levels = find_touching(packing, None).levels
+    assert levels[0].contacts == levels[1].contacts < levels[2].contacts
+    judged = []
+
+    def noting(packing, contacts, **others):
+        judged.append(len(contacts))
+        return judge_network(packing, contacts, **others)
+
+    monkeypatch.setattr(jamming, "judge_network", noting)
+    assert pm.classify_jamming(packing, method=method).strict == YES
+    assert len(judged) == 1
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e-10, 1e-9])

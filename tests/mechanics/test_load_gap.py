@@ -7,7 +7,7 @@ import pytest
 
 import packmech as pm
 from packmech.mechanics import linear_programs
-from packmech.mechanics.loads import yield_to_loads
+from packmech.mechanics.loads import EARLY, borne, turned_round, yield_to_loads
 from packmech.mechanics.motions import motion_cone
 from packmech.mechanics.programs import load_gap, yield_to_load
 from packmech.mechanics.touching import backbone_contacts
@@ -40,7 +40,7 @@ CONES = [("2d-64-shape-fixed-0", None), ("2d-64-shape-fixed-0", 17), ("2d-32-sha
 @pytest.mark.parametrize(("solver", "bound"), WAYS)
 def test_multipliers_prove_the_answer(name, without, volume, solver, bound):
     cone = cone_of(name, without, volume)
-    _, solve = yield_to_load(cone, load_of(cone), solver=solver, bound=bound)
+    _, solve, _ = yield_to_load(cone, load_of(cone), solver=solver, bound=bound)
     assert abs(solve.gap) * np.sqrt(cone.unknowns) < 1e-4
 
 
@@ -48,7 +48,7 @@ def test_multipliers_prove_the_answer(name, without, volume, solver, bound):
 def test_gap_of_any_multipliers_bounds_how_much_farther_a_motion_goes(bound):
     cone = cone_of("2d-64-shape-fixed-0", without=17)
     load, rng = load_of(cone), np.random.default_rng(2)
-    best, _ = yield_to_load(cone, load, solver="cvxpy", bound=bound)
+    best, _, _ = yield_to_load(cone, load, solver="cvxpy", bound=bound)
     for share in (0.0, 0.3, 1.0):
         weight = rng.uniform(-0.1, 1.0, cone.rows.shape[0])
         assert load @ (share * best) - load @ best < load_gap(cone, load, share * best, weight, bound) + 1e-7
@@ -58,8 +58,8 @@ def test_gap_of_any_multipliers_bounds_how_much_farther_a_motion_goes(bound):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_direction_of_the_projection_is_the_answer_of_the_program_as_printed(name, sign):
     cone = cone_of(name, without=3)
-    projected, _ = yield_to_load(cone, sign * load_of(cone))
-    printed, _ = yield_to_load(cone, sign * load_of(cone), solver="cvxpy")
+    projected, _, _ = yield_to_load(cone, sign * load_of(cone))
+    printed, _, _ = yield_to_load(cone, sign * load_of(cone), solver="cvxpy")
     assert abs(np.linalg.norm(projected) - 1.0) < 1e-12
     assert np.abs(projected - printed).max() < 1e-4
     assert load_of(cone) @ (sign * (projected - printed)) < 1e-6
@@ -105,11 +105,82 @@ def test_solver_that_calls_a_wrong_point_solved_is_not_believed(monkeypatch, wit
     monkeypatch.setitem(linear_programs.SOLVE, "clarabel", forced(garble_x, garble_multiplier))
     finding = yield_to_loads(cone_of("2d-64-shape-fixed-0", without), np.random.default_rng(0))
     assert finding.jammed is (without is None)
-    assert "HiGHS" in finding.solves[-1].status
+    # right multipliers prove that a load moves nothing, whatever motion comes with them
+    right = without is None and garble_multiplier(1.0) == 1.0
+    assert any("HiGHS" in solve.status for solve in finding.solves) is not right
 
 
 def test_proven_answer_stands_though_the_solver_doubts_it(monkeypatch):
     monkeypatch.setitem(linear_programs.SOLVE, "clarabel", forced(lambda x: x, lambda z: z, outcome=Outcome.INACCURATE))
     finding = yield_to_loads(cone_of("2d-64-shape-fixed-0"), np.random.default_rng(0))
     assert finding.jammed is True
-    assert [solve.status for solve in finding.solves] == ["forced", "forced"]
+    assert finding.solves[0].status == "forced" and "turned round" in finding.solves[1].status
+    assert len(finding.solves) == 2
+
+
+JAMMED = ["2d-64-shape-fixed-0", "2d-32-shape-free-2", "3d-32-shape-fixed-0", "3d-64-shape-free-0"]
+
+
+def pressing(cone):
+    """Return which rows' multipliers may not be negative."""
+    free = np.zeros(cone.rows.shape[0], dtype=bool)
+    free[cone.opening.shape[0] : cone.opening.shape[0] + cone.held.shape[0]] = True
+    return ~free
+
+
+@pytest.mark.parametrize("volume", ["nonincreasing", "fixed"])
+@pytest.mark.parametrize("name", JAMMED)
+def test_rough_multipliers_are_made_forces_that_bear_the_load_and_others_that_bear_its_opposite(name, volume):
+    cone = cone_of(name, volume=volume)
+    load = load_of(cone)
+    weight, longest = borne(cone, load, yield_to_load(cone, load, tolerance=EARLY).weight)
+    opposite, farthest = turned_round(cone, load, weight)
+    for forces, push, length in ((weight, load, longest), (opposite, -load, farthest)):
+        assert forces[pressing(cone)].min() > 0.0
+        assert np.linalg.norm(cone.without_translations(cone.rows.T @ forces - push)) < 1e-9
+        assert length < 1e-9
+
+
+@pytest.mark.parametrize("name", JAMMED)
+def test_opposite_load_s_multipliers_from_the_first_say_what_the_solver_says(name):
+    cone = cone_of(name)
+    load = load_of(cone)
+    weight, _ = borne(cone, load, yield_to_load(cone, load).weight)
+    assert turned_round(cone, load, weight) is not None
+    assert np.linalg.norm(yield_to_load(cone, -load).motion) < 1e-9
+
+
+@pytest.mark.parametrize("without", [3, 17, 40])
+def test_no_multipliers_bear_both_loads_where_a_motion_is_left(without):
+    cone = cone_of("2d-64-shape-fixed-0", without)
+    both = []
+    for sign in (1.0, -1.0):
+        load = sign * load_of(cone)
+        found = borne(cone, load, yield_to_load(cone, load).weight)
+        both.append(found is not None)
+        assert found is None or turned_round(cone, load, found[0]) is None
+    assert not all(both)
+
+
+def test_weights_that_bear_nothing_or_are_no_numbers_prove_nothing():
+    cone = cone_of("2d-64-shape-fixed-0")
+    load = load_of(cone)
+    for weight in (np.zeros(cone.rows.shape[0]), np.full(cone.rows.shape[0], np.nan)):
+        assert borne(cone, load, weight) is None
+    # the least forces bear it, but some pull
+    least = cone.bearing(np.zeros(cone.rows.shape[0]), load)
+    assert least[pressing(cone)].min() < 0.0
+    assert borne(cone, load, least) is None
+
+
+@pytest.mark.parametrize("name", JAMMED)
+def test_jammed_packing_asks_the_solver_once_for_both_loads(monkeypatch, name):
+    asked = []
+
+    def counting(program, tolerance):
+        asked.append(tolerance)
+        return linear_programs.solve_clarabel(program, tolerance)
+
+    monkeypatch.setitem(linear_programs.SOLVE, "clarabel", counting)
+    finding = yield_to_loads(cone_of(name), np.random.default_rng(0))
+    assert finding.jammed is True and asked == [EARLY] and finding.longest < 1e-9

@@ -152,7 +152,7 @@ WAYS = [("clarabel", "ball"), ("clarabel", "box"), ("highs", "box"), ("cvxpy", "
 def test_loads_leave_a_jammed_packing_at_rest(solver, bound):
     cone = cone_of(hard_packing("2d-64-shape-fixed-0"))
     load = np.random.default_rng(1).standard_normal(cone.unknowns)
-    motion, solve = yield_to_load(cone, load, solver=solver, bound=bound)
+    motion, solve, _ = yield_to_load(cone, load, solver=solver, bound=bound)
     assert solve.outcome is Outcome.CONVERGED
     assert np.abs(motion).max() < 1e-5
 
@@ -172,7 +172,7 @@ def test_motion_of_the_loads_lengthens_contacts_which_the_printed_sign_would_sho
 def test_translation_is_never_the_answer_of_the_loads():
     cone = cone_of(pm.lattice_packing("triangular", 3))
     push = np.tile([1.0, 0.0], 9)
-    motion, _ = yield_to_load(cone, push)
+    motion, _, _ = yield_to_load(cone, push)
     assert np.abs(motion).max() < 1e-6
 
 

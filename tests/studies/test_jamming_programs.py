@@ -62,7 +62,7 @@ def test_interior_point_stops_where_simplex_does(small_pair):
     load = cone.without_translations(np.random.default_rng(3).standard_normal(cone.unknowns))
     load /= np.linalg.norm(load)
     inside = study.interior_point(load_program(cone, load, "box"), 1e-9)
-    vertex, _ = yield_to_load(cone, load, bound="box", solver="highs")
+    vertex, _, _ = yield_to_load(cone, load, bound="box", solver="highs")
     assert abs(load @ inside - load @ vertex) < 1e-6
 
 
