@@ -93,6 +93,7 @@ _PUBLIC = {
     "Trial": "packmech.accuracy",
     "WorkPrecision": "packmech.accuracy",
     "work_precision": "packmech.accuracy",
+    "draw_frame": "packmech.frame",
     "record_motion": "packmech.recording_motion",
     "record_packing": "packmech.recording",
     "record_run": "packmech.recording",

@@ -122,17 +122,25 @@ def _link_lines(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) 
         none = np.zeros((0, 2, packing.dimension)), np.zeros(0)
         return (*none, *none)
     assert links.shape_l is not None
-    tension_l = np.zeros(len(links))
-    if effects and len(contacts):
-        first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
-        mean = float(np.abs(first_c).mean())
-        if mean > 0.0:
-            tension_l = tension_of(link_gradients(packing), contacts, first_c) / mean
+    tension_l = relative_tension(packing, contacts, effects)
     vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
     segments, link_s = pair_lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
     shape_s = links.shape_l[link_s]
     tension_s = tension_l[link_s]
     return segments[~shape_s], tension_s[~shape_s], segments[shape_s], tension_s[shape_s]
+
+
+def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    """Return the (L,) forces of the links over the mean contact force, tension positive [1]; 0 without effects."""
+    links = packing.links
+    if links is None:
+        return np.zeros(0)
+    if effects and len(contacts):
+        first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
+        mean = float(np.abs(first_c).mean())
+        if mean > 0.0:
+            return np.asarray(tension_of(link_gradients(packing), contacts, first_c) / mean)
+    return np.zeros(len(links))
 
 
 def box_outline(box: Box) -> list[NDArray[np.float64]]:

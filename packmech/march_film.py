@@ -5,7 +5,7 @@ Draws nothing; Rerun recordings and pictures are made of the same arrays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
@@ -246,9 +246,25 @@ def particle_colors(scene: Scene, held_n: NDArray[np.bool_] | None) -> NDArray[n
         (N,) who is held, if anybody is.
 
     """
-    packing = scene.packing
+    color_nc = fragment_colors(scene.packing, scene.effects)
+    if held_n is not None:
+        color_nc[held_n] = HELD
+    return color_nc
+
+
+def fragment_colors(packing: Packing, effects: tuple[Any, ...]) -> NDArray[np.uint8]:
+    """Return (N, 3) colors by size, bonded fragments in hues of their own.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    effects
+        Effects; bonds among them hold fragments together.
+
+    """
     color_nc = drawing.particle_colors(packing.radius_n, np.zeros(packing.particles, dtype=bool))
-    bonds = _bonds(scene)
+    bonds = _bonds(effects)
     if bonds is not None:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
@@ -259,13 +275,11 @@ def particle_colors(scene: Scene, held_n: NDArray[np.bool_] | None) -> NDArray[n
         bonded = np.unique(np.concatenate([bonds.i_b, bonds.j_b]))
         hues = np.array(drawing.CLUSTERS, dtype=np.uint8)
         color_nc[bonded] = hues[np.unique(fragment_n[bonded], return_inverse=True)[1].ravel() % len(hues)]
-    if held_n is not None:
-        color_nc[held_n] = HELD
     return color_nc
 
 
-def _bonds(scene: Scene) -> Bonds | None:
-    return next((one for one in scene.effects if isinstance(one, Bonds) and len(one)), None)
+def _bonds(effects: tuple[Any, ...]) -> Bonds | None:
+    return next((one for one in effects if isinstance(one, Bonds) and len(one)), None)
 
 
 def draw_moment(moment: Moment, scene: Scene) -> Picture:
@@ -306,7 +320,7 @@ def draw_moment(moment: Moment, scene: Scene) -> Picture:
         slides_s = touching.sliding_c[pair_s]
         sticking, sticking_force = segments[~slides_s], force_s[~slides_s]
         sliding, sliding_force = segments[slides_s], force_s[slides_s]
-    bonds = _bonds(scene)
+    bonds = _bonds(scene.effects)
     bond, pull = none, zero
     if bonds is not None:
         bond, pair_s, distance = lines(bonds.i_b, bonds.j_b, bonds.image_bd)
@@ -317,7 +331,9 @@ def draw_moment(moment: Moment, scene: Scene) -> Picture:
     if moment.mark_nd is not None:
         reach = packing.radius_n[:, None] * moment.mark_nd
         mark = np.stack([inside + MARK_FROM * reach, inside + MARK_TO * reach], axis=1)
-    return Picture(whole, sticking, sticking_force, sliding, sliding_force, bond, pull, mark, _walls(scene, box))
+    return Picture(
+        whole, sticking, sticking_force, sliding, sliding_force, bond, pull, mark, wall_outlines(scene.effects, box)
+    )
 
 
 def shown_box(box: Box) -> tuple[Box, NDArray[np.int64]]:
@@ -328,12 +344,12 @@ def shown_box(box: Box) -> tuple[Box, NDArray[np.int64]]:
     return small, np.rint(np.linalg.inv(change)).astype(np.int64)
 
 
-def _walls(scene: Scene, box: Box) -> list[NDArray[np.float64]]:
-    """Return polylines along smooth walls, across the extent of the cell."""
+def wall_outlines(effects: Sequence[Any], box: Box) -> list[NDArray[np.float64]]:
+    """Return polylines along the smooth walls among the effects, across the extent of the cell."""
     corner_kd = np.concatenate(drawing.box_outline(box))
     low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)
     found = []
-    for wall in (one for one in scene.effects if isinstance(one, Walls)):
+    for wall in (one for one in effects if isinstance(one, Walls)):
         axis = int(wall.axis)
         others = [a for a in range(box.dimension) if a != axis]
         for place in (wall.low, wall.high):
