@@ -41,10 +41,12 @@ _PUBLIC = {
     "write_packing": "packmech.files",
     # scenes and effects
     "CementDrive": "packmech.scene",
+    "CreepDrive": "packmech.scene",
     "JamDrive": "packmech.scene",
     "Links": "packmech.links",
     "OscillatoryShearDrive": "packmech.scene",
     "QuenchDrive": "packmech.scene",
+    "RampStrainDrive": "packmech.scene",
     "ShearStabilizeDrive": "packmech.scene",
     "SteadyShearDrive": "packmech.scene",
     "Scene": "packmech.scene",

@@ -39,6 +39,13 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("scene", help=SCENE)
     _outputs(run, record=None, out=True, seed=True)
     _pictures(run)
+    run.add_argument(
+        "--checkpoint",
+        type=Path,
+        metavar="FILE",
+        help="strained scenes keep what is finished in this .npz file, and go on from it when it is there (default: a "
+        "file named after the scene, taken away at the end): after Ctrl-C give the same command again",
+    )
 
     analyze = _command(commands, "analyze", "examine a packing made elsewhere; nothing is moved")
     analyze.add_argument("file", type=Path, help="a packing: .npz, .gsd, or a text table of positions and radii")
@@ -186,6 +193,7 @@ def execute(given: argparse.Namespace) -> int:
         frames=frames,
         format=getattr(given, "format", "png"),
         folder=folder,
+        checkpoint=getattr(given, "checkpoint", None),
     )
     if given.command == "jam":
         return jam_scene(given.scene, outputs, seed=given.seed, pressure=given.pressure, strain=given.strain)

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from packmech.cli_shear import masses
 from packmech.cli_show import console, working, write_json
+from packmech.cli_watch import live_watch, moments_wanted, telling, write_film
 from packmech.interrupts import safe_interrupts
 from packmech.measure import packing_fraction
-from packmech.report_table import rich_table
+from packmech.report_table import rich_table, summary_markdown
 from packmech.scene import Scene, SteadyShearDrive
 
 if TYPE_CHECKING:
     from packmech.cli_run import Outputs
+    from packmech.dynamics.rheology.keeper import Keeper
     from packmech.dynamics.rheology.steady import FlowCurve
 
 HEADINGS = ("rate", "stress", "+-", "pressure", "+-", "stress/rate", "stress/pressure", "contacts", "sliding")
+# columns of a flow curve, by their names in files
+COLUMNS = {
+    "rates": "rate_r",
+    "stresses": "stress_r",
+    "stress_errors": "stress_error_r",
+    "pressures": "pressure_r",
+    "pressure_errors": "pressure_error_r",
+    "contacts_per_particle": "contacts_r",
+    "sliding_fractions": "sliding_r",
+}
 
 
-def flow_scene(name: str, scene: Scene, outputs: Outputs) -> int:
+def flow_scene(name: str, scene: Scene, outputs: Outputs, keeper: Keeper | None) -> int:
     """Shear the scene as its drive says; return the exit code."""
     from packmech.cli_run import INTERRUPTED, OK, write_result
-    from packmech.cli_shear import masses
     from packmech.dynamics.rheology.steady import steady_shear
 
     drive = scene.drive
     assert isinstance(drive, SteadyShearDrive)
-    if outputs.record is not None:
-        raise ValueError(f"record must be left out for a scene that is sheared steadily, got {str(outputs.record)!r}")
     code, curve = OK, None
     try:
-        with safe_interrupts(), working(f"{name}: {scene.packing.particles} particles") as tell:
+        about = f"{name}: {scene.packing.particles} particles"
+        with safe_interrupts(), working(about) as tell, live_watch(scene, outputs) as live:
             curve = steady_shear(
                 scene,
                 rates=drive.rates,
@@ -42,7 +53,9 @@ def flow_scene(name: str, scene: Scene, outputs: Outputs) -> int:
                 dt=drive.dt,
                 method=drive.method,
                 mass_n=masses(scene, drive.density),
-                progress=_watch(tell),
+                frames=moments_wanted(outputs),
+                checkpoint=keeper,
+                progress=telling(tell, live),
             )
     except KeyboardInterrupt as stop:
         code, curve = INTERRUPTED, getattr(stop, "run", None)
@@ -50,22 +63,38 @@ def flow_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     if curve is None:
         return code
     title = f"{name}: {scene.packing.particles} particles under steady shear to a strain of {drive.strain:g}"
-    console().print(rich_table(title, HEADINGS, _rows(curve), right=range(len(HEADINGS))))
+    table = _rows(curve)
+    console().print(rich_table(title, HEADINGS, table, right=range(len(HEADINGS))))
     if outputs.out is not None:
         write_result(scene, curve.runs[-1].packing, outputs.out)
         console().print(f"packing: {outputs.out}")
     if outputs.json is not None:
         write_json(outputs.json, _numbers(scene, curve))
         console().print(f"numbers: {outputs.json}")
+    for k, (run, row) in enumerate(zip(curve.runs, table, strict=True)):
+        rate = float(curve.rate_r[k])
+        write_film(
+            run,
+            scene,
+            of_rate(outputs, rate, several=len(drive.rates) > 1),
+            parameters={"scene": name, "drive": drive},
+            results={name: float(getattr(curve, column)[k]) for name, column in COLUMNS.items()},
+            summary=summary_markdown(title, [(head, row[c], "") for c, head in enumerate(HEADINGS)], list(run.stages)),
+        )
     return code
 
 
-def _watch(tell: Callable[[str], None]) -> Callable[[str, dict[str, Any]], None]:
-    def told(stage: str, figures: dict[str, Any]) -> None:
-        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
-        tell(", ".join([stage, *words]))
-
-    return told
+def of_rate(outputs: Outputs, rate: float, *, several: bool) -> Outputs:
+    """Return where recording and pictures of one of several rates go: the rate stands in their names."""
+    if not several:
+        return outputs
+    told = f"rate-{rate:g}"
+    record, folder = outputs.record, outputs.folder
+    return replace(
+        outputs,
+        record=None if record is None else record.with_name(f"{record.stem}-{told}{record.suffix}"),
+        folder=None if folder is None else folder / told,
+    )
 
 
 def _rows(curve: FlowCurve) -> list[tuple[str, ...]]:
@@ -91,12 +120,6 @@ def _numbers(scene: Scene, curve: FlowCurve) -> dict[str, Any]:
         "particles": scene.packing.particles,
         "dimension": scene.packing.dimension,
         "packing_fraction": packing_fraction(scene.packing),
-        "rates": curve.rate_r.tolist(),
-        "stresses": curve.stress_r.tolist(),
-        "stress_errors": curve.stress_error_r.tolist(),
-        "pressures": curve.pressure_r.tolist(),
-        "pressure_errors": curve.pressure_error_r.tolist(),
-        "contacts_per_particle": curve.contacts_r.tolist(),
-        "sliding_fractions": curve.sliding_r.tolist(),
+        **{name: getattr(curve, column).tolist() for name, column in COLUMNS.items()},
         "seconds": curve.seconds,
     }

@@ -11,6 +11,7 @@ import numpy as np
 
 from packmech.check import integer, one_of
 from packmech.cli_show import console, print_results, working, write_json
+from packmech.cli_strain import STRAINED, strain_scene
 from packmech.cli_watch import Watch, live_watch, moments_wanted, nobody, write_frames
 from packmech.interrupts import safe_interrupts
 from packmech.outcome import Run, Stage
@@ -22,11 +23,9 @@ from packmech.scene import (
     CementDrive,
     Drive,
     JamDrive,
-    OscillatoryShearDrive,
     QuenchDrive,
     Scene,
     ShearStabilizeDrive,
-    SteadyShearDrive,
 )
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
@@ -34,7 +33,7 @@ OK, FAILED, INTERRUPTED = 0, 1, 130
 
 @dataclass(frozen=True)
 class Outputs:
-    """What to write, how many vibrations to find, and what to show: live, and as pictures in a folder."""
+    """What to write, how many vibrations to find, what to show (live, as pictures in a folder), what to go on from."""
 
     record: Path | None
     out: Path | None
@@ -44,6 +43,7 @@ class Outputs:
     frames: int | None = None
     format: str = "png"
     folder: Path | None = None
+    checkpoint: Path | None = None
 
     def check(self) -> None:
         """Fail before the work, not after it, when a file cannot be written."""
@@ -88,14 +88,12 @@ def run_scene(name: str, outputs: Outputs, *, seed: int | None) -> int:
     scene = read_scene(name, seed=seed)
     if scene.drive is None:
         raise ValueError(f"scene must have a [drive] to be run, got none in {name!r}")
-    if isinstance(scene.drive, OscillatoryShearDrive):
-        from packmech.cli_shear import shear_scene
-
-        return shear_scene(name, scene, outputs)
-    if isinstance(scene.drive, SteadyShearDrive):
-        from packmech.cli_flow import flow_scene
-
-        return flow_scene(name, scene, outputs)
+    if isinstance(scene.drive, STRAINED):
+        return strain_scene(name, scene, outputs, seed=seed)
+    if outputs.checkpoint is not None:
+        raise ValueError(
+            f"checkpoint must be left out for a scene that is not strained, got {str(outputs.checkpoint)!r}"
+        )
     return _run_and_report(name, scene, outputs, {"scene": name, "seed": seed})
 
 

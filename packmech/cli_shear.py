@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from packmech.cli_show import console, print_results, working, write_json
-from packmech.cli_watch import Watch, live_watch, moments_wanted, write_frames
+from packmech.cli_watch import Watch, live_watch, moments_wanted, telling, write_film
 from packmech.effects import Bonds
 from packmech.generate import fragment_numbers
 from packmech.interrupts import safe_interrupts
@@ -20,10 +20,11 @@ from packmech.scene import OscillatoryShearDrive, Scene
 if TYPE_CHECKING:
     from packmech.cli_run import Outputs
     from packmech.dynamics.preparation import Equilibration
+    from packmech.dynamics.rheology.keeper import Keeper
     from packmech.dynamics.rheology.oscillatory import OscillatoryShear
 
 
-def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
+def shear_scene(name: str, scene: Scene, outputs: Outputs, keeper: Keeper | None) -> int:
     """Shear the scene as its drive says; return the exit code."""
     from packmech.cli_run import FAILED, OK, interrupted, write_result
 
@@ -33,10 +34,10 @@ def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     try:
         about = f"{name}: {scene.packing.particles} particles"
         with safe_interrupts(), working(about) as tell, live_watch(scene, outputs) as live:
-            watch = _watch(tell, live)
-            rest = _rest(scene, drive, watch)
+            shared = _shared(scene, drive, telling(tell, live), keeper)
+            rest = _rest(scene, drive, shared)
             start = scene if rest is None else scene.replace(packing=rest.packing)
-            run = _shear(start, drive, watch, frames=moments_wanted(outputs))
+            run = _shear(start, drive, shared, frames=moments_wanted(outputs))
     except KeyboardInterrupt as stop:
         return interrupted(scene, getattr(stop, "run", rest), outputs)
     numbers = _numbers(scene, rest, run)
@@ -48,14 +49,8 @@ def shear_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     if outputs.json is not None:
         write_json(outputs.json, numbers)
         console().print(f"numbers: {outputs.json}")
-    write_frames(run, start, outputs)
-    if outputs.record is not None:
-        from packmech.recording import record_run
-
-        told = {"scene": name, "drive": drive}
-        summary = summary_markdown(title, _rows(numbers), list(run.stages))
-        record_run(run, outputs.record, scene=start, parameters=told, results=numbers, summary=summary)
-        console().print(f"recording: {outputs.record}   (look at it: rerun {outputs.record})")
+    summary = summary_markdown(title, _rows(numbers), list(run.stages))
+    write_film(run, start, outputs, parameters={"scene": name, "drive": drive}, results=numbers, summary=summary)
     code = OK
     for one in (rest, run):
         if one is not None and not one.ok:
@@ -72,16 +67,7 @@ def masses(scene: Scene, density: float | None) -> Any:
     return density * ball * scene.packing.radius_n**scene.packing.dimension
 
 
-def _watch(tell: Callable[[str], None], live: Watch) -> Watch:
-    def told(stage: str, figures: dict[str, Any]) -> None:
-        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
-        tell(", ".join([stage, *words]))
-        live(stage, figures)
-
-    return told
-
-
-def _shared(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> dict[str, Any]:
+def _shared(scene: Scene, drive: OscillatoryShearDrive, watch: Watch, keeper: Keeper | None) -> dict[str, Any]:
     return {
         "amplitude": drive.amplitude,
         "frequency": drive.frequency,
@@ -91,19 +77,20 @@ def _shared(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> dict[st
         "method": drive.method,
         "mass_n": masses(scene, drive.density),
         "progress": watch,
+        "checkpoint": keeper,
         "check": False,
     }
 
 
-def _rest(scene: Scene, drive: OscillatoryShearDrive, watch: Watch) -> Equilibration | None:
+def _rest(scene: Scene, drive: OscillatoryShearDrive, shared: dict[str, Any]) -> Equilibration | None:
     from packmech.dynamics.preparation import equilibrate
 
     if drive.largest_oscillation is None:
         return None
-    return equilibrate(scene, largest_oscillation=drive.largest_oscillation, **_shared(scene, drive, watch))
+    return equilibrate(scene, largest_oscillation=drive.largest_oscillation, **shared)
 
 
-def _shear(scene: Scene, drive: OscillatoryShearDrive, watch: Watch, *, frames: int) -> OscillatoryShear:
+def _shear(scene: Scene, drive: OscillatoryShearDrive, shared: dict[str, Any], *, frames: int) -> OscillatoryShear:
     from packmech.dynamics.rheology.oscillatory import oscillatory_shear
 
     return oscillatory_shear(
@@ -114,7 +101,7 @@ def _shear(scene: Scene, drive: OscillatoryShearDrive, watch: Watch, *, frames: 
         skip_periods=drive.skip_periods,
         samples_per_period=drive.samples_per_period,
         frames=frames,
-        **_shared(scene, drive, watch),
+        **shared,
     )
 
 
@@ -131,6 +118,7 @@ def _numbers(scene: Scene, rest: Equilibration | None, run: OscillatoryShear) ->
         "steps": run.steps,
         "seconds": run.seconds + (0.0 if rest is None else rest.seconds),
         "mean_pressure": float(np.mean(run.pressure_t)),
+        "end_stress": run.stress["overall"][-1].tolist(),
         "mean_contacts": float(np.mean(run.contacts_t)),
         "mean_sliding_fraction": float(np.mean(run.sliding_fraction_t)),
     }
@@ -174,6 +162,9 @@ def _rows(numbers: Mapping[str, Any]) -> list[Row]:
             # one period that counts says nothing of how periods differ
             error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
             rows.append((name, f"{numbers[f'{key}_modulus']:.6g}", f"{error}; {unit}"))
+    else:
+        lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
+        rows = [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
     if "oscillation_ratio" in numbers:
         note = f"stress before the shear over the amplitude expected, {numbers['expected_stress']:.4g}"
         rows.append(("residual oscillation", f"{numbers['oscillation_ratio']:.2g}", note))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -26,6 +26,17 @@ class Watch(Protocol):
 
 def nobody(stage: str, figures: dict[str, Any]) -> None:
     """Take what a run tells, and leave it at that."""
+
+
+def telling(tell: Callable[[str], None], live: Watch = nobody) -> Watch:
+    """Return what shows the plain figures of progress as words, and passes all of them on."""
+
+    def told(stage: str, figures: dict[str, Any]) -> None:
+        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
+        tell(", ".join([stage, *words]))
+        live(stage, figures)
+
+    return told
 
 
 @contextmanager
@@ -57,3 +68,22 @@ def write_frames(run: Run, scene: Scene, outputs: Outputs) -> None:
 
     written = write_pictures(run, outputs.folder, scene=scene, frames=outputs.frames, format=outputs.format)
     console().print(f"pictures: {len(written)} in {outputs.folder}")
+
+
+def write_film(
+    run: Run,
+    scene: Scene,
+    outputs: Outputs,
+    *,
+    parameters: Mapping[str, Any],
+    results: Mapping[str, Any],
+    summary: str,
+) -> None:
+    """Write pictures and a recording of a run, as far as they were asked for."""
+    write_frames(run, scene, outputs)
+    if outputs.record is None:
+        return
+    from packmech.recording import record_run
+
+    record_run(run, outputs.record, scene=scene, parameters=parameters, results=results, summary=summary)
+    console().print(f"recording: {outputs.record}   (look at it: rerun {outputs.record})")

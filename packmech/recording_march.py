@@ -235,7 +235,10 @@ class LiveRecording:
         self._sent = -np.inf
         self._mark: NDArray[np.float64] | None = None
         self._spun: tuple[float, NDArray[np.float64]] | None = None
-        self._step = -1
+        self._step, self._time = -1, 0.0
+        # what several marches follow on: each counts its own steps from 0
+        self._march: March | None = None
+        self._past: tuple[int, float] = (0, 0.0)
         self.stream = rr.RecordingStream("packmech")
         if where == "viewer":
             self.stream.spawn(hide_welcome_screen=True)
@@ -263,7 +266,9 @@ class LiveRecording:
                 self._curve(name, float(value))
 
     def _moment(self, march: March) -> Moment:
-        self._step = march.steps
+        if march is not self._march:
+            self._march, self._past, self._spun = march, (self._step + 1, self._time), None
+        self._step, self._time = self._past[0] + march.steps, self._past[1] + march.time
         spin, box = march.spins(), march.box()
         packing = self.scene.packing.replace(position_nd=march.positions(), box=box)
         if spin is not None:
@@ -272,7 +277,7 @@ class LiveRecording:
             times, spins = np.array([before, march.time]), np.array([old, spin])
             self._mark = turned_marks(times, spins, box.dimension, self._mark)[1]
             self._spun = (march.time, spin)
-        return Moment(march.steps, march.time, packing, touching_of(march), self._mark)
+        return Moment(self._step, self._time, packing, touching_of(march), self._mark)
 
     def show(self, moment: Moment) -> None:
         """Send one moment."""

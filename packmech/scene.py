@@ -174,14 +174,95 @@ class SteadyShearDrive:
         real("drive.skip_strain", self.skip_strain, at_least=0.0, below=positive("drive.strain", self.strain))
         integer("drive.blocks", self.blocks, at_least=2)
         integer("drive.samples", self.samples, at_least=1)
-        for name in ("dt", "density"):
-            if getattr(self, name) is not None:
-                positive(f"drive.{name}", getattr(self, name))
-        _record_or_none("drive.method", self.method)
-        _two_axes(self.axes)
+        _check_motion(self)
 
 
-Drive = QuenchDrive | JamDrive | ShearStabilizeDrive | CementDrive | OscillatoryShearDrive | SteadyShearDrive
+@dataclass(frozen=True)
+class RampStrainDrive:
+    """Deform the box at a constant rate: shear, or compress it.
+
+    Parameters
+    ----------
+    rate, strain, mode, samples, axes, dt, method
+        What pm.ramp_strain takes.
+    density
+        As in `OscillatoryShearDrive`.
+
+    """
+
+    rate: float
+    strain: float
+    mode: str = "shear"
+    samples: int = 200
+    axes: tuple[int, int] = (0, 1)
+    dt: float | None = None
+    method: Any = None
+    density: float | None = None
+
+    def __post_init__(self) -> None:
+        if real("drive.rate", self.rate) == 0.0:
+            raise ValueError("drive.rate must not be zero, got 0.0")
+        positive("drive.strain", self.strain)
+        one_of("drive.mode", self.mode, ("shear", "uniaxial", "isotropic"))
+        integer("drive.samples", self.samples, at_least=1)
+        _check_motion(self)
+
+
+@dataclass(frozen=True)
+class CreepDrive:
+    """Let the box shear under a constant stress.
+
+    Parameters
+    ----------
+    stress, duration, hold, inertia, viscosity, axes, dt, method
+        What pm.creep takes.
+    density
+        As in `OscillatoryShearDrive`.
+
+    """
+
+    stress: float
+    duration: float
+    hold: float | None = None
+    inertia: float | None = None
+    viscosity: float | None = None
+    axes: tuple[int, int] = (0, 1)
+    dt: float | None = None
+    method: Any = None
+    density: float | None = None
+
+    def __post_init__(self) -> None:
+        if real("drive.stress", self.stress) == 0.0:
+            raise ValueError("drive.stress must not be zero, got 0.0")
+        positive("drive.duration", self.duration)
+        if self.hold is not None:
+            real("drive.hold", self.hold, above=0.0, at_most=self.duration)
+        if self.inertia is not None:
+            positive("drive.inertia", self.inertia)
+        if self.viscosity is not None:
+            real("drive.viscosity", self.viscosity, at_least=0.0)
+        _check_motion(self)
+
+
+Drive = (
+    QuenchDrive
+    | JamDrive
+    | ShearStabilizeDrive
+    | CementDrive
+    | OscillatoryShearDrive
+    | SteadyShearDrive
+    | RampStrainDrive
+    | CreepDrive
+)
+
+
+def _check_motion(drive: Any) -> None:
+    """Check what drives that follow Newton's equations under strain share."""
+    for name in ("dt", "density"):
+        if getattr(drive, name) is not None:
+            positive(f"drive.{name}", getattr(drive, name))
+    _record_or_none("drive.method", drive.method)
+    _two_axes(drive.axes)
 
 
 def _two_axes(axes: Any) -> None:

@@ -198,6 +198,21 @@ BAD = {
         for name in ("frequency", "relative_frequency", "dt", "density")
     },
     "OscillatoryShearDrive.periods": POSITIVE,
+    **{
+        f"{one}.{name}": [NAN, INF, 0.0, -1.0, "1"]
+        for one in ("CreepDrive", "RampStrainDrive")
+        for name in ("dt", "density")
+    },
+    **{
+        f"{one}.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), (0.5, 1), "01"]
+        for one in ("CreepDrive", "RampStrainDrive")
+    },
+    **{f"{one}.method": ["verlet", 3, pm.VelocityVerlet] for one in ("CreepDrive", "RampStrainDrive")},
+    "CreepDrive.stress": [NAN, INF, 0.0, "1", None],
+    "RampStrainDrive.rate": [NAN, INF, 0.0, "1", None],
+    "RampStrainDrive.strain": POSITIVE,
+    "RampStrainDrive.mode": CHOICE,
+    "RampStrainDrive.samples": [*COUNT, None],
     "SteadyShearDrive.rates": [(), 0.1, (0.0,), (NAN,), ("1",), None],
     "SteadyShearDrive.strain": [NAN, 0.0, -1.0, "1", None],
     "SteadyShearDrive.skip_strain": [NAN, -1.0, 3.0, "1", None],
@@ -456,6 +471,8 @@ def good(name, folder):
         "SteadyStrain": {"rate": 0.1},
         "OscillatoryShearDrive": {"amplitude": 0.1, "frequency": 0.2},
         "SteadyShearDrive": {"rates": (0.1,)},
+        "CreepDrive": {"stress": 0.1, "duration": 2.0},
+        "RampStrainDrive": {"rate": 0.1, "strain": 0.2},
         "equilibrate": {"scene": scene(), "amplitude": 1e-3, "frequency": 0.2, "dt": 0.2},
         "OscillatoryStrain": {"amplitude": 0.1, "frequency": 0.2},
         "cut_fragments": {"bonds": pm.bond_contacts(touching()), "packing": touching(), "seed": 1},
