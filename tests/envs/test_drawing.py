@@ -1,0 +1,111 @@
+"""Facts about what environments show: each render mode, the window, and what is said where it cannot open."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from packmech_envs.drawing import RENDER_MODES, Screen, draw
+from packmech_envs.window import Window
+
+import packmech as pm
+
+CRYSTAL = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+
+
+def picture():
+    return draw(CRYSTAL, size=(64, 48))
+
+
+def test_draw_is_the_picture_that_packmech_draws():
+    contacts = pm.find_contacts(CRYSTAL)
+    force = np.arange(len(contacts)) + 1.0
+    mine = draw(CRYSTAL, contacts=contacts, force_c=force, size=(64, 48), effects=(pm.Repulsion(),))
+    assert mine.tobytes() == pm.draw_frame(CRYSTAL, contacts=contacts, force_c=force, size=(64, 48)).tobytes()
+
+
+def test_each_mode_returns_what_gymnasium_expects_of_it():
+    array = Screen("rgb_array", "packmech").render(picture, lambda: "text")
+    assert array.shape == (48, 64, 3) and array.dtype == np.uint8
+    assert Screen("ansi", "packmech").render(picture, lambda: "text") == "text"
+
+
+def test_without_a_mode_render_warns_and_draws_nothing(monkeypatch):
+    said = []
+    monkeypatch.setattr(gym.logger, "warn", said.append)
+    screen = Screen(None, "packmech")
+    screen.refresh(pytest.fail)
+    assert screen.render(pytest.fail, pytest.fail) is None
+    assert len(said) == 1 and "render_mode" in said[0]
+
+
+def test_an_unknown_mode_is_refused_by_name():
+    with pytest.raises(ValueError, match="render_mode must be one of human, rgb_array, ansi or None, got 'video'"):
+        Screen("video", "packmech")
+    assert set(RENDER_MODES) == {"human", "rgb_array", "ansi"}
+
+
+def test_nothing_is_drawn_step_by_step_but_for_the_window():
+    for mode in ("rgb_array", "ansi", None):
+        Screen(mode, "packmech").refresh(pytest.fail)
+
+
+def test_without_a_display_the_error_says_what_is_needed(monkeypatch):
+    pytest.importorskip("tkinter")
+    monkeypatch.setenv("DISPLAY", "")
+    if sys.platform != "linux":
+        pytest.skip("displays are named by DISPLAY on Linux")
+    screen = Screen("human", "packmech")
+    with pytest.raises(RuntimeError, match='"human" needs a display .*"rgb_array" draws without one'):
+        screen.refresh(picture)
+    screen.close()
+
+
+def test_without_tkinter_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tkinter", None)
+    with pytest.raises(gym.error.DependencyNotInstalled, match="needs tkinter.*python3-tk"):
+        Window("packmech", 30).show(picture())
+
+
+@pytest.fixture
+def display():
+    """A display of its own in memory, where there is a program for one."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        pytest.skip("needs Xvfb")
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        [program, "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"],
+        pass_fds=[write],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    with os.fdopen(read) as told:
+        number = told.readline().strip()
+    yield f":{number}"
+    server.terminate()
+    server.wait()
+
+
+def test_the_window_shows_pictures_no_faster_than_asked_and_stays_closed_once_closed(display, monkeypatch):
+    tkinter = pytest.importorskip("tkinter")
+    monkeypatch.setenv("DISPLAY", display)
+    screen = Screen("human", "packmech", fps=20.0)
+    began = time.monotonic()
+    for _ in range(5):
+        screen.refresh(picture)
+    assert time.monotonic() - began >= 4 / 20.0
+    window = screen.window
+    assert window.is_open and window.shown == 5
+    pixels = picture()
+    photo: tkinter.PhotoImage = window._photo
+    assert (photo.width(), photo.height()) == (64, 48)
+    assert photo.get(20, 30) == tuple(int(part) for part in pixels[30, 20])
+    window.close()  # as its user does
+    assert screen.render(picture, str) is None
+    assert not window.is_open and window.shown == 5
+    screen.close()
