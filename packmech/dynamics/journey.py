@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.compiled import compiling_noted
 from packmech.dynamics.checkpoint import Checkpoint, engine_leaves, restore_engine, scene_marks, write_checkpoint
+from packmech.dynamics.growth import calm, energy_unit, knows_its_energy
 from packmech.dynamics.keepsakes import Scenery, sceneries, scenery_arrays, sight_arrays, sights_of, trace_of_sights
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.journey import Marching, needs_march
@@ -131,7 +132,8 @@ class Journey:
         self.position_t: list[NDArray[np.float64]] | None = [] if plan.trace_positions else None
         self.velocity_t: list[NDArray[np.float64]] = []
         self.scenery: list[Scenery] = []
-        self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
+        self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0, "fallen": 0.0}
+        self.unit, self.known = energy_unit(scene), knows_its_energy(scene)
         self.start = self.last = self._blank()
         self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))
         self.reached = 0
@@ -184,7 +186,7 @@ class Journey:
                 looked = motion.steps == self.end
                 if looked:
                     now = motion.see()
-                    if not motion.sane(now, self.start):
+                    if not self._calm(now):
                         return Outcome.STEP_TOO_LONG
                     self._keep(now)
                 if plan.checkpoint_every is not None and motion.steps % plan.checkpoint_every == 0:
@@ -198,6 +200,10 @@ class Journey:
                 return Outcome.INTERRUPTED
         return Outcome.FINISHED
 
+    def _calm(self, now: Sight) -> bool:
+        fallen, strained = self.largest["fallen"], self.plan.strain is not None
+        return calm(now, self.start, self.last, fallen, self.unit, strained=strained, known=self.known)
+
     def _keep(self, now: Sight) -> None:
         motion, largest = self.motion, self.largest
         self.last, self.state, self.reached = now, motion.state(), motion.steps
@@ -205,7 +211,7 @@ class Journey:
             self.box, self.spin_nk = motion.march.box(), motion.march.spins()
         moved = float(np.abs(now.momentum_d - self.start.momentum_d).max())
         seen = {"energy": abs(now.energy) + now.kinetic, "impulse": now.impulse, "momentum": moved}
-        for name, value in {**seen, "link": now.link_error}.items():
+        for name, value in {**seen, "link": now.link_error, "fallen": self.start.energy - now.energy}.items():
             largest[name] = max(largest[name], value)
         every = self.plan.trace_every
         if every is not None and (motion.steps % every == 0 or motion.steps == self.plan.steps):

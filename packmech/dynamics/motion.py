@@ -23,8 +23,6 @@ from packmech.scene import Scene
 _OVERLAPS = (0.0, 0.1)
 # particles that left the cell far behind are looked for, and brought back, every so many steps
 _HOMING = 1024
-# energy grows by this much of itself where a time step is too long
-_GROWTH = 1.0
 
 
 class Sight(NamedTuple):
@@ -37,7 +35,8 @@ class Sight(NamedTuple):
     overall_stress_dd with torques and spins, symmetric; strain gamma of the box and its rate; sliding the number of
     contacts at Coulomb's cap; angular_momentum_k about the origin; tangential and rotational the parts of energy and
     kinetic in tangential springs and spins; the parts of overall_stress_dd by torques and spins, and the part of
-    stress_dd by bonds. From overall_stress_dd on they are of marches, else None or zero.
+    stress_dd by bonds; the power with which a deforming box works, and what it is of the order of (`power_of`). From
+    overall_stress_dd on they are of marches, else None or zero.
     """
 
     time: float
@@ -62,6 +61,8 @@ class Sight(NamedTuple):
     torque_stress_dd: NDArray[np.float64] | None = None
     spin_stress_dd: NDArray[np.float64] | None = None
     bond_stress_dd: NDArray[np.float64] | None = None
+    power: float = 0.0
+    pressing: float = 0.0
 
     @property
     def total(self) -> float:
@@ -340,8 +341,3 @@ class Motion:
         velocity = np.empty_like(self.velocity_nd)
         velocity[self.program.order_n] = self.velocity_nd
         return self.program.positions(), velocity
-
-    def sane(self, now: Sight, start: Sight) -> bool:
-        """Whether the energy has not grown as it only does where the time step is too long."""
-        tiny = 1e-12 * self.program.scene.energy_scale
-        return bool(now.total - start.total <= _GROWTH * (abs(start.energy) + start.kinetic) + tiny)

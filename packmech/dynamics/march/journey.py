@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.dynamics.growth import look_every, power_of
 from packmech.dynamics.march.look import (
     ANGULAR,
     BONDED,
@@ -34,9 +35,6 @@ from packmech.dynamics.strain import Strain
 from packmech.effects import Bonds, Friction
 from packmech.packing import without_links
 from packmech.scene import Scene
-
-# energy grows by this much of itself where a time step is too long
-_GROWTH = 1.0
 
 
 def needs_march(scene: Scene, strain: Strain | None) -> bool:
@@ -86,7 +84,7 @@ class Marching:
     ) -> None:
         without_links("scene.packing", scene.packing)
         self.scene, self.mass_n = scene, mass_n
-        self.driven = strain is not None or any(hasattr(type(one), "body_force") for one in scene.effects)
+        self.look_every = look_every(strain, dt, scene.packing.particles)
         d = scene.packing.dimension
         self.march: March = build_march(
             scene,
@@ -139,7 +137,7 @@ class Marching:
 
     def stride(self, steps: int) -> int:
         """Return how many of so many steps `follow` would take from here: few enough that an interrupt is seen."""
-        return min(steps, max(1, 1_000_000 // int(self.march.state.body.size)))
+        return int(min(steps, max(1, 1_000_000 // int(self.march.state.body.size)), self.look_every))
 
     def follow(self, method: Any, steps: int) -> int:
         """Advance by up to `steps` steps; return how that ended."""
@@ -155,14 +153,21 @@ class Marching:
         out = self.march.see()
         volume = self.march.box().volume
         parts = tensors(out, d, volume)
+        # what is held has no velocity of its own, and no part in the mean
+        momentum, none = out[MOMENTUM : MOMENTUM + d].copy(), np.zeros((d, d))
+        free = float(self.mass_n[self.march.order_n][self.march.state.weight_nk[:, 0] > 0.0].sum())
+        power, pressing = 0.0, 0.0
+        if self.march.space.flow is not None:
+            rate = self.march.space.flow.rate_dd[:d, :d]
+            power, pressing = power_of(volume, parts["contact"], parts["kinetic"], rate)
         return Sight(
             time=self.time,
             energy=float(out[POTENTIAL] + out[TANGENTIAL]),
             kinetic=float(out[KINETIC] + out[ROTATIONAL]),
-            momentum_d=out[MOMENTUM : MOMENTUM + d].copy(),
+            momentum_d=momentum,
             impulse=float(out[IMPULSE]),
             stress_dd=parts["contact"],
-            kinetic_stress_dd=parts["kinetic"],
+            kinetic_stress_dd=parts["kinetic"] + np.outer(momentum, momentum) / (free * volume) if free else none,
             contacts=int(out[CONTACTS]),
             max_force=float(out[MOST]),
             mean_force=float(out[TOTAL] / out[CONTACTS]) if out[CONTACTS] else 0.0,
@@ -178,6 +183,8 @@ class Marching:
             torque_stress_dd=parts["torque"],
             spin_stress_dd=parts["spin"],
             bond_stress_dd=out[BONDED : BONDED + 9].reshape(3, 3)[:d, :d] / volume,
+            power=power,
+            pressing=pressing,
         )
 
     def tensions(self, tension_l: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -187,10 +194,3 @@ class Marching:
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the (N, d) positions and velocities in the order of the packing."""
         return self.march.positions(), self.march.velocities()
-
-    def sane(self, now: Sight, start: Sight) -> bool:
-        """Whether the energy has not grown as it only does where the time step is too long; unknown where driven."""
-        if self.driven:
-            return bool(np.isfinite(now.total))
-        tiny = 1e-12 * self.scene.energy_scale
-        return bool(now.total - start.total <= _GROWTH * (abs(start.energy) + start.kinetic) + tiny)
