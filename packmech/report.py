@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of
+from packmech.check import instance, integer, one_of, real
 from packmech.compiled import compile_clock, compiling_noted
 from packmech.contacts import Contacts, find_contacts
 from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
@@ -66,7 +66,13 @@ class Report:
 
 
 def examine(
-    scene: Scene, *, strain: str = "fixed", modes: int = 10, told: Callable[[str], None] = lambda part: None
+    scene: Scene,
+    *,
+    strain: str = "fixed",
+    modes: int = 10,
+    gap_tolerance: float | None = None,
+    method: str = "certificate",
+    told: Callable[[str], None] = lambda part: None,
 ) -> Report:
     """Return everything that the command prints about a packing as it stands.
 
@@ -78,6 +84,8 @@ def examine(
         Whether the packing was made in a "fixed" box or with every strain "free": which isostatic count applies.
     modes
         How many of the lowest vibrations, translations and rattlers left out.
+    gap_tolerance, method
+        Of the verdict, as `classify_jamming` takes them.
     told
         Called with the name of each part before it begins.
 
@@ -98,9 +106,10 @@ def examine(
     instance("scene", scene, Scene)
     one_of("strain", strain, ("fixed", "free"))
     modes = integer("modes", modes, at_least=0)
+    asked = check_judging(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain))
     with _part(report, "verdict", told):
-        _verdict(report)
+        _verdict(report, *asked)
     with _part(report, "moduli", told):
         _moduli(report)
     if modes:
@@ -193,11 +202,32 @@ def _carries_force(packing: Packing, contacts: Contacts) -> bool:
     return overlap > _SPACINGS * float(np.spacing(extent))
 
 
-def _verdict(report: Report) -> None:
+def check_judging(gap_tolerance: float | None, method: str) -> tuple[float | None, str]:
+    """Return what was asked of a verdict after checking it: a part of the report may be missing, but not for that.
+
+    Parameters
+    ----------
+    gap_tolerance, method
+        As `classify_jamming` takes them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the tolerance is no number that it takes, or the method is unknown.
+
+    """
+    from packmech.mechanics.jamming import METHODS
+
+    if gap_tolerance is not None:
+        gap_tolerance = real("gap_tolerance", gap_tolerance, above=-0.1, below=1.0)
+    return gap_tolerance, one_of("method", method, METHODS)
+
+
+def _verdict(report: Report, gap_tolerance: float | None, method: str) -> None:
     from packmech.mechanics.jamming import classify_jamming
     from packmech.mechanics.verdict_text import verdict_numbers
 
-    verdict = classify_jamming(report.scene)
+    verdict = classify_jamming(report.scene, gap_tolerance=gap_tolerance, method=method)
     report.verdict = verdict
     answers = {"collective": verdict.collectively, "strict": verdict.strictly}
     strain = report.numbers["strain"]

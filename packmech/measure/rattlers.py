@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.given import check_given
 from packmech.contacts.network import pair_contacts
-from packmech.contacts.rattlers import check_contacts, loose_particles
+from packmech.contacts.rattlers import loose_particles
 from packmech.links import Links, image_offsets
 from packmech.measure.link_tension import DEPENDENT, distance_gradients
 from packmech.packing import Packing, no_own_images
@@ -41,15 +42,16 @@ def find_rattlers(
     packing
         The packing.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching. The default admits the
-        rounding of crystals and of exact hard-particle packings.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching. The default, 1e-9, admits
+        the rounding of crystals and of exact hard-particle packings. It is not the rule of `classify_jamming`, which
+        goes by the mean overlap: `contacts=verdict.touching.contacts` gives the pairs that a verdict took.
     contacts
         The contacts to judge by instead of those within `gap_tolerance`.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, or the contacts belong to another number of particles.
+        If an argument is of the wrong kind, or the contacts are not those of the packing as it stands.
 
     Examples
     --------
@@ -66,7 +68,8 @@ def find_rattlers(
     no_own_images("packing", packing)
     if contacts is None:
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
-    check_contacts(packing, contacts)
+    else:
+        check_given(packing, contacts)
     return loose_in(packing, contacts)
 
 
@@ -81,7 +84,7 @@ def remove_rattlers(
     Parameters
     ----------
     packing, gap_tolerance, contacts
-        As in `find_rattlers`.
+        As in `find_rattlers`: pairs touch up to a relative gap of 1e-9 unless another is given.
 
     Raises
     ------

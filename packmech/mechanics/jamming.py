@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, real
 from packmech.compiled import single_thread
 from packmech.contacts import Contacts
-from packmech.contacts.rattlers import check_contacts
+from packmech.contacts.given import check_given
+from packmech.effects import Friction
 from packmech.measure.rattlers import without
 from packmech.mechanics.certificates import Finding, certify
 from packmech.mechanics.doubt import by_level, judged_by_fewest, off_plateau, settle, undecided, unrest
@@ -50,7 +51,8 @@ def classify_jamming(
     Rattlers are taken out first. What is left is collectively jammed when no motion but a translation opens or keeps
     all contacts in the fixed box, strictly jammed when none does that with a strain of the box that does not enlarge
     it. Motions are judged to first order, which decides for discs and spheres. Particles whose contacts can carry no
-    force are taken out too if the others are jammed by themselves.
+    force are taken out too if the others are jammed by themselves. Two contacts of a particle that are opposite to
+    within 1e-8 rad count as opposite: held by forces smaller than that part of the others nothing is jammed for sure.
 
     With rigid links motions keep these, and the certificate holds their forces, of either sign, beside those of the
     contacts. There a first-order motion may be blocked at second order: where the Hessian says so (`prestress_stable`,
@@ -60,6 +62,7 @@ def classify_jamming(
     ----------
     packing
         The packing, or a scene: with its law the Hessian's stability is answered too, and rest is judged by its forces.
+        Friction is left out, and `Verdict.friction` says so.
     method
         "certificate": rank of the rigidity matrix, and the state of self stress with the largest smallest force (Roth
         and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b; what these move
@@ -77,7 +80,8 @@ def classify_jamming(
         either, or jammed without them already and either its self stress is the only one or the overlaps are so small
         (mean overlap times N'^2 below 0.1) that pressure has closed no gap.
     contacts
-        The contacts to judge, instead of those within a gap tolerance; then neither gaps nor rest are checked.
+        The contacts to judge, instead of those within a gap tolerance; then neither gaps nor rest are checked. They
+        must be pairs of this packing as it stands, each once.
     rest_tolerance
         Largest net force over mean contact force [1] at which a packing with overlaps counts as at rest; at least eight
         rounding floors are allowed. Without a scene the forces are those of a harmonic law. Beyond it: ambiguous.
@@ -85,7 +89,8 @@ def classify_jamming(
     tolerance
         Of the solvers.
     bound
-        "ball" or "box": what bounds the motion of the load programs.
+        "ball" or "box": what bounds the motion of the load programs. "highs" solves linear programs only and always
+        takes the box; `Verdict.bound` says what was taken.
     seed
         Draws the load.
 
@@ -140,7 +145,7 @@ def classify_jamming(
             touching = find_touching(packing, gap_tolerance)
             rest = check_rest(packing, None if scene is None else scene.effects, rest_tolerance)
         else:
-            check_contacts(packing, contacts)
+            check_given(packing, contacts)
             touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
         judge = functools.partial(judge_network, packing, volume=volume, decide=decide, part=part)
         within = by_level(touching, judge)
@@ -183,6 +188,9 @@ def classify_jamming(
         volume,
         time.process_time() - start,
         None if packing.links is None else packing.links.clusters(packing.particles),
+        bound if method == "loads" else None,
+        scene is not None
+        and any(isinstance(effect, Friction) and effect.coefficient > 0.0 for effect in scene.effects),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
-from packmech.mechanics.certificates import Finding, attempts, kept_open
+from packmech.mechanics.certificates import Finding, attempts, closes_hardly, kept_open
 from packmech.mechanics.motions import MotionCone, motion_cone
 from packmech.mechanics.programs import open_all
 from packmech.mechanics.rattling import moving_apart
@@ -20,8 +20,6 @@ from packmech.packing import Packing
 
 EMPTY = "empty backbone: every particle rattles"
 HARDLY_HELD = "every particle rattles if contacts within 1e-8 of opposite are, and no motion closes nothing"
-# the opening program opens contacts by 1 or not at all
-_OPENED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,21 +153,20 @@ def _implied(
 def _nothing_held(cone: MotionCone) -> tuple[MotionCone, Finding]:
     """Return what is known where all particles rattle: not jammed, with a motion that opens what it can.
 
-    Rattlers are found to within a small angle. Where a motion opens contacts and others cannot be kept from closing, by
-    however little, contacts as good as opposite to one another may hold: then nothing is claimed.
+    Rattlers are found to within a small angle: contacts as good as opposite to one another may hold by forces as small.
+    Where no motion opens contacts and closes none, nor leaves all as they are, nothing is claimed.
     """
     if cone.unknowns <= cone.dimension or not cone.rows.nnz:
         return cone, Finding(False, EMPTY)
-    opens, proof = False, None
+    proof = None
     for name, tolerance in attempts(cone, "clarabel", 1e-8):
-        motion = open_all(cone, solver=name, tolerance=tolerance).motion
-        opens = bool((cone.opening @ motion).max(initial=0.0) > _OPENED)
-        proof = kept_open(cone, motion)
-        if proof is not None or not opens:
-            break
-    if proof is None and opens:
-        return cone, Finding(None, HARDLY_HELD)
-    return cone, Finding(False, EMPTY, motion=proof)
+        proof = kept_open(cone, open_all(cone, solver=name, tolerance=tolerance).motion)
+        if proof is not None and not closes_hardly(cone, proof):
+            return cone, Finding(False, EMPTY, motion=proof)
+        # where nothing can open
+        if cone.is_floppy:
+            return cone, Finding(False, EMPTY, motion=cone.softest()[1])
+    return cone, Finding(None, HARDLY_HELD)
 
 
 def carrying_contacts(

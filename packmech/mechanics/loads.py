@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.mechanics.certificates import VACUOUS, Finding, attempts, kept_open, soft_finding
+from packmech.mechanics.certificates import VACUOUS, Finding, attempts, certify, closes_hardly, kept_open, soft_finding
 from packmech.mechanics.motions import ROUNDS, MotionCone
 from packmech.mechanics.programs import NEAREST, load_gap, open_all, yield_to_load
 from packmech.outcome import Outcome, Solve
@@ -157,6 +157,12 @@ def yield_to_loads(
             return Finding(None, reason, solves=tuple(solves), longest=longest)
         longest = max(longest, size)
         if size > MOVED:
+            if fallback and proof is not None and closes_hardly(cone, proof):
+                # contact forces show less than motions do
+                checked = certify(cone, solver=solver, tolerance=tolerance)
+                if checked.jammed is not False:
+                    reason = f"a load moves the contacts apart but for rounding; {checked.reason}"
+                    return Finding(None, reason, solves=(*solves, *checked.solves), longest=longest)
             reason = f"a load moves the contacts apart (motion {size:.1e} of its bound)"
             return Finding(False, reason, motion=proof, solves=tuple(solves), longest=longest)
     # a motion that the loads' rounding hides

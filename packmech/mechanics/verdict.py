@@ -116,6 +116,12 @@ class Verdict:
         CPU time.
     cluster_n
         (N,) number of each particle's cluster; None without rigid links.
+    bound
+        "ball" or "box": what bounded the motions of the load programs; always "box" with HiGHS, which solves linear
+        programs only. None for the certificate.
+    friction
+        Whether the scene has friction, which is left out: particles are judged as frictionless, and friction may hold
+        packings that are not jammed without it.
 
     """
 
@@ -132,6 +138,8 @@ class Verdict:
     volume: str
     seconds: float
     cluster_n: NDArray[np.int64] | None = None
+    bound: str | None = None
+    friction: bool = False
 
     @property
     def collective(self) -> str:

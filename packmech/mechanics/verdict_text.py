@@ -49,6 +49,8 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
         "verdict_method": verdict.method,
         "verdict_solver": verdict.solver,
         "verdict_volume": verdict.volume,
+        "verdict_bound": verdict.bound,
+        "friction_left_out": verdict.friction,
         "verdict_seconds": verdict.seconds,
     }
     if verdict.cluster_n is not None:
@@ -94,8 +96,9 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
     rows.append(_gap_row(numbers))
     if numbers["rest"] is not None:
         rest = numbers["rest"]
-        note = f"net forces up to {rest['residual']:.1e} of the mean contact force, allowed {rest['limit']:.1e}"
-        rows.append(("at rest", _yes(numbers["at_rest"]), f"{note}; law: {rest['law']}"))
+        rows.append(("at rest", _yes(numbers["at_rest"]), f"{_balance(rest)}; law: {rest['law']}"))
+    if numbers["friction_left_out"]:
+        rows.append(("friction", "left out", "judged as frictionless; with it more may hold than is said here"))
     return rows
 
 
@@ -116,14 +119,32 @@ def verdict_text(verdict: Verdict) -> str:
     rows = [
         *verdict_rows(numbers),
         ("backbone", f"{numbers['backbone_particles']} of {particles}", loose),
-        ("method", verdict.method, f"solver {verdict.solver}, {verdict.seconds:.3f} CPU seconds"),
+        ("method", verdict.method, _solver(verdict)),
     ]
     wide = [max(len(row[k]) for row in rows) for k in range(2)]
     return "\n".join(f"{name:<{wide[0]}}  {value:<{wide[1]}}  {note}" for name, value, note in rows)
 
 
+def _solver(verdict: Verdict) -> str:
+    bound = "" if verdict.bound is None else f", loads bounded by a {verdict.bound}"
+    return f"solver {verdict.solver}{bound}, {verdict.seconds:.3f} CPU seconds"
+
+
 def _yes(answer: bool | None) -> str:
     return {True: "yes", False: "no", None: "not known"}[answer]
+
+
+def _balance(rest: Mapping[str, Any]) -> str:
+    """Return how well the overlaps balance; rounding of exact crystals is no force that could be large or small."""
+    if rest["residual"] == 0.0 and rest["limit"] < 1.0:
+        note = "no net forces"
+    elif rest["limit"] >= 1.0:
+        note = "overlaps are rounding of the coordinates, no forces to balance"
+        if rest["residual"] > rest["limit"]:
+            note = "overlaps hardly above rounding of the coordinates, and out of balance"
+    else:
+        note = f"net forces up to {rest['residual']:.1e} of the mean contact force, allowed {rest['limit']:.1e}"
+    return note
 
 
 def _answer_row(numbers: Mapping[str, Any], name: str, where: str) -> Row:

@@ -1,0 +1,80 @@
+"""Contacts that a user gives: whether they are pairs of the packing as it stands, each once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts.network import Contacts, pair_contacts
+from packmech.contacts.rattlers import check_contacts
+from packmech.packing import Packing
+
+# distances of another packing or image differ by more than this, of the contact distance; particles that moved by less
+# since the contacts were found may be judged by them
+_SAME = 1e-6
+
+
+def check_given(packing: Packing, contacts: Contacts) -> None:
+    """Check that the contacts are pairs of the packing as it stands, each once.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    contacts
+        What was given as its contacts.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are of the wrong kind, made for another number of particles or axes, name particles that are not there,
+        a particle and itself, or a pair and image twice, or if a vector or a sum of radii is not the packing's.
+
+    """
+    check_contacts(packing, contacts)
+    if not len(contacts):
+        return
+    i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
+    for c in np.flatnonzero((np.minimum(i, j) < 0) | (np.maximum(i, j) >= packing.particles)):
+        raise ValueError(
+            f"contacts must be between particles 0 to {packing.particles - 1}, got {i[c]} and {j[c]} for contact {c}"
+        )
+    for c in np.flatnonzero((i == j) & ~image.any(axis=1)):
+        raise ValueError(f"contacts must be between two particles or images, got {i[c]} and itself for contact {c}")
+    twice = _twice(contacts)
+    if twice is not None:
+        one, two = twice
+        raise ValueError(
+            f"contacts must name each pair once, got particles {i[two]} and {j[two]}, image {image[two].tolist()},"
+            f" for contacts {one} and {two}"
+        )
+    here = pair_contacts(packing, i, j, image)
+    off = np.sqrt(((contacts.vector_cd - here.vector_cd) ** 2).sum(axis=1))
+    # what is no number is not within it either
+    for c in np.flatnonzero(~(off <= _SAME * here.contact_distance_c)):
+        raise ValueError(
+            f"contacts must have the packing's vectors from center to center, got {contacts.vector_cd[c].tolist()}"
+            f" instead of {here.vector_cd[c].tolist()} for contact {c} (particles {i[c]} and {j[c]},"
+            f" image {image[c].tolist()})"
+        )
+    wider = np.abs(contacts.contact_distance_c - here.contact_distance_c)
+    for c in np.flatnonzero(~(wider <= _SAME * here.contact_distance_c)):
+        raise ValueError(
+            f"contacts must have the packing's sums of radii, got {contacts.contact_distance_c[c]:.9g} instead of"
+            f" {here.contact_distance_c[c]:.9g} for contact {c} (particles {i[c]} and {j[c]})"
+        )
+
+
+def _twice(contacts: Contacts) -> tuple[int, int] | None:
+    """Return the numbers of two contacts that are the same pair and image, told from either side, or None."""
+    i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
+    rows = np.arange(len(contacts))
+    first: NDArray[np.int64] = image[rows, (image != 0).argmax(axis=1)]
+    turned = (i > j) | ((i == j) & (first < 0))
+    pair = np.column_stack([np.minimum(i, j), np.maximum(i, j), np.where(turned[:, None], -image, image)])
+    order = np.lexsort(pair.T)
+    again = np.flatnonzero((pair[order[1:]] == pair[order[:-1]]).all(axis=1))
+    if not len(again):
+        return None
+    one, two = sorted((int(order[again[0]]), int(order[again[0] + 1])))
+    return one, two
