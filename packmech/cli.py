@@ -50,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
     analyze = _command(commands, "analyze", "examine a packing made elsewhere; nothing is moved")
     analyze.add_argument("file", type=Path, help="a packing: .npz, .gsd, or a text table of positions and radii")
     analyze.add_argument("--law", help="harmonic, hertz, ... of energy scale 1; else the file's own law, else harmonic")
+    _judging(analyze)
     _outputs(analyze, record=None, out=False, seed=False)
 
     unjam = _command(commands, "unjam", "ask whether a packing is jammed, and play the motion that unjams it")
@@ -103,6 +104,19 @@ def _outputs(command: argparse.ArgumentParser, *, record: str | None, out: bool,
         command.add_argument("--seed", type=int, help="another seed for the scene's random start")
 
 
+def _judging(command: argparse.ArgumentParser) -> None:
+    """Add the options on how it is judged whether a packing is jammed."""
+    command.add_argument(
+        "--gap-tolerance",
+        type=float,
+        metavar="X",
+        help="pairs touch up to this gap, in contact distances (default: 7 mean overlaps, at least 1e-9)",
+    )
+    command.add_argument(
+        "--method", default="certificate", help='"certificate" (default): rank and forces; "loads": random loads'
+    )
+
+
 def _pictures(command: argparse.ArgumentParser) -> None:
     """Add the options on what to show on the way, and as pictures."""
     command.add_argument(
@@ -128,6 +142,7 @@ def _unjam_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--box", default="either", help='"fixed": the box stays; "free": it may strain; default: fixed if that unjams'
     )
+    _judging(command)
     command.add_argument("--amplitude", type=float, default=0.5, help="how far to go, in diameters (default: 0.5)")
     command.add_argument("--steps", type=int, default=50, help="in how many steps (default: 50)")
     command.add_argument("--record", type=Path, metavar="FILE", help="Rerun recording (not written unless given)")
@@ -199,7 +214,7 @@ def execute(given: argparse.Namespace) -> int:
         return jam_scene(given.scene, outputs, seed=given.seed, pressure=given.pressure, strain=given.strain)
     if given.command == "run":
         return run_scene(given.scene, outputs, seed=given.seed)
-    return analyze_file(given.file, given.law, outputs)
+    return analyze_file(given.file, given.law, outputs, gap_tolerance=given.gap_tolerance, method=given.method)
 
 
 def main() -> None:

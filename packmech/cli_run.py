@@ -17,7 +17,7 @@ from packmech.interrupts import safe_interrupts
 from packmech.outcome import Run, Stage
 from packmech.packing import Packing
 from packmech.recording_film import trace_of
-from packmech.report import Report, examine
+from packmech.report import Report, check_judging, examine
 from packmech.report_table import result_rows, summary_markdown
 from packmech.scene import (
     CementDrive,
@@ -97,13 +97,16 @@ def run_scene(name: str, outputs: Outputs, *, seed: int | None) -> int:
     return _run_and_report(name, scene, outputs, {"scene": name, "seed": seed})
 
 
-def analyze_file(path: Path, law: str | None, outputs: Outputs) -> int:
+def analyze_file(
+    path: Path, law: str | None, outputs: Outputs, *, gap_tolerance: float | None = None, method: str = "certificate"
+) -> int:
     """Examine a packing in a file; return the exit code."""
     from packmech.effects import Repulsion
     from packmech.files import read_law, read_packing
     from packmech.records import kind_of
 
     outputs.check()
+    check_judging(gap_tolerance, method)
     packing = read_packing(path)
     stored = read_law(path) if law is None else None
     chosen = stored if stored is not None else _law(law or "harmonic")
@@ -111,7 +114,7 @@ def analyze_file(path: Path, law: str | None, outputs: Outputs) -> int:
     scene = Scene(packing, (Repulsion(law=chosen),))
     console().print(f"law: {kind_of(type(chosen))} {chosen._asdict()} ({source})")
     with working("analyzing") as tell:
-        report = examine(scene, modes=outputs.modes, told=tell)
+        report = examine(scene, modes=outputs.modes, gap_tolerance=gap_tolerance, method=method, told=tell)
     _finish(path.name, scene, None, report, outputs, {"file": path.name})
     return OK
 

@@ -25,7 +25,7 @@ def unjam(given: argparse.Namespace) -> int:
         raise ValueError(f"record must be a file name ending in .rrd, got {str(given.record)!r}")
     packing = _packing(given.packing, given.repeats)
     with working("is it jammed?") as tell:
-        verdict = classify_jamming(packing)
+        verdict = classify_jamming(packing, gap_tolerance=given.gap_tolerance, method=given.method)
         motion = {
             "fixed": verdict.collectively.unjamming_motion,
             "free": verdict.strictly.unjamming_motion,
@@ -37,6 +37,8 @@ def unjam(given: argparse.Namespace) -> int:
             "local": verdict.local,
             "collective": verdict.collective,
             "strict": verdict.strict,
+            "method": verdict.method,
+            "gap_tolerance": verdict.touching.tolerance,
         }
         if motion is None:
             console().print(rich_table("unjam", ("quantity", "value"), _rows(answers), right=(1,)))
