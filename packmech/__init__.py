@@ -48,6 +48,7 @@ _PUBLIC = {
     "QuenchDrive": "packmech.scene",
     "RampStrainDrive": "packmech.scene",
     "ShearStabilizeDrive": "packmech.scene",
+    "SimulateDrive": "packmech.motion_drive",
     "SteadyShearDrive": "packmech.scene",
     "Scene": "packmech.scene",
     "list_scenes": "packmech.scene_file",

@@ -14,6 +14,7 @@ from packmech.cli_show import console, print_results, working, write_json
 from packmech.cli_strain import STRAINED, strain_scene
 from packmech.cli_watch import Watch, live_watch, moments_wanted, nobody, write_frames
 from packmech.interrupts import safe_interrupts
+from packmech.motion_drive import SimulateDrive
 from packmech.outcome import Run, Stage
 from packmech.packing import Packing
 from packmech.recording_film import trace_of
@@ -94,6 +95,10 @@ def run_scene(name: str, outputs: Outputs, *, seed: int | None) -> int:
         raise ValueError(
             f"checkpoint must be left out for a scene that is not strained, got {str(outputs.checkpoint)!r}"
         )
+    if isinstance(scene.drive, SimulateDrive):
+        from packmech.cli_simulate import simulate_scene
+
+        return simulate_scene(name, scene, outputs)
     return _run_and_report(name, scene, outputs, {"scene": name, "seed": seed})
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.effects import SIGNED, energy_scale_of, is_bound, is_effect, is_law
+from packmech.motion_drive import SimulateDrive
 from packmech.packing import Packing
 from packmech.records import is_record
 
@@ -253,6 +254,7 @@ Drive = (
     | SteadyShearDrive
     | RampStrainDrive
     | CreepDrive
+    | SimulateDrive
 )
 
 
@@ -279,15 +281,15 @@ def _record_or_none(name: str, value: Any) -> None:
         raise TypeError(f"{name} must be a record of settings or None, got {value!r}")
 
 
-def _check_numbers(where: str, record: Any) -> None:
+def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
     for name, value in zip(record._fields, record, strict=True):
         if is_law(value):
-            _check_numbers(f"{where}.{name}", value)
+            _check_numbers(f"{where}.{name}", value, slack=slack)
         elif name == "law":
             raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {value!r}")
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
-        elif name in ("energy_scale", "stiffness") and value <= 0:
+        elif name in ("energy_scale", "stiffness") and value <= 0 and not (slack and value == 0):
             raise ValueError(f"{where}.{name} must be positive, got {value!r}")
         elif value < 0 and name not in SIGNED.get(type(record), ()):
             raise ValueError(f"{where}.{name} must not be negative, got {value!r}")
@@ -299,11 +301,11 @@ def _check_numbers(where: str, record: Any) -> None:
 
 
 def _check_bound(where: str, record: Any) -> None:
-    """Check the laws of an effect that checked its arrays itself."""
+    """Check the laws of an effect that checked its arrays itself; its springs may have no stiffness."""
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         if is_law(value):
-            _check_numbers(f"{where}.{field.name}", value)
+            _check_numbers(f"{where}.{field.name}", value, slack=True)
 
 
 def _plain(record: Any) -> Any:
@@ -323,7 +325,7 @@ class Scene:
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
         What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive, a CementDrive, an
-        OscillatoryShearDrive or a SteadyShearDrive.
+        OscillatoryShearDrive, a SteadyShearDrive or a SimulateDrive.
 
     Raises
     ------
@@ -360,8 +362,8 @@ class Scene:
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):
             raise TypeError(
-                "drive must be a Quench-, Jam-, ShearStabilize-, Cement-, OscillatoryShear- or SteadyShearDrive "
-                f"or None, got {self.drive!r}"
+                "drive must be a Quench-, Jam-, ShearStabilize-, Cement-, OscillatoryShear-, SteadyShear- or "
+                f"SimulateDrive or None, got {self.drive!r}"
             )
 
     @property

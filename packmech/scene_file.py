@@ -26,7 +26,9 @@ The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` 
 `kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given), and
 `kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement,
 and `kind = "oscillatory-shear"`, `"steady-shear"`, `"ramp-strain"` and `"creep"`, with the arguments of
-`pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep` and a `density`.
+`pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep` and a `density`; `kind = "simulate"` follows
+Newton's equations for so many `steps` (or a `duration`), from `velocities` and `spins` one row a particle, with
+`masses` (or a `density`) and the numbers of who is `held`.
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
 `chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
 `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
@@ -159,7 +161,7 @@ def _methods(drive: Any) -> dict[str, dict[str, type]]:
     from packmech.dynamics.minimizers import MinimizeMethod
     from packmech.dynamics.verlet import INTEGRATORS
 
-    if drive.get("kind") in ("oscillatory-shear", "steady-shear", "ramp-strain", "creep"):
+    if drive.get("kind") in ("oscillatory-shear", "steady-shear", "ramp-strain", "creep", "simulate"):
         return {"method": kinds_of(INTEGRATORS)}
 
     minimize = kinds_of(typing.get_args(MinimizeMethod))

@@ -62,7 +62,17 @@ def _there(one: Sight, part: float) -> float:
     return min(_SWING * one.kinetic, part * (abs(one.energy) + one.kinetic))
 
 
-def calm(now: Sight, start: Sight, last: Sight, fallen: float, unit: float, *, strained: bool, known: bool) -> bool:
+def calm(
+    now: Sight,
+    start: Sight,
+    last: Sight,
+    fallen: float,
+    unit: float,
+    *,
+    strained: bool,
+    known: bool,
+    rubbing: bool = False,
+) -> bool:
     """Whether energy has grown no more than it may: by work, by what was in motion, by what fell from the potential.
 
     Parameters
@@ -77,6 +87,8 @@ def calm(now: Sight, start: Sight, last: Sight, fallen: float, unit: float, *, s
         Whether the box deforms, and so works.
     known
         `knows_its_energy` of the scene; unless it does, only numbers that are none are noticed.
+    rubbing
+        Whether the scene has friction.
 
     """
     if not np.isfinite(now.total):
@@ -88,6 +100,9 @@ def calm(now: Sight, start: Sight, last: Sight, fallen: float, unit: float, *, s
     work = 0.5 * (last.power + now.power) * time
     unseen = (0.5 * (abs(last.power) + abs(now.power)) + _UNSEEN * (last.pressing + now.pressing)) * time
     grown = now.total - last.total - work
+    if rubbing:
+        # a spring at Coulomb's cap is set to what its dashpot leaves of the cap, whatever energy it then holds
+        grown -= max(now.tangential - last.tangential, 0.0)
     if grown > _there(last, _PART) + max(last.energy - now.energy, 0.0) + unseen + tiny:
         return False
     fallen = max(fallen, start.energy - now.energy)

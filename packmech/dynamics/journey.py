@@ -25,6 +25,7 @@ from packmech.dynamics.program import build_program
 from packmech.dynamics.simulation import MotionTrace, Simulation
 from packmech.dynamics.strain import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.verlet import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
+from packmech.effects import Friction
 from packmech.interrupts import held_interrupts
 from packmech.outcome import Outcome, Stage
 from packmech.packing import Packing
@@ -202,7 +203,8 @@ class Journey:
 
     def _calm(self, now: Sight) -> bool:
         fallen, strained = self.largest["fallen"], self.plan.strain is not None
-        return calm(now, self.start, self.last, fallen, self.unit, strained=strained, known=self.known)
+        rubbing = any(isinstance(one, Friction) for one in self.scene.effects)
+        return calm(now, self.start, self.last, fallen, self.unit, strained=strained, known=self.known, rubbing=rubbing)
 
     def _keep(self, now: Sight) -> None:
         motion, largest = self.motion, self.largest

@@ -243,6 +243,6 @@ def _finish(
         moduli=None,
     )
     # a whole period that counts, or nothing
-    if run.phase_t[-1] < 2.0 * np.pi * (min(skip + 1.0, periods) - 1.0 / 8.0):
+    if run.phase_t[-1] < 2.0 * np.pi * (skip + 1.0 - 1.0 / 8.0):
         return run
     return replace(run, moduli=run.demodulated())
