@@ -167,6 +167,7 @@ _PUBLIC = {
     "oscillatory_shear": "packmech.dynamics.rheology.oscillatory",
     "ramp_strain": "packmech.dynamics.rheology.steady",
     "shear_series": "packmech.dynamics.rheology.series",
+    "ShearBatch": "packmech.dynamics.stepwise.shear",
     "steady_shear": "packmech.dynamics.rheology.steady",
     "MotionTrace": "packmech.dynamics.simulation",
     "ParticleShear": "packmech.dynamics.particle_shear",

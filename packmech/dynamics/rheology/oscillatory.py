@@ -9,8 +9,8 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import integer, positive, real
-from packmech.dynamics.march.flow import Sine
+from packmech.check import integer, one_of, positive, real
+from packmech.dynamics.march.flow import Increments, Sine
 from packmech.dynamics.rheology.manner import Common, Manner, check_arguments, listed, two_axes
 from packmech.dynamics.rheology.travel import StrainRun, Travel
 from packmech.dynamics.strain import OscillatoryStrain
@@ -124,6 +124,7 @@ def oscillatory_shear(
     skip_periods: float | None = None,
     axes: tuple[int, int] = (0, 1),
     samples_per_period: int = 200,
+    strain_path: str = "exact",
     **common: Unpack[Common],
 ) -> OscillatoryShear:
     """Return a run under oscillatory shear, gamma = amplitude sin(2 pi frequency t), with G' and G'' of its stress.
@@ -160,6 +161,9 @@ def oscillatory_shear(
         (N,) True for particles that nothing pushes or turns: they follow the box, as rough plates do.
     samples_per_period
         How often figures are kept, at least 8.
+    strain_path
+        "exact", or "increments": the strain is that of the sine at every step and linear in it, so that the rate is the
+        mean one of the step, as where strain increments drive an experiment.
     frames
         Positions are kept so many times, evenly spaced, the start and the end among them.
     time_limit
@@ -213,17 +217,19 @@ def oscillatory_shear(
     every = math.ceil(1.0 / (rate * manner.longest * samples) * (1.0 - 1e-12))
     each = every * samples
     step = 1.0 / (rate * each)
+    one_of("strain_path", strain_path, ("exact", "increments"))
     before, sheared, after = round(pre * each), max(1, round(count * each)), round(post * each)
     rests = before > 0 or after > 0
     # the rate jumps there: in the middle of a step a trapezoidal rule takes no notice
     start = (before + 0.5) * step if rests else 0.0
     end = start + sheared * step if rests else math.inf
+    profile = Sine(float(amplitude), 2.0 * math.pi * rate, start, end)
     travel = Travel(
         manner,
         dt=step,
         steps=before + sheared + after + (1 if rests else 0),
         every=every,
-        profile=Sine(float(amplitude), 2.0 * math.pi * rate, start, end),
+        profile=profile if strain_path == "exact" else Increments(*profile, step),
         direction_dd=direction,
     )
 
