@@ -34,6 +34,7 @@ _PUBLIC = {
     "lattice_packing": "packmech.generate",
     "random_packing": "packmech.generate",
     "reinforced_kagome_packing": "packmech.generate",
+    "scattered_packing": "packmech.generate",
     "tunneled_packing": "packmech.generate",
     "vacancy_packing": "packmech.generate",
     "read_law": "packmech.files",
@@ -146,6 +147,7 @@ _PUBLIC = {
     "LBFGS": "packmech.dynamics.lbfgs",
     "Newton": "packmech.dynamics.polish",
     "quench": "packmech.dynamics.quench",
+    "QuenchBatch": "packmech.dynamics.stepwise.quench",
     # dynamics
     "bond_contacts": "packmech.dynamics.bond_contacts",
     "Equilibration": "packmech.dynamics.preparation",

@@ -7,6 +7,7 @@ from packmech.generate.crystals import LATTICE_NAMES
 from packmech.generate.fragments import cut_fragments, fragment_numbers
 from packmech.generate.lattices import lattice_packing
 from packmech.generate.random import fill_box, random_packing
+from packmech.generate.scattered import scattered_packing
 from packmech.generate.shapes import Dimer, LinearCluster, RingCluster, StarCluster, Trimer
 from packmech.generate.sizes import Bidisperse, LogNormal, Mixture, Monodisperse, Normal, Sizes, Uniform
 from packmech.generate.subpackings import reinforced_kagome_packing, tunneled_packing, vacancy_packing
@@ -35,6 +36,7 @@ __all__ = [
     "lattice_packing",
     "random_packing",
     "reinforced_kagome_packing",
+    "scattered_packing",
     "tunneled_packing",
     "vacancy_packing",
 ]

@@ -114,7 +114,7 @@ def cluster_packing(
         centered_bd = cluster_k[k].position_bd - cluster_k[k].position_bd.mean(axis=0)
         for _ in range(tries if avoid or room is not None else 1):
             center = np.einsum("de,e->d", scaled.lattice_dd, rng.random(dimension))
-            turned = np.einsum("de,be->bd", _rotation(dimension, rng), factor_k[k] * centered_bd)
+            turned = np.einsum("de,be->bd", random_rotation(dimension, rng), factor_k[k] * centered_bd)
             position[k] = center + turned
             if (room is None or room.has(position[k])) and (bonds is None or bonds.place(k, position[k])):
                 break
@@ -180,7 +180,7 @@ def _bond_pairs(cluster: Cluster) -> list[list[int]]:
     return pairs
 
 
-def _rotation(dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def random_rotation(dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return a rotation drawn uniformly: an angle, or a unit quaternion."""
     if dimension == 2:
         turn = 2.0 * math.pi * rng.random()

@@ -36,6 +36,10 @@ class Room:
         most = np.where(reach <= 0.5, 0, np.ceil(reach + 0.5)).astype(int)
         self._image_kd = np.array(list(itertools.product(*[range(-m, m + 1) for m in most])), dtype=np.float64)
 
+    def allow(self, largest_overlap: float) -> None:
+        """Set how far the next cluster may overlap earlier ones."""
+        self._apart = max(0.0, 1.0 - largest_overlap)
+
     def take(self, position_bd: NDArray[np.float64]) -> None:
         """Place the beads of the next cluster."""
         last = self._count + len(position_bd)
