@@ -98,6 +98,7 @@ _PUBLIC = {
     "WorkPrecision": "packmech.accuracy",
     "work_precision": "packmech.accuracy",
     "draw_frame": "packmech.frame",
+    "Recording": "packmech.recording_steps",
     "record_motion": "packmech.recording_motion",
     "record_packing": "packmech.recording",
     "record_run": "packmech.recording",

@@ -111,8 +111,8 @@ def draw_frame(
         given = finite_array("force_c", force_c, shape=(len(contacts),), what="contact")
         force = np.abs(given)
     else:
-        force = _forces(contacts, effects)
-    apart = _not_bonded(contacts, effects)
+        force = contact_forces(contacts, effects)
+    apart = not_bonded(contacts, effects)
     contacts, force, sliding = contacts.select(apart), force[apart], sliding[apart]
     mean = float(force.mean()) if len(force) else 0.0
     relative = force / mean if mean > 0.0 else np.zeros(len(force))
@@ -133,14 +133,15 @@ def _marks(name: str, value: ArrayLike, count: int) -> NDArray[np.bool_]:
     return marks
 
 
-def _forces(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+def contact_forces(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    """Return the (C,) magnitudes of the forces that effects with an energy exert; 1 without any."""
     acting = tuple(one for one in effects if hasattr(type(one), "pair_energy"))
     if not acting or not len(contacts):
         return np.ones(len(contacts))
     return np.abs(contact_terms(acting, contacts.distance_c, contacts.contact_distance_c).first_c)
 
 
-def _not_bonded(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
+def not_bonded(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
     """Return the (C,) marks of pairs that no bond joins."""
     apart = np.ones(len(contacts), dtype=bool)
     for bonds in (one for one in effects if isinstance(one, Bonds) and len(one)):

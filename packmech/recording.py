@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech import drawing
 from packmech.check import instance, integer, table
@@ -195,9 +196,10 @@ def _write(
 
     layout = blueprint(film, motions, summary=bool(summary))
     with opened(path, layout, film, parameters, results) as (stream, target):
-        _log_static(stream, film, motions, summary)
+        color_nc = drawing.particle_colors(film.final.radius_n, film.rattler_n(), film.final.links)
+        log_packing(stream, film, motions, color_nc, summary)
         for block in _blocks(film):
-            _send_block(stream, film, block)
+            send_block(stream, film, block, color_nc)
     return target
 
 
@@ -236,11 +238,13 @@ def _blocks(film: Film) -> list[range]:
     return [range(first, min(first + size, len(film.step_f))) for first in range(0, len(film.step_f), size)]
 
 
-def _log_static(stream: rr.RecordingStream, film: Film, motions: list[Motion], summary: str) -> None:
+def log_packing(
+    stream: rr.RecordingStream, film: Film, motions: list[Motion], color_nc: NDArray[np.uint8], summary: str
+) -> None:
+    """Log what does not change, and the motions at the last step."""
     import rerun as rr
 
     packing, flat = film.final, film.final.dimension == 2
-    color_nc = drawing.particle_colors(packing.radius_n, film.rattler_n(), packing.links)
     points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
     if flat:  # the viewer's 2D axes point down
         stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
@@ -287,7 +291,8 @@ def _log_static(stream: rr.RecordingStream, film: Film, motions: list[Motion], s
         stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
 
 
-def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
+def send_block(stream: rr.RecordingStream, film: Film, block: range, color_nc: NDArray[np.uint8]) -> None:
+    """Send the frames of a block as columns."""
     import rerun as rr
 
     packing_f = [film.packing_f[f] for f in block]
@@ -304,7 +309,6 @@ def _send_block(stream: rr.RecordingStream, film: Film, block: range) -> None:
         points.columns(positions=np.concatenate([d.center_nd for d in drawing_f])),
         _counts(drawing_f, "center_nd"),
     )
-    color_nc = drawing.particle_colors(film.final.radius_n, film.rattler_n(), film.final.links)
     owner_k = np.concatenate([d.copy_of_k for d in drawing_f])
     if flat:
         send(

@@ -13,6 +13,8 @@ from packmech.recording_film import Film, Motion
 
 PLAY_SECONDS = 6.0
 MARGIN = 0.04
+# plots that stand in one column
+MOST_PLOTS = 8
 
 
 def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Blueprint:
@@ -36,8 +38,7 @@ def blueprint(film: Film, motions: list[Motion], *, summary: bool) -> rrb.Bluepr
         middle.append(rrb.Tabs(*views, active_tab=0, name="lowest modes"))
     if summary:
         middle.append(rrb.TextDocumentView(origin="/summary", name="results"))
-    columns = [(rrb.Vertical(*pictures), 5.0)]
-    columns += [(rrb.Vertical(*views), share) for views, share in ((middle, 3.0), (plots(film), 2.4)) if views]
+    columns = [(rrb.Vertical(*pictures), 5.0), *_columns(middle, plots(film))]
     steps = float(film.step_f[-1] - film.step_f[0])
     return rrb.Blueprint(
         rrb.Horizontal(*(column for column, _ in columns), column_shares=[share for _, share in columns]),
@@ -70,14 +71,25 @@ def march_blueprint(march: MarchFilm, *, summary: bool) -> rrb.Blueprint:
         )
     if summary:
         middle.append(rrb.TextDocumentView(origin="/summary", name="results"))
-    columns = [(rrb.Vertical(*pictures), 5.0)]
-    columns += [(rrb.Vertical(*views), share) for views, share in ((middle, 3.0), (plots(film), 2.4)) if views]
+    columns = [(rrb.Vertical(*pictures), 5.0), *_columns(middle, plots(film))]
     steps = float(film.step_f[-1] - film.step_f[0])
     return rrb.Blueprint(
         rrb.Horizontal(*(column for column, _ in columns), column_shares=[share for _, share in columns]),
         rrb.TimePanel(timeline="step", state="collapsed", fps=max(steps / PLAY_SECONDS, 1.0), loop_mode="off"),
         collapse_panels=True,
     )
+
+
+def _columns(
+    middle: list[rrb.Container | rrb.View], plotted: list[rrb.Container | rrb.View]
+) -> list[tuple[rrb.Container, float]]:
+    """Return what stands beside the pictures, and how wide: nothing that is empty, many plots in two columns."""
+    found: list[tuple[rrb.Container, float]] = [(rrb.Vertical(*middle), 3.0)] if middle else []
+    if len(plotted) > MOST_PLOTS:
+        found.append((rrb.Grid(*plotted, grid_columns=2), 3.6))
+    elif plotted:
+        found.append((rrb.Vertical(*plotted), 2.4))
+    return found
 
 
 def plots(film: Film) -> list[rrb.Container | rrb.View]:

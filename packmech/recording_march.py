@@ -68,17 +68,17 @@ def write_march(
     plain = film.film()
     layout = march_blueprint(film, summary=bool(summary))
     with opened(path, layout, plain, parameters, {**film.moduli, **results}) as (stream, target):
-        _log_static(stream, film.scene, film.colors())
-        _log_loop(stream, film)
+        log_march(stream, film.scene, film.colors())
+        log_loop(stream, film)
         if summary:
             stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
         size = max(1, BLOCK_NUMBERS // (film.scene.packing.particles * film.scene.packing.dimension * 12))
         for first in range(0, len(film.moments), size):
-            _send(stream, film.scene, film.colors(), film.moments[first : first + size])
+            send_moments(stream, film.scene, film.colors(), film.moments[first : first + size])
     return target
 
 
-def _log_static(stream: rr.RecordingStream, scene: Scene, color_nc: NDArray[np.uint8]) -> None:
+def log_march(stream: rr.RecordingStream, scene: Scene, color_nc: NDArray[np.uint8]) -> None:
     """Log what does not change: radii, colors, widths, what lies over what."""
     import rerun as rr
 
@@ -113,8 +113,11 @@ def loop_scales(film: MarchFilm) -> tuple[float, float]:
     return strain or 1.0, stress or 1.0
 
 
-def _log_loop(stream: rr.RecordingStream, film: MarchFilm) -> None:
-    """Log stress against strain, each over its largest, as a curve, and the present place on it."""
+def log_loop(stream: rr.RecordingStream, film: MarchFilm, step_f: NDArray[np.int64] | None = None) -> None:
+    """Log stress against strain, each over its largest, as a curve, and the present place on it.
+
+    The places are those of the film's moments, or at the steps step_f, one for each point of the curve.
+    """
     import rerun as rr
 
     if len(film.strain_t) < 2:
@@ -125,16 +128,21 @@ def _log_loop(stream: rr.RecordingStream, film: MarchFilm) -> None:
     axes = [[[-1.1, 0.0], [1.1, 0.0]], [[0.0, -1.1], [0.0, 1.1]]]
     stream.log("loop/axes", rr.LineStrips2D(axes, colors=drawing.OUTLINE, radii=0.004, draw_order=10.0), static=True)
     stream.log("loop/curve", rr.LineStrips2D([curve], colors=drawing.CURVE, radii=0.008, draw_order=20.0), static=True)
-    at, strain = film.curves["strain"]
-    stress = next(value for name, (_, value) in film.curves.items() if name.startswith("stress"))
-    step_f = np.array([moment.step for moment in film.moments])
-    place = np.column_stack([np.interp(step_f, at, strain / across), np.interp(step_f, at, stress / up)])
+    if step_f is None:
+        at, strain = film.curves["strain"]
+        stress = next(value for name, (_, value) in film.curves.items() if name.startswith("stress"))
+        step_f = np.array([moment.step for moment in film.moments])
+        place = np.column_stack([np.interp(step_f, at, strain / across), np.interp(step_f, at, stress / up)])
+    else:
+        place = curve
     columns = rr.Points2D.columns(positions=place).partition([1] * len(step_f))
     stream.log("loop/now", rr.Points2D.from_fields(radii=0.035, colors=NOW, draw_order=30.0), static=True)
     stream.send_columns("loop/now", [rr.TimeColumn("step", sequence=step_f)], columns)
 
 
-def _send(stream: rr.RecordingStream, scene: Scene, color_nc: NDArray[np.uint8], moments: Sequence[Moment]) -> None:
+def send_moments(
+    stream: rr.RecordingStream, scene: Scene, color_nc: NDArray[np.uint8], moments: Sequence[Moment]
+) -> None:
     """Send moments as columns."""
     import rerun as rr
 
@@ -246,7 +254,7 @@ class LiveRecording:
             self.stream.connect_grpc(where)
         else:
             self.stream.save(where)
-        _log_static(self.stream, scene, self.colors)
+        log_march(self.stream, scene, self.colors)
 
     def watch(self, stage: str, figures: Mapping[str, Any]) -> None:
         """Show what a run tells of its progress, unless the last picture has just been sent."""
@@ -281,7 +289,7 @@ class LiveRecording:
 
     def show(self, moment: Moment) -> None:
         """Send one moment."""
-        _send(self.stream, self.scene, self.colors, [moment])
+        send_moments(self.stream, self.scene, self.colors, [moment])
         self._sent = time.monotonic()
         self.shown += 1
 
