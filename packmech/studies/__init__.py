@@ -1,16 +1,35 @@
-"""Studies of accuracy against time, by name. Each makes a table and says in words what it shows."""
+"""Studies of accuracy, time and memory, by name. Each makes a table and says in words what it shows."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from typing import Protocol
 
-from packmech.accuracy_table import WorkPrecision
-
-__all__ = ["Study", "studies"]
+__all__ = ["Study", "Table", "studies"]
 
 Progress = Callable[[str, float], None]
-Study = Callable[[Progress], tuple[WorkPrecision, str]]
+
+
+class Table(Protocol):
+    """What a study makes: a table that can be written as text and drawn."""
+
+    @property
+    def title(self) -> str:
+        """What the study is."""
+
+    def to_csv(self) -> str:
+        """Return it as comma-separated values."""
+
+    def to_markdown(self) -> str:
+        """Return it as Markdown."""
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write its picture."""
+
+
+Study = Callable[[Progress], tuple[Table, str]]
 
 
 def studies() -> dict[str, Study]:
@@ -20,12 +39,14 @@ def studies() -> dict[str, Study]:
     --------
     >>> list(studies())
     ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance',
-     'shear_time_step']
+     'shear_time_step', 'integrators', 'effect_costs']
 
     """
     from packmech.studies.constraint_bases import constraint_bases
+    from packmech.studies.effect_costs import effect_costs
     from packmech.studies.exact_hessian import exact_hessian
     from packmech.studies.gap_tolerance import gap_tolerance
+    from packmech.studies.integrators import integrators
     from packmech.studies.jamming_programs import jamming_programs
     from packmech.studies.minimizers import minimizers
     from packmech.studies.reaffixing import reaffixing
@@ -40,4 +61,6 @@ def studies() -> dict[str, Study]:
         "jamming_3d": partial(jamming_programs, 3),
         "gap_tolerance": gap_tolerance,
         "shear_time_step": shear_time_step,
+        "integrators": integrators,
+        "effect_costs": effect_costs,
     }
