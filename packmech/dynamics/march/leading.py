@@ -34,7 +34,7 @@ def leading_share(scene: Scene, dt: float, least_mass: float) -> float:
     for one in scene.effects:
         if isinstance(one, Friction) and one.coefficient > 0.0:
             springs.append((one.stiffness, one.damping))
-        if isinstance(one, Bonds):
+        if isinstance(one, Bonds) and len(one):
             springs.append((one.tangential_stiffness, one.tangential_damping))
     weak = 0.25 * _FASTEST[scene.packing.dimension] * dt**3 / least_mass
     return _SHARE if any(k > 0.0 and c < weak * k * k for k, c in springs) else 0.0
