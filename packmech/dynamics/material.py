@@ -189,15 +189,20 @@ def material_constants(
     elastic_force_law_plateau             PlateauRepulsion(begin, end, slope)
     theAmplitude                          oscillatory_shear(amplitude=...)
     pre_periods, periods, post_periods    the same of oscillatory_shear
-    do_permanent_links                    Bonds, of bond_contacts
-    interface_reenforcement_*             other stiffnesses for Bonds than for Repulsion and Friction
-    keep_viscosity_coefficients_constant  other dashpots for Bonds than for ContactDamping and Friction
-    cut_lines, doCutByTriangulation       cut_fragments(centers=...) or (lines=...)
+    do_permanent_links                    Bonds, of bond_contacts; the scene ``uncrosslinked`` has none
+    interface_reenforcement_central       another stiffness for Bonds than for Repulsion
+    interface_reenforcement_tangential    another tangential_stiffness for Bonds than for Friction
+    keep_viscosity_coefficients_constant  another damping for Bonds than for ContactDamping and Friction, or the same
+    cut_lines, doCutByTriangulation       cut_fragments(centers=...) or (lines=...); 0: the scene ``bulk``
     avoid_horizontal_angle_degree         cut_fragments(avoided_angle=...) [rad]
     avoid_height_spanning_particles       cut_fragments(spanning=...)
     cut_top_bottom, edge_fuzziness        the same of cut_fragments
     remove_link_fraction                  cut_fragments(removed_fraction=...)
-    root_folder, saveData, saveOutputImages, doDrawing  options of ``packmech run``
+    root_folder, saveData                 ``packmech run --json``, ``--out``; write_table
+    saveStressTensorData                  write_table: every tensor against time
+    saveOutputImages, imageFileType       ``packmech run --frames 200 --format png`` or svg; write_pictures
+    doDrawing, plotStress                 ``packmech run --live``, ``--record``
+    relative_y_scale_force                none: plots of stress against strain scale themselves
     ====================================  =======================================================================
 
     Parameters

@@ -161,3 +161,14 @@ def test_too_long_a_step_is_named_and_an_early_end_has_no_moduli(scene):
         pm.oscillatory_shear(scene, amplitude=0.1, frequency=0.01, dt=4.0, samples_per_period=8)
     assert caught.value.run.outcome is pm.Outcome.STEP_TOO_LONG
     assert caught.value.run.moduli is None
+
+
+def test_stress_does_not_jump_where_particles_leave_the_cell(scene):
+    # all drift together, across the edges of the cell again and again; drag slows them as one
+    given = {"amplitude": 0.05, "frequency": 0.02, "periods": 2, "samples_per_period": 400}
+    stay = pm.oscillatory_shear(scene, **given)
+    drift = pm.oscillatory_shear(scene, velocity_nd=np.tile([0.6, 0.45], (24, 1)), **given)
+    cells = np.floor(drift.packing.position_nd @ drift.packing.box.inverse_dd.T)
+    assert (np.abs(cells) >= 2).all()
+    apart = np.abs(drift.stress["overall"] - stay.stress["overall"]).max()
+    assert apart < 1e-9 * np.abs(stay.shear_stress_t).max()

@@ -126,3 +126,20 @@ def test_a_packing_that_resists_no_shear_needs_an_expected_stress(microgel):
     scene = microgel.replace(packing=loose, effects=microgel.effects[:1])
     with pytest.raises(ValueError, match="expected_stress must be given where nothing resists shear"):
         pm.equilibrate(scene, amplitude=0.2, relative_frequency=0.025)
+
+
+# the named parameters of doParticleShearSimulation (Table S2-1 of particleShear's documentation)
+OLD_NAMES = """
+    root_folder theAmplitude theMu do_permanent_links cut_lines Young_modulus_spheres N packing_fraction density
+    bimodal_factor relative_viscosity relative_transversal_link_strength relative_frequency
+    avoid_horizontal_angle_degree interface_reenforcement_central interface_reenforcement_tangential
+    central_repulsion_coefficient keep_viscosity_coefficients_constant avoid_height_spanning_particles cut_top_bottom
+    saveOutputImages imageFileType remove_link_fraction edge_fuzziness doCutByTriangulation doDrawing saveData
+    saveStressTensorData plotStress relative_y_scale_force pre_periods periods post_periods cool_factor
+""".split()
+
+
+def test_every_parameter_of_the_reference_package_has_its_place_here():
+    rows = pm.material_constants.__doc__.split("=\n")[2].splitlines()
+    named = {word for row in rows for word in row[:42].replace(",", " ").split()}
+    assert set(OLD_NAMES) <= named, set(OLD_NAMES) - named

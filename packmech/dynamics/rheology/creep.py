@@ -95,12 +95,8 @@ def creep(
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument is of the wrong kind or out of its bounds.
-    NotConverged
-        If the end was not reached and `check` is set; its `.run` holds what was.
-    KeyboardInterrupt
-        Passed on with `.run` set to what was reached.
+    TypeError, ValueError, NotConverged, KeyboardInterrupt
+        As in `oscillatory_shear`.
 
     Examples
     --------
