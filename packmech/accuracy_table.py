@@ -106,7 +106,7 @@ class WorkPrecision:
         lines = [_row(header), _row(["---"] * len(header))]
         for trial in self.trials:
             errors = [f"{trial.errors[name]:.1e}" if name in trial.errors else "-" for name in self.quantities]
-            counts = [f"{trial.work[name]:.0f}" if name in trial.work else "-" for name in work]
+            counts = [_short(trial.work[name]) if name in trial.work else "-" for name in work]
             cells = (trial.method, f"{trial.setting:.0e}", *errors, f"{trial.seconds:.2g}", *counts, trial.failed)
             lines.append(_row(cells))
         return "\n".join(lines) + "\n"
@@ -169,6 +169,11 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> PowerLawFit:
             best = (residual, PowerLawFit(float(slope), math.exp(float(offset)), floor))
     assert best is not None
     return best[1]
+
+
+def _short(value: float) -> str:
+    """Return whole numbers as they are, others with three digits."""
+    return f"{value:.0f}" if value == round(value) else f"{value:.3g}"
 
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:

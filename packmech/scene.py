@@ -325,7 +325,7 @@ class Scene:
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
         What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive, a CementDrive, an
-        OscillatoryShearDrive, a SteadyShearDrive or a SimulateDrive.
+        OscillatoryShearDrive, a SteadyShearDrive, a RampStrainDrive, a CreepDrive or a SimulateDrive.
 
     Raises
     ------
@@ -362,8 +362,8 @@ class Scene:
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
         if self.drive is not None and not isinstance(self.drive, Drive):
             raise TypeError(
-                "drive must be a Quench-, Jam-, ShearStabilize-, Cement-, OscillatoryShear-, SteadyShear- or "
-                f"SimulateDrive or None, got {self.drive!r}"
+                "drive must be a Quench-, Jam-, ShearStabilize-, Cement-, OscillatoryShear-, SteadyShear-, "
+                f"RampStrain-, Creep- or SimulateDrive or None, got {self.drive!r}"
             )
 
     @property

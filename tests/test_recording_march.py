@@ -176,6 +176,17 @@ def test_watching_live_changes_no_bit_of_the_run_and_sends_what_is_seen(tmp_path
     assert strain[STEPS] == [run().strain]
 
 
+def test_marches_that_follow_each_other_are_shown_one_after_the_other(tmp_path):
+    target = tmp_path / "live.rrd"
+    live = LiveRecording(scene(), target, least_seconds=0.0)
+    for _ in range(2):
+        sheared(progress=live.watch)
+    live.close()
+    shown = sorted(ReadBack(target).at_steps("/state/position", "position_nd"))
+    each = run().trace.step_t.tolist()[1:]
+    assert shown == [*each, *(each[-1] + 1 + step for step in each)]
+
+
 def test_a_viewer_that_listens_receives_what_is_sent_live():
     import rerun as rr
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import integer, positive, real
+from packmech.dynamics.checkpoint import scene_marks
 from packmech.dynamics.march.flow import Sine
 from packmech.dynamics.quench import quench
 from packmech.dynamics.rheology.keeper import Keeper
@@ -161,8 +163,7 @@ def equilibrate(
     stages: list[Stage] = []
     packing = scene.packing
     if frictionless or (frictionless is None and not bonded):
-        minimum = quench(_frictionless(scene), force_tolerance=_QUENCHED, progress=progress)
-        packing, stages = minimum.packing, list(minimum.stages)
+        packing, stages = _minimum(_frictionless(scene), manner)
     expected = _expected(scene, packing, amplitude) if expected_stress is None else expected_stress
     expected = positive("expected_stress", expected)
 
@@ -206,6 +207,20 @@ def equilibrate(
 
 def _frictionless(scene: Scene) -> Scene:
     return Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
+
+
+def _minimum(scene: Scene, manner: Manner) -> tuple[Packing, list[Stage]]:
+    """Return the packing at its energy minimum, and the steps to it; both from the checkpoint if they are there."""
+    keeper = manner.keeper
+    kept = None if keeper is None else keeper.next({**scene_marks(scene), "minimum": _QUENCHED})
+    if kept is not None:
+        stages = [Stage(**one) for one in json.loads(str(kept["stages"]))]
+        return scene.packing.replace(position_nd=kept["position_nd"]), stages
+    found = quench(scene, force_tolerance=_QUENCHED, progress=manner.progress)
+    if keeper is not None:
+        told = json.dumps([dataclasses.asdict(one) for one in found.stages])
+        keeper.write({"position_nd": found.packing.position_nd, "stages": np.array(told)}, finished=True)
+    return found.packing, list(found.stages)
 
 
 def _expected(scene: Scene, packing: Packing, amplitude: float) -> float:

@@ -75,7 +75,7 @@ class Keeper:
         if others:
             raise ValueError(
                 f"checkpoint must hold a run of the same scene and settings, or be no file yet, got {str(self.path)!r} "
-                f"with another {', another '.join(others)}"
+                f"with another {', another '.join(others)}; without that file the work begins anew"
             )
         return self.arrays[turn] or None
 

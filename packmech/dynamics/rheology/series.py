@@ -113,8 +113,9 @@ def shear_series(
     prepare
         prepare(seed) returns the scene of a repeat, the same for the same seed.
     folder
-        Where trials are kept, a file for each, so that interrupted work goes on where it was when called again, and
-        more repeats, amplitudes, frictions or controls may be asked for. None keeps nothing.
+        Where trials are kept, a file for each and a checkpoint of the one underway, so that interrupted work goes on
+        where it was when called again, and more repeats, amplitudes, frictions or controls may be asked for. None
+        keeps nothing.
     amplitudes
         Of the strain [1].
     repeats
@@ -215,9 +216,11 @@ def _trial(prepared: Scene, settings: Settings, choices: dict[str, Any], folder:
     path = None if folder is None else settings.path(folder)
     if path is not None and path.exists():
         return read_trial(path, text)
-    trial = trial_of(oscillatory_shear(scene, amplitude=settings.amplitude, **choices))
-    if path is not None:
+    underway = None if path is None else path.with_suffix(".underway.npz")
+    trial = trial_of(oscillatory_shear(scene, amplitude=settings.amplitude, checkpoint=underway, **choices))
+    if path is not None and underway is not None:
         write_trial(path, text, trial)
+        underway.unlink()
     return trial
 
 
