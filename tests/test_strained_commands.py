@@ -112,7 +112,7 @@ def test_a_checkpoint_is_refused_where_nothing_is_strained(folder):
         run("rest.toml", "--checkpoint", "mine.npz")
 
 
-@pytest.mark.parametrize(("name", "stems"), [("flow", ["-rate-0.1", "-rate-0.2"]), ("squeeze", [""]), ("creep", [""])])
+@pytest.mark.parametrize(("name", "stems"), [("flow", ["-rate-0.1", "-rate-0.2"]), ("squeeze", [""])])
 def test_recordings_pictures_and_live_streams_are_written_of_every_strained_run(name, stems, folder, capsys):
     words = ("--record", "run.rrd", "--live", "live.rrd", "--frames", "3", "--format", "svg", "--out", "film")
     assert run(f"{name}.toml", *words) == 0

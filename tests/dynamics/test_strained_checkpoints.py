@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.dynamics.checkpoint import scene_marks, write_checkpoint
 from packmech.dynamics.march.state import March
 from packmech.dynamics.rheology import keeper, travel
 
@@ -33,7 +34,7 @@ SINE = {"frequency": 0.05, "samples_per_period": 20}
 CALLS = {
     "sine": (pm.oscillatory_shear, {"amplitude": 0.2, "pre_periods": 0.5, "periods": 3, "post_periods": 0.5, **SINE}),
     "ramp": (pm.ramp_strain, {"rate": 0.1, "strain": 2.5, "samples": 20}),
-    "creep": (pm.creep, {"stress": 0.02, "duration": 60.0, "hold": 40.0}),
+    "creep": (pm.creep, {"stress": 0.02, "duration": 15.0, "hold": 10.0}),
 }
 SEVERAL = {
     "sweep": (pm.amplitude_sweep, {"amplitudes": [0.01, 0.2], "periods": 2, **SINE}),
@@ -229,7 +230,7 @@ def test_another_scene_is_refused_by_what_differs(scene, tmp_path):
 
 def test_checkpoints_of_simulate_and_of_strained_runs_are_told_apart(scene, tmp_path):
     call, given = CALLS["ramp"]
-    pm.simulate(pm.Scene(scene.packing, (pm.Repulsion(),)), steps=2, checkpoint=tmp_path / "motion.npz")
+    write_checkpoint(tmp_path / "motion.npz", {"scene": scene_marks(scene), "steps": 2}, {})
     with pytest.raises(ValueError, match="checkpoint must hold strained runs"):
         call(scene, checkpoint=tmp_path / "motion.npz", **given)
     call(scene, checkpoint=tmp_path / "run.npz", time_limit=1e-9, check=False, **given)
