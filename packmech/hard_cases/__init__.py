@@ -14,7 +14,7 @@ __all__ = ["HardCase", "Measured", "catalogue", "measure"]
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """Return every hard case, by rooms: geometry, matrices, motion, protocols, verdicts, crystals, links.
+    """Return every hard case, by rooms: geometry, matrices, motion, protocols, verdicts, crystals, links, shear.
 
     Examples
     --------
@@ -22,7 +22,17 @@ def catalogue() -> tuple[HardCase, ...]:
     ['one particle in a box', 'one sphere in a box']
 
     """
-    from packmech.hard_cases import geometry, jamming, jamming_verdicts, lattices, links, matrices, motion
+    from packmech.hard_cases import (
+        collisions,
+        geometry,
+        jamming,
+        jamming_verdicts,
+        lattices,
+        links,
+        matrices,
+        motion,
+        shearing,
+    )
 
     cases = (
         *geometry.CASES,
@@ -32,6 +42,8 @@ def catalogue() -> tuple[HardCase, ...]:
         *jamming_verdicts.CASES,
         *lattices.CASES,
         *links.CASES,
+        *shearing.CASES,
+        *collisions.CASES,
     )
     _check(cases)
     return cases

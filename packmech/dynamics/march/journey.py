@@ -43,6 +43,17 @@ def needs_march(scene: Scene, strain: Strain | None) -> bool:
     return beyond or strain is not None
 
 
+def refuse_bonds_without_length(scene: Scene) -> None:
+    """Refuse bonds whose ends coincide: they have no direction to push in."""
+    position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
+    for one in scene.effects:
+        if isinstance(one, Bonds) and len(one):
+            length = np.linalg.norm(position[one.j_b] - position[one.i_b] + one.image_bd @ lattice.T, axis=1)
+            least = int(np.argmin(length))
+            if length[least] == 0.0:
+                raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {least}")
+
+
 def tensors(figures: NDArray[np.float64], dimension: int, volume: float) -> dict[str, NDArray[np.float64]]:
     """Return the parts of the stress by name, (..., d, d), Cauchy, tension positive, of rows of a march's figures.
 
@@ -83,6 +94,7 @@ class Marching:
         threads: int = 1,
     ) -> None:
         without_links("scene.packing", scene.packing)
+        refuse_bonds_without_length(scene)
         self.scene, self.mass_n = scene, mass_n
         self.look_every = look_every(strain, dt, scene.packing.particles)
         d = scene.packing.dimension
