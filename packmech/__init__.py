@@ -51,6 +51,8 @@ _PUBLIC = {
     "ShearStabilizeDrive": "packmech.scene",
     "SimulateDrive": "packmech.motion_drive",
     "SteadyShearDrive": "packmech.scene",
+    "WallModuli": "packmech.dynamics.rheology.wall_moduli",
+    "rough_plates": "packmech.dynamics.rheology.plates",
     "Scene": "packmech.scene",
     "list_scenes": "packmech.scene_file",
     "read_scene": "packmech.scene_file",

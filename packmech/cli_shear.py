@@ -93,8 +93,15 @@ def _rest(scene: Scene, drive: OscillatoryShearDrive, shared: dict[str, Any]) ->
 def _shear(scene: Scene, drive: OscillatoryShearDrive, shared: dict[str, Any], *, frames: int) -> OscillatoryShear:
     from packmech.dynamics.rheology.oscillatory import oscillatory_shear
 
+    held = None
+    if drive.plates is not None:
+        from packmech.dynamics.rheology.plates import rough_plates
+
+        held = rough_plates(scene.packing, layer=drive.plates, axis=drive.axes[1])
     return oscillatory_shear(
         scene,
+        held_n=held,
+        carried=drive.carried,
         pre_periods=drive.pre_periods,
         periods=drive.periods,
         post_periods=drive.post_periods,
@@ -145,6 +152,20 @@ def _numbers(scene: Scene, rest: Equilibration | None, run: OscillatoryShear) ->
             "storage_fit_error": found.storage_fit_error,
             "loss_fit_error": found.loss_fit_error,
         }
+    if run.held_n is not None:
+        numbers["held"] = int(run.held_n.sum())
+    if run.walls is not None:
+        walls = run.walls
+        numbers["walls"] = {
+            "separation": walls.separation,
+            "difference": walls.difference,
+            "agree": walls.agree,
+            **{
+                f"{name}_{part}": getattr(found, part)
+                for name, found in (("force", walls.force), ("volume", walls.volume))
+                for part in ("storage", "loss", "storage_error", "loss_error")
+            },
+        }
     return numbers
 
 
@@ -165,6 +186,8 @@ def _rows(numbers: Mapping[str, Any]) -> list[Row]:
     else:
         lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
         rows = [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
+    if "walls" in numbers:
+        rows += _wall_rows(numbers["walls"], numbers.get("held", 0), unit)
     if "oscillation_ratio" in numbers:
         note = f"stress before the shear over the amplitude expected, {numbers['expected_stress']:.4g}"
         rows.append(("residual oscillation", f"{numbers['oscillation_ratio']:.2g}", note))
@@ -176,3 +199,17 @@ def _rows(numbers: Mapping[str, Any]) -> list[Row]:
     if "bonds" in numbers:
         rows.append(("bonds", str(numbers["bonds"]), f"in {numbers['fragments']} fragments"))
     return rows
+
+
+def _wall_rows(walls: Mapping[str, Any], held: int, unit: str) -> list[Row]:
+    apart = f"{held} particles held, " if held else ""
+    where = {"force": f"force on the walls over their area; {unit}", "volume": "stress of what is between them"}
+    rows = [
+        (name, f"{walls[f'{kind}_storage']:.6g}  {walls[f'{kind}_loss']:.6g}", f"G'  G'', {where[kind]}")
+        for name, kind in (("at the walls", "force"), ("between them", "volume"))
+    ]
+    if walls["agree"]:
+        note = "within the 30 % that are let pass"
+    else:
+        note = "MORE THAN 30 %: the sample's inertia counts, take a lower frequency"
+    return [*rows, ("walls differ", f"{walls['difference']:.1%}", f"{note}; {apart}{walls['separation']:.6g} apart")]

@@ -109,6 +109,11 @@ class OscillatoryShearDrive:
         reference diameter has mass 1.
     largest_oscillation
         What pm.equilibrate takes, which comes first; None: nothing does.
+    plates
+        Whom rough plates hold once the scene is at rest, the layer of pm.rough_plates: "crossing" or a thickness; None:
+        there are none.
+    carried
+        What pm.oscillatory_shear takes; false only with plates.
 
     """
 
@@ -125,6 +130,8 @@ class OscillatoryShearDrive:
     samples_per_period: int = 200
     density: float | None = None
     largest_oscillation: float | None = 0.1
+    plates: str | float | None = None
+    carried: bool = True
 
     def __post_init__(self) -> None:
         for name in ("amplitude", "periods"):
@@ -140,6 +147,13 @@ class OscillatoryShearDrive:
         if self.skip_periods is not None:
             real("drive.skip_periods", self.skip_periods, at_least=0.0, below=self.periods)
         integer("drive.samples_per_period", self.samples_per_period, at_least=8)
+        if isinstance(self.plates, str):
+            one_of("drive.plates", self.plates, ("crossing",))
+        elif self.plates is not None:
+            positive("drive.plates", self.plates)
+        instance("drive.carried", self.carried, bool)
+        if not self.carried and self.plates is None:
+            raise ValueError("drive.carried must be true where there are no plates, got False")
         _record_or_none("drive.method", self.method)
         _two_axes(self.axes)
 

@@ -27,6 +27,7 @@ RESULTS = {
     "Rattling", "ReaffixedLinks",
     "Run",
     "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Table", "Trace", "Trial", "Verdict", "WeightedMean",
+    "WallModuli",
     "WorkPrecision",
 }  # fmt: skip
 
@@ -214,6 +215,12 @@ BAD = {
     "RampStrainDrive.strain": POSITIVE,
     "RampStrainDrive.mode": CHOICE,
     "RampStrainDrive.samples": [*COUNT, None],
+    "OscillatoryShearDrive.plates": ["rough", NAN, 0.0, -1.0, True],
+    "OscillatoryShearDrive.carried": [*SWITCH, False],
+    "oscillatory_shear.carried": [*SWITCH, False],
+    "rough_plates.packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2)],
+    "rough_plates.layer": ["rough", NAN, 0.0, -1.0, 1e9, None],
+    "rough_plates.axis": [-1, 2, 0.5, "y", None],
     "SimulateDrive.steps": [*COUNT, None],
     **{f"SimulateDrive.{name}": [NAN, INF, 0.0, -1.0, "1"] for name in ("duration", "dt", "density")},
     "SimulateDrive.method": ["verlet", 3, pm.VelocityVerlet],
@@ -500,6 +507,7 @@ def good(name, folder):
         "SimulateDrive": {"steps": 2},
         "CreepDrive": {"stress": 0.1, "duration": 2.0},
         "RampStrainDrive": {"rate": 0.1, "strain": 0.2},
+        "rough_plates": {"packing": pm.random_packing(30, dimension=2, packing_fraction=0.9, seed=1)},
         "equilibrate": {"scene": scene(), "amplitude": 1e-3, "frequency": 0.2, "dt": 0.2},
         "OscillatoryStrain": {"amplitude": 0.1, "frequency": 0.2},
         "cut_fragments": {"bonds": pm.bond_contacts(touching()), "packing": touching(), "seed": 1},

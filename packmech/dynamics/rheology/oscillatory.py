@@ -9,10 +9,11 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import integer, one_of, positive, real
+from packmech.check import instance, integer, one_of, positive, real
 from packmech.dynamics.march.flow import Increments, Sine
 from packmech.dynamics.rheology.manner import Common, Manner, check_arguments, listed, two_axes
 from packmech.dynamics.rheology.travel import StrainRun, Travel
+from packmech.dynamics.rheology.wall_moduli import WallModuli, wall_watch
 from packmech.dynamics.strain import OscillatoryStrain
 from packmech.effects import Bonds, law_second, pair_second
 from packmech.measure import Demodulation, demodulate
@@ -39,6 +40,9 @@ class OscillatoryShear(StrainRun):
     moduli
         G' and G'' of the overall stress, with error bars over periods; None where the run ended before a period that
         counts.
+    walls
+        The same from the force on walls and from what is between them, where the scene has walls across the gradient:
+        rough plates (held_n of `rough_plates`), or smooth Walls; None without, or as above.
 
     """
 
@@ -48,6 +52,7 @@ class OscillatoryShear(StrainRun):
     periods: float
     skip_periods: float
     moduli: Demodulation | None
+    walls: WallModuli | None = None
 
     @property
     def phase_t(self) -> NDArray[np.float64]:
@@ -66,11 +71,15 @@ class OscillatoryShear(StrainRun):
         if tensor not in self.stress:
             raise ValueError(f"tensor must be one of {', '.join(map(repr, self.stress))}, got {tensor!r}")
         a, b = self.axes if axes is None else axes
+        return self.demodulated_of(self.stress[tensor][:, a, b])
+
+    def demodulated_of(self, stress_t: NDArray[np.float64]) -> Demodulation:
+        """Return the moduli of a (T,) stress of the times of this run, over the periods that count."""
         phase = self.phase_t
         sheared = (phase >= 0.0) & (phase <= 2.0 * np.pi * (self.periods + 1e-9))
         return demodulate(
             phase[sheared],
-            self.stress[tensor][sheared, a, b],
+            stress_t[sheared],
             amplitude=self.amplitude,
             skip_periods=self.skip_periods,
             periods=min(self.periods, float(phase[sheared][-1]) / (2.0 * np.pi)) if sheared.any() else self.periods,
@@ -124,6 +133,7 @@ def oscillatory_shear(
     skip_periods: float | None = None,
     axes: tuple[int, int] = (0, 1),
     samples_per_period: int = 200,
+    carried: bool = True,
     strain_path: str = "exact",
     **common: Unpack[Common],
 ) -> OscillatoryShear:
@@ -161,6 +171,10 @@ def oscillatory_shear(
         (N,) True for particles that nothing pushes or turns: they follow the box, as rough plates do.
     samples_per_period
         How often figures are kept, at least 8.
+    carried
+        Whether everything is carried along as the box deforms, so that only motion against it has inertia (SLLOD: a
+        part of an endless sheared medium). False: nothing is, and plates alone (held_n of `rough_plates`) drive the
+        sample, about the middle between them; steps then take their time in Python.
     strain_path
         "exact", or "increments": the strain is that of the sine at every step and linear in it, so that the rate is the
         mean one of the step, as where strain increments drive an experiment.
@@ -218,19 +232,23 @@ def oscillatory_shear(
     each = every * samples
     step = 1.0 / (rate * each)
     one_of("strain_path", strain_path, ("exact", "increments"))
+    instance("carried", carried, bool)
     before, sheared, after = round(pre * each), max(1, round(count * each)), round(post * each)
     rests = before > 0 or after > 0
     # the rate jumps there: in the middle of a step a trapezoidal rule takes no notice
     start = (before + 0.5) * step if rests else 0.0
     end = start + sheared * step if rests else math.inf
-    profile = Sine(float(amplitude), 2.0 * math.pi * rate, start, end)
+    sine = Sine(float(amplitude), 2.0 * math.pi * rate, start, end)
+    profile = sine if strain_path == "exact" else Increments(*sine, step)
     travel = Travel(
         manner,
         dt=step,
         steps=before + sheared + after + (1 if rests else 0),
         every=every,
-        profile=profile if strain_path == "exact" else Increments(*profile, step),
+        profile=profile,
         direction_dd=direction,
+        further={"carried": carried},
+        watch=wall_watch(manner, strain.axes, every, profile, carried=carried),
     )
 
     return travel.end(lambda: travel.go(STAGE), lambda outcome: _finish(travel, outcome, strain, start, count, skip))
@@ -251,4 +269,5 @@ def _finish(
     # a whole period that counts, or nothing
     if run.phase_t[-1] < 2.0 * np.pi * (skip + 1.0 - 1.0 / 8.0):
         return run
-    return replace(run, moduli=run.demodulated())
+    walls = None if travel.watch is None else travel.watch.moduli(run)
+    return replace(run, moduli=run.demodulated(), walls=walls)

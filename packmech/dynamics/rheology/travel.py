@@ -35,6 +35,7 @@ from packmech.dynamics.march.state import March, build_march, homing_steps
 from packmech.dynamics.march.tally import Ledger, new_ledger
 from packmech.dynamics.march.touching import Touching, touching_of
 from packmech.dynamics.rheology.manner import Manner
+from packmech.dynamics.rheology.wall_moduli import WallWatch
 from packmech.dynamics.verlet import VelocityVerlet
 from packmech.effects import Bonds, Friction
 from packmech.interrupts import held_interrupts, safe_interrupts
@@ -133,8 +134,10 @@ class Travel:
         direction_dd: NDArray[np.float64],
         driven: bool = False,
         further: dict[str, Any] | None = None,
+        watch: WallWatch | None = None,
     ) -> None:
         self.began = time.process_time()
+        self.watch = watch
         self.manner, self.dt, self.steps, self.every = manner, dt, steps, every
         self.march: March = build_march(
             manner.scene,
@@ -173,6 +176,8 @@ class Travel:
             self.first = self.march.see()
             self.driven_rows = [self.first] if driven else None
             self._frame()
+            if watch is not None:
+                watch.begin(self.march)
         else:
             self._restore(kept, driven)
         self.build_seconds = time.process_time() - self.began
@@ -193,7 +198,7 @@ class Travel:
             due = min(self.chunk, self.steps - self.march.steps)
             if len(self.position_f) < len(self.due_f):
                 due = min(due, int(self.due_f[len(self.position_f)]) - self.march.steps)
-            if not self.advance(due):
+            if not (self.advance(due) if self.watch is None else self._advance_watched(due, self.watch)):
                 return Outcome.STEP_TOO_LONG
             self.tell(stage)
             if self.late():
@@ -206,6 +211,17 @@ class Travel:
             if self.march.advance(steps, self.ledger) != RUNNING:
                 return False
             self._frame()
+        return True
+
+    def _advance_watched(self, steps: int, watch: WallWatch) -> bool:
+        """Advance by so many steps in parts, between which walls are looked at."""
+        end = self.march.steps + steps
+        while self.march.steps < end:
+            # what is done before a part belongs to it
+            with held_interrupts():
+                if not self.advance(watch.before(self.march, end - self.march.steps)):
+                    return False
+                watch.after(self.march)
         return True
 
     def tell(self, stage: str) -> None:
@@ -242,6 +258,7 @@ class Travel:
             "position_fnd": np.array(self.position_f).reshape(shape),
             **scenery_arrays(self.scenery_f),
             "seconds": np.array(self.seconds()),
+            **({} if self.watch is None else self.watch.leaves()),
         }
         with held_interrupts():
             keeper.write(arrays, finished=self.march.steps >= self.steps)
@@ -262,6 +279,8 @@ class Travel:
         self.position_f = list(kept["position_fnd"])
         self.scenery_f = sceneries(kept)
         self.seconds_before = float(kept["seconds"])
+        if self.watch is not None:
+            self.watch.restore(kept)
 
     def seconds(self) -> float:
         """Return the CPU time taken so far, in what went before a checkpoint too."""
