@@ -149,7 +149,8 @@ def soft_finding(cone: MotionCone, solver: str, tolerance: float, solves: tuple[
     if cone.is_floppy:
         reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
         return Finding(False, reason, softest, motion=motion, solves=solves)
-    if softest**2 > FLOPPY:
+    # a soft motion that changes the contacts by far more than these are known is none of the hard packing's
+    if softest**2 > FLOPPY or cone.is_firm:
         return None
     told = f"smallest singular value {softest:.1e} of the largest"
     for name, asked in attempts(cone, solver, tolerance):

@@ -33,6 +33,8 @@ _ROUNDING = 100 * float(np.finfo(np.float64).eps)
 _PURER = 12
 # changes of rows by so many times what the contacts are known to cannot be told from none
 _KNOWN = 10.0
+# singular values above so many times what the rows are known are no doubtful ones
+_FIRM = 100.0
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
@@ -40,6 +42,8 @@ _DENSE_UNKNOWNS = 60
 _KRYLOV = 10
 # projections on the weights that balance, each removing what rounding left of the one before
 ROUNDS = 3
+# and at most so many, while each halves what is left
+_MOST_ROUNDS = 20
 # the volume's row counts as held by others when less than this of it is left
 _HELD = 1e-7
 
@@ -257,6 +261,17 @@ class MotionCone:
         stretch = float(np.abs(self.rows @ motion).max(initial=0.0))
         return value**2 <= FLOPPY and stretch <= _KNOWN * self.slack * float(np.abs(motion).max(initial=0.0))
 
+    @property
+    def is_firm(self) -> bool:
+        """Whether the smallest singular value stays above 0 by far when rows change by what the contacts are known.
+
+        By Weyl's bound: a particle's z contacts, two ends each, move it by at most about sqrt(2 z) times the slack.
+        """
+        value, _ = self._softest
+        contacts = self.opening.shape[0] / max(len(self.kept_n), 1)
+        known = max(self.slack, self.rounding) * 2.0 * float(np.sqrt(max(contacts, 1.0)))
+        return value * float(np.sqrt(self.largest_eigenvalue)) > _FIRM * known
+
     @functools.cached_property
     def _free_basis(self) -> NDArray[np.float64]:
         """Orthonormal columns that span everything but translations; for small systems."""
@@ -289,11 +304,27 @@ class MotionCone:
 
     def bearing(self, weight: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nearest weights of the rows that bear a load: rows^T weight = load to rounding, at full rank."""
-        result = weight.copy()
         if self.unknowns == self.dimension:
-            return result
-        for _ in range(ROUNDS):
-            result -= self.rows @ self._solve(self.without_translations(self.rows.T @ result - load))
+            return weight.copy()
+        # Conjugate gradients on rows^T rows: one step each for the motions softer than what lifts its factorization.
+        result, step, held = weight.copy(), np.zeros(self.unknowns), np.zeros(self.unknowns)
+        last, before = np.inf, np.inf
+        for k in range(_MOST_ROUNDS):
+            rest = self.without_translations(self.rows.T @ result - load)
+            size = float(np.sqrt(rest @ rest))
+            if k >= ROUNDS and not size < 0.5 * last:
+                break
+            follow = self._solve(rest)
+            product = float(rest @ follow)
+            if not product > 0.0:
+                break
+            step = follow + float(follow @ (rest - held)) / before * step
+            change = self.rows @ step
+            square = float(change @ change)
+            if not square > 0.0:
+                break
+            result -= float(rest @ step) / square * change
+            held, last, before = rest, size, product
         return result
 
 
