@@ -144,13 +144,13 @@ def test_one_jump_of_the_strain_within_a_frame_is_taken_in_parts():
 def exploding():
     """Two particles so near to each other that the first step throws them far apart."""
     packing = pm.Packing([[1.0, 1.0], [1.01, 1.0], [3.0, 3.0]], [0.5] * 3, pm.Box.cubic(6.0, 2))
-    return pm.Scene(packing, (pm.Repulsion(law=pm.RepulsiveLennardJones()),))
+    return pm.Scene(packing, (pm.Repulsion(),))
 
 
 def test_a_packing_that_moves_too_fast_is_put_back_and_rests_until_it_is_restarted():
-    calm = pm.Packing([[1.0, 1.0], [1.99, 1.0], [3.0, 3.0]], [0.5] * 3, pm.Box.cubic(6.0, 2))
+    calm = pm.Packing([[1.0, 1.0], [1.9999, 1.0], [3.0, 3.0]], [0.5] * 3, pm.Box.cubic(6.0, 2))
     scenes = [exploding(), exploding().replace(packing=calm)]
-    batch = pm.ShearBatch(scenes, control="rate", dt=0.01)
+    batch = pm.ShearBatch(scenes, control="rate", dt=2.0)
     start = batch.figure_bk.copy()
     assert batch.advance(np.array([[0.01], [0.01]])).tolist() == [False, True]
     assert [batch.outcome(b) for b in (0, 1)] == [pm.Outcome.STEP_TOO_LONG, pm.Outcome.FINISHED]
@@ -158,13 +158,14 @@ def test_a_packing_that_moves_too_fast_is_put_back_and_rests_until_it_is_restart
     assert batch.packing(0) == scenes[0].packing
     assert batch.advance(np.array([[0.01], [0.01]])).tolist() == [False, True]
     assert np.array_equal(batch.figure_bk[0], start[0])
-    assert batch.figure_bk[1, 0] == 0.02
+    assert batch.figure_bk[1, 0] == 4.0
     batch.restart(0, scenes[1])
     assert batch.advance(np.array([[0.0], [0.0]])).all()
 
 
 def test_a_strain_that_breaks_a_frame_after_particles_were_brought_home_leaves_the_last_good_packing():
-    batch = pm.ShearBatch([exploding().replace(packing=plain(0).packing)], control="strain", steps=50)
+    stiff = plain(0).replace(effects=(pm.Repulsion(law=pm.Harmonic(energy_scale=400.0)),))
+    batch = pm.ShearBatch([stiff], control="strain", steps=50, dt=0.05)
     before = None
     for strain in (0.3, 0.9, 1.6, 2.0, 3.0, 4.0, 6.0, 9.0):
         before = batch.packing(0), batch.figure_bk.copy()

@@ -42,9 +42,11 @@ from packmech.effects import Friction
 END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
 # columns of the counts and of the numbers of each packing
 STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
-REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, NUMBERS = 0, 1, 2, 3, 4, 5, 6
-# who left the cell is brought home every so many steps, or whenever the box has sheared by so much
+REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, HEIGHT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7
+# whether somebody left the cell is looked at every so many steps, or whenever the box has sheared by so much
 _HOMING, _MOST_SHEARED = 1024, 0.2
+# other lattice vectors may be better where the least height has become so much smaller
+_FLATTER = 0.85
 # what a call does: start a frame, go on with one that was left, or only look
 FRESH, AGAIN, LOOK = 0, 1, 2
 # leading columns of figures; then the stress (3 numbers in a plane, 6 in space), and the others named in `figure_names`
@@ -191,6 +193,23 @@ def _put_back(state, good_nk, path, count_k, row):
 
 
 @device
+def _abroad(axes, body, frame, height):
+    """Whether a particle is more than a cell away from the cell, or the cell so flat that others may be better."""
+    d = len(axes)
+    for a in range(d):
+        if frame.height_d[a] < _FLATTER * height:
+            return True
+    for i in range(body.shape[0]):
+        for a in range(d):
+            fraction = 0.0
+            for b in range(d):
+                fraction += frame.inverse_dd[a, b] * body[i, b]
+            if fraction < -1.0 or fraction >= 2.0:
+                return True
+    return False
+
+
+@device
 def _frame(batch, plan, doing, b, told_k, count_k, number_k, row, figure_k):
     """Take a frame of one packing, or what was left of it; return whether somebody must bring its particles home."""
     acting, state, space, pairs, track, good_nk = batch[b]
@@ -242,7 +261,10 @@ def _frame(batch, plan, doing, b, told_k, count_k, number_k, row, figure_k):
             continue
         if status != RUNNING:
             break
-        home = count_k[SINCE] >= _HOMING or number_k[SHEARED] >= _MOST_SHEARED * (1.0 - 1e-9)
+        if count_k[SINCE] >= _HOMING or number_k[SHEARED] >= _MOST_SHEARED * (1.0 - 1e-9):
+            home = _abroad(plan.axes, state.body, space.frame, number_k[HEIGHT])
+            count_k[SINCE] = 0
+            number_k[SHEARED] = 0.0
     count_k[STEPS] = step
     count_k[LEFT] = left
     if status == RUNNING and left == 0:
