@@ -1,0 +1,353 @@
+"""Quench-v0: the interface, complete resets, the protocols of scripts, and what it does with whatever it is given."""
+
+import warnings
+from functools import cache
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from packmech_envs.quench import QuenchEnv
+from packmech_envs.quench_reward import TERMS, QuenchReward
+from packmech_envs.quench_vector import QuenchVectorEnv
+
+import packmech as pm
+
+
+@cache
+def discs(particles=16):
+    packing = pm.random_packing(particles, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=1)
+    return pm.Scene(packing, (pm.Repulsion(),))
+
+
+@cache
+def trimers():
+    packing = pm.cluster_packing(6, pm.Trimer(), dimension=2, packing_fraction=0.4, seed=3, largest_overlap=0.1)
+    return pm.Scene(packing, (pm.Repulsion(),))
+
+
+def episode(env, seed, actions):
+    """Return all that an episode tells, as arrays."""
+    observation, info = env.reset(seed=seed)
+    told = [(observation, 0.0, False, False, *info.values())]
+    for action in actions:
+        observation, reward, terminated, truncated, info = env.step(action)
+        told.append((observation, reward, terminated, truncated, *info.values()))
+    return [np.concatenate([np.atleast_1d(np.asarray(one, dtype=np.float64)) for one in row]) for row in told]
+
+
+def checked(env):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {},
+        {"scene": trimers()},
+        {"scene": "triangular", "start": "scene"},
+        {"relax": 5, "shear_modulus": True},
+    ],
+    ids=["default", "links", "lattice", "steps"],
+)
+def test_the_checker_passes(arguments):
+    checked(gym.make("packmech_envs:packmech/Quench-v0", **arguments))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", pm.list_scenes())
+def test_the_checker_passes_for_every_shipped_scene(scene):
+    checked(gym.make("packmech_envs:packmech/Quench-v0", scene=scene, bonds="leave out", relax=20))
+
+
+def test_scenes_with_bonds_are_refused_unless_they_are_to_be_left_out():
+    with pytest.raises(ValueError, match="scene must have no bonds here.*leave out"):
+        QuenchEnv("bulk")
+
+
+def test_observations_are_float64_and_named():
+    env = QuenchEnv(discs(), shear_modulus=True)
+    observation, _ = env.reset(seed=1)
+    assert observation.dtype == np.float64 and len(observation) == len(env.observation_names)
+    assert env.observation_names[-4:] == ("stress_xx", "stress_yy", "stress_xy", "shear_modulus")
+
+
+def test_observations_are_the_measures_of_the_packing():
+    env = QuenchEnv(discs(), shear_modulus=True)
+    env.reset(seed=2)
+    for _ in range(5):
+        observation, *_ = env.step(env.action(0.04, 0.01))
+    seen = dict(zip(env.observation_names, observation, strict=True))
+    scene = env.scene.replace(packing=env.packing)
+    assert seen["packing_fraction"] == pytest.approx(pm.packing_fraction(scene.packing), rel=1e-13)
+    assert 10 ** seen["log_energy"] == pytest.approx(pm.energy(scene) / 16, rel=1e-10)
+    assert 10 ** seen["log_pressure"] == pytest.approx(pm.pressure(scene), rel=1e-10)
+    assert seen["stress_xy"] == pytest.approx(pm.stress_tensor(scene)[0, 1], rel=1e-9)
+    assert seen["shear_modulus"] == pytest.approx(pm.elastic_moduli(scene).shear_modulus, rel=1e-9)
+
+
+@pytest.mark.parametrize("change", [0.0, 1e-9, -3e-7, 2e-4, -0.05, 0.05])
+def test_an_action_made_for_a_change_makes_that_change(change):
+    env = QuenchEnv(discs())
+    env.reset(seed=1)
+    before = env.run.report["packing_fraction"]
+    *_, info = env.step(env.action(change, 0.02))
+    assert info["packing_fraction"] - before == pytest.approx(change, abs=1e-15 + 1e-13 * abs(change))
+    assert info["shear_strain"] == pytest.approx(0.02, rel=1e-15)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    numbers=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=8),
+    relax=st.sampled_from(["full", 4]),
+    linked=st.booleans(),
+)
+def test_a_reset_with_the_same_seed_gives_the_same_bits_alone_and_in_batches(seed, numbers, relax, linked):
+    scene = trimers() if linked else discs()
+    env = QuenchEnv(scene, relax=relax, step_budget=None, evaluation_budget=None, render_mode="rgb_array")
+    actions = [np.array(pair) for pair in numbers]
+    first = episode(env, seed, actions)
+    env.step([0.3, -0.2])
+    env.render()
+    second = episode(env, seed, actions)
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+    for threads in (1, 2):
+        envs = QuenchVectorEnv(
+            3, scene, relax=relax, step_budget=None, evaluation_budget=None, autoreset_mode="Disabled", threads=threads
+        )
+        # the second of three environments gets the seed of the single one
+        observations = [envs.reset(seed=seed - 1 if seed else [7, 0, 8])[0][1]]
+        rewards = [0.0]
+        for action in actions:
+            observation, reward, terminated, _, _ = envs.step(np.stack([-action, action, 0.5 * action]))
+            observations.append(observation[1])
+            rewards.append(reward[1])
+            envs._done_b[:] = False
+        for k, row in enumerate(first):
+            assert np.array_equal(row[: observations[k].size], observations[k])
+            assert row[observations[k].size] == rewards[k]
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_the_batch_is_so_many_single_environments_through_autoresets(mode):
+    from gymnasium.vector import AutoresetMode
+
+    arguments = {"scene": discs(), "step_budget": 4, "largest_pressure": 1e-3}
+    mine = QuenchVectorEnv(3, **arguments, autoreset_mode=mode)
+    theirs = SyncVectorEnv([lambda: QuenchEnv(**arguments)] * 3, autoreset_mode=AutoresetMode(mode))
+    rng = np.random.default_rng(1)
+    assert np.array_equal(mine.reset(seed=5)[0], theirs.reset(seed=5)[0])
+    for _ in range(14):
+        actions = rng.uniform(-1.0, 1.0, (3, 2))
+        one, other = mine.step(actions), theirs.step(actions)
+        for a, b in zip(one[:4], other[:4], strict=True):
+            assert np.array_equal(a, b)
+        assert set(one[4]) == set(other[4])
+        for name in ("pressure", "reward_distance", "jammed"):
+            assert (one[4].get(name) is None) == (other[4].get(name) is None)
+            if name in one[4]:
+                assert np.array_equal(one[4][name], other[4][name])
+
+
+def step_halving(env, increment, energy_tolerance, most=2000):
+    """Replay pm.StepHalving through actions; return whether its window of energies was met."""
+    side = 0
+    for _ in range(most):
+        energy = env.run.trace.energy_t[-1] / (env.packing.particles * env.scene.energy_scale)
+        if energy_tolerance < energy < 2.0 * energy_tolerance:
+            return True
+        now = 1 if energy >= 2.0 * energy_tolerance else -1
+        if side and now != side:
+            increment *= 0.5
+        side = now
+        env.step(env.action(-side * increment))
+    return False
+
+
+@pytest.mark.parametrize("scene", [discs(), trimers()], ids=["discs", "trimers"])
+def test_a_scripted_episode_reaches_the_packing_fraction_of_jam(scene):
+    fraction, increment, tolerance = (0.8, 5e-3, 1e-10) if scene is discs() else (0.7, 1e-2, 1e-10)
+    start = scene.packing
+    if scene is trimers():
+        # scaled as the protocol scales it: clusters keep their shape
+        start = pm.scattered_packing(start, packing_fraction=fraction, seed=4, largest_overlap=0.3)
+    else:
+        factor = (pm.packing_fraction(start) / fraction) ** 0.5
+        start = start.replace(position_nd=start.position_nd * factor, box=start.box.scaled(factor))
+    scene = scene.replace(packing=start)
+    method = pm.StepHalving(
+        start_packing_fraction=fraction, increment=increment, energy_tolerance=tolerance, quench_tolerance=1e-8
+    )
+    run = pm.jam(scene, strain="fixed", method=method, check=False)
+    assert run.outcome is pm.Outcome.CONVERGED
+    env = QuenchEnv(
+        scene, start="scene", force_tolerance=1e-8, force_floor=1e-2 * np.sqrt(tolerance),
+        step_budget=None, evaluation_budget=None,
+    )  # fmt: skip
+    env.reset()
+    assert step_halving(env, increment, tolerance)
+    # both take the same steps up and down, so that the packing fraction is the same but for the rounding of each step
+    assert env.run.report["packing_fraction"] == pytest.approx(run.report["packing_fraction"], abs=1e-12)
+    assert len(env.run.trace.step_t) == run.report["compression_steps"]
+
+
+def press(env, pressure):
+    """Compress, or expand in proportion to the pressure that is too much; return the last step."""
+    told = env.step(env.action(0.02))
+    for _ in range(60):
+        now = told[4]["pressure"] / env.scene.pressure_unit
+        if 0.0 < now <= pressure or told[2]:
+            return told
+        told = env.step(env.action(float(np.clip(-(now - 0.5 * pressure) / 0.4, -0.05, 0.02)) if now else 0.01))
+    return told
+
+
+def test_an_episode_unjams_and_rejams():
+    env = QuenchEnv(step_budget=None, evaluation_budget=None)
+    env.reset(seed=3)
+    *_, terminated, _, info = press(env, env.largest_pressure)
+    assert terminated and info["jammed"] and info["reward_stability"] == 5.0
+    assert pm.classify_jamming(env.packing).collective == "jammed"
+    first = info["packing_fraction"]
+    *_, terminated, _, info = env.step(env.action(-0.02))
+    assert not terminated and not info["jammed"] and info["pressure"] == 0.0
+    assert info["reward_stability"] == 0.0
+    *_, terminated, _, info = press(env, env.largest_pressure)
+    assert terminated and info["jammed"]
+    assert info["packing_fraction"] == pytest.approx(first, abs=0.01)
+
+
+def test_the_reward_is_the_sum_of_its_named_terms_and_weights_scale_them():
+    env = QuenchEnv(discs(), reward=QuenchReward(0.5, 2.0, 7.0))
+    env.reset(seed=1)
+    for action in ([0.9, 0.1], [0.9, 0.0], [1.0, 0.0]):
+        _, reward, _, _, info = env.step(action)
+        assert reward == sum(info[name] for name in TERMS)
+        assert info["reward_evaluations"] == pytest.approx(-2.0 * info["force_evaluations"] / 1000)
+        decades = 4.0 if info["pressure"] == 0 else max(0.0, np.log10(info["pressure"] / env.largest_pressure))
+        assert info["reward_distance"] == pytest.approx(-0.5 * decades)
+
+
+def test_budgets_truncate():
+    env = QuenchEnv(discs(), step_budget=3)
+    env.reset(seed=1)
+    assert [env.step([0.0, 0.0])[3] for _ in range(3)] == [False, False, True]
+    env = QuenchEnv(discs(), evaluation_budget=60, relax=20)
+    env.reset(seed=1)
+    spent = [env.step([0.9, 0.0])[3] for _ in range(4)]
+    assert spent[0] is False and spent[-1] is True
+
+
+def test_so_many_steps_at_a_time_show_the_quench():
+    scene = discs()
+    env = QuenchEnv(scene, relax=5, start_packing_fraction=0.95, step_budget=None, evaluation_budget=None)
+    env.reset(seed=1)
+    start = env.packing
+    while not env.step([0.0, 0.0])[4]["relaxed"]:
+        pass
+    run = pm.quench(scene.replace(packing=start), method=pm.Fire(), force_tolerance=1e-8)
+    np.testing.assert_allclose(env.packing.position_nd, run.packing.position_nd, atol=1e-7)
+    assert env.run.steps == run.steps and (np.diff(env.run.trace.energy_t) < 0).mean() > 0.8
+
+
+def abuse(env, steps, seed):
+    """Take random and hostile actions; everything stays finite and inside its space, with resets in the middle."""
+    rng = np.random.default_rng(seed)
+    space, count = env.single_observation_space, env.num_envs
+    observation, _ = env.reset(seed=seed)
+    manner = rng.integers(4, size=count)
+    for step in range(steps // count):
+        if step % 50 == 0:
+            # at random; always up; always sheared one way; back and forth between the bounds
+            manner = rng.integers(4, size=count)
+        actions = rng.uniform(-1.0, 1.0, (count, 2))
+        actions[manner == 1, 0] = 1.0
+        actions[manner == 2, 1] = 1.0
+        actions[manner == 3] = (-1.0) ** step
+        observation, reward, _, _, told = env.step(actions)
+        assert np.isfinite(observation).all() and np.isfinite(reward).all()
+        assert all(space.contains(row) for row in observation)
+        if step % 37 == 36:
+            observation, _ = env.reset(options={"reset_mask": rng.random(count) < 0.5} if step % 2 else None)
+    return observation
+
+
+CRUELTIES = [
+    {"scene": discs(), "relax": 3},
+    {"scene": discs(), "relax": "full", "force_tolerance": 1e-5, "largest_change": 0.2, "largest_strain": 1.0},
+    {"scene": trimers(), "relax": 3, "largest_strain": 0.5},
+    {"scene": discs().replace(effects=(pm.Repulsion(law=pm.RepulsiveLennardJones()),)), "relax": 3},
+]
+
+
+@pytest.mark.parametrize("arguments", CRUELTIES, ids=["steps", "full", "links", "diverging"])
+def test_hostile_actions_leave_everything_finite_and_inside_its_space(arguments):
+    abuse(QuenchVectorEnv(8, **arguments, step_budget=200, evaluation_budget=None, autoreset_mode="SameStep"), 1200, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", CRUELTIES, ids=["steps", "full", "links", "diverging"])
+def test_a_hundred_thousand_hostile_actions(arguments):
+    envs = QuenchVectorEnv(16, **arguments, step_budget=1000, evaluation_budget=None, autoreset_mode="NextStep")
+    abuse(envs, 100_000, 2)
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([1.5, 0.0], r"action\[0\] must lie between -1 and 1, got 1.5"),
+        ([0.0, np.nan], r"action\[1\] must lie between -1 and 1, got nan"),
+        ([0.0], r"action must have shape \(2,\), got \(1,\)"),
+        ("up", "action must be an array of real numbers"),
+        (None, "action must be an array of real numbers"),
+    ],
+)
+def test_actions_outside_the_space_get_one_clear_error(action, message):
+    env = QuenchEnv(discs())
+    env.reset(seed=1)
+    with pytest.raises((TypeError, ValueError), match=message):
+        env.step(action)
+
+
+def test_a_step_before_the_first_reset_is_refused():
+    with pytest.raises(gym.error.ResetNeeded):
+        QuenchEnv(discs()).step([0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"scene": 3}, "scene must be a Scene"),
+        ({"relax": 0}, "relax must be an integer at least 1"),
+        ({"relax": "half"}, "relax must be one of 'full'"),
+        ({"start": "middle"}, "start must be one of 'random', 'scene'"),
+        ({"start_packing_fraction": (0.8, 0.7)}, "start_packing_fraction must be a pair that rises"),
+        ({"start_packing_fraction": 2.0}, "start_packing_fraction must lie inside the limits"),
+        ({"largest_change": 0.5}, "largest_change must be at most 0.2"),
+        ({"largest_pressure": -1.0}, "largest_pressure must be a positive number"),
+        ({"largest_strain": np.nan}, "largest_strain must be a finite number"),
+        ({"verdict": "maybe"}, "verdict must be one of 'collective', 'strict'"),
+        ({"shear_modulus": 1}, "shear_modulus must be True or False"),
+        ({"step_budget": 0}, "step_budget must be None or an integer at least 1"),
+        ({"reward": 3.0}, "reward must be a QuenchReward"),
+        ({"reward": QuenchReward(distance_weight=np.inf)}, "reward.distance_weight must be a finite number"),
+        ({"bonds": "cut"}, "bonds must be one of"),
+        ({"method": "fire"}, r"method must be Fire\(\), Fire2\(\) or DampedDynamics\(\)"),
+        ({"render_mode": "svg"}, "render_mode must be one of"),
+    ],
+)
+def test_bad_arguments_get_one_clear_error(arguments, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        QuenchEnv(**{"scene": discs(), **arguments})
+
+
+def test_changes_beyond_the_largest_are_no_action():
+    with pytest.raises(ValueError, match="packing_fraction_change must be within 0.05"):
+        QuenchEnv(discs()).action(0.06)
