@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from packmech.cli_shear import masses
-from packmech.cli_show import console, print_results, working, write_json
-from packmech.cli_watch import live_watch, moments_wanted, telling, write_film
+from packmech.cli_show import working
+from packmech.cli_watch import finish_run, live_watch, moments_wanted, telling
 from packmech.interrupts import safe_interrupts
 from packmech.measure import packing_fraction
-from packmech.report_table import Row, summary_markdown
+from packmech.report_table import Row
 from packmech.scene import CreepDrive, RampStrainDrive, Scene
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def single_scene(name: str, scene: Scene, outputs: Outputs, keeper: Keeper | None) -> int:
     """Strain the scene as its drive says; return the exit code."""
-    from packmech.cli_run import FAILED, OK, interrupted, write_result
+    from packmech.cli_run import interrupted
 
     drive = scene.drive
     assert isinstance(drive, RampStrainDrive | CreepDrive)
@@ -45,19 +45,7 @@ def single_scene(name: str, scene: Scene, outputs: Outputs, keeper: Keeper | Non
         return interrupted(scene, getattr(stop, "run", None), outputs)
     numbers = _numbers(drive, run)
     title = f"{about} {_done(drive)}"
-    print_results(title, _rows(numbers), list(run.stages))
-    if outputs.out is not None:
-        write_result(scene, run.packing, outputs.out)
-        console().print(f"packing: {outputs.out}")
-    if outputs.json is not None:
-        write_json(outputs.json, numbers)
-        console().print(f"numbers: {outputs.json}")
-    summary = summary_markdown(title, _rows(numbers), list(run.stages))
-    write_film(run, scene, outputs, parameters={"scene": name, "drive": drive}, results=numbers, summary=summary)
-    if not run.ok:
-        console(error=True).print(f"packmech: {run.outcome.value} (residual {run.residual:.1e})")
-        return FAILED
-    return OK
+    return finish_run(name, title, _rows(numbers), numbers, run, scene, outputs)
 
 
 def _strain(scene: Scene, drive: RampStrainDrive | CreepDrive, **shared: Any) -> StrainRun:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from packmech.cli_show import console, print_results, working, write_json
-from packmech.cli_watch import Watch, live_watch, moments_wanted, telling, write_film
+from packmech.cli_show import working
+from packmech.cli_watch import Watch, finish_run, live_watch, moments_wanted, telling
 from packmech.effects import Bonds
 from packmech.generate import fragment_numbers
 from packmech.interrupts import safe_interrupts
 from packmech.measure import packing_fraction
-from packmech.report_table import Row, summary_markdown
+from packmech.report_table import Row
 from packmech.scene import OscillatoryShearDrive, Scene
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def shear_scene(name: str, scene: Scene, outputs: Outputs, keeper: Keeper | None) -> int:
     """Shear the scene as its drive says; return the exit code."""
-    from packmech.cli_run import FAILED, OK, interrupted, write_result
+    from packmech.cli_run import interrupted
 
     drive = scene.drive
     assert isinstance(drive, OscillatoryShearDrive)
@@ -42,21 +42,7 @@ def shear_scene(name: str, scene: Scene, outputs: Outputs, keeper: Keeper | None
         return interrupted(scene, getattr(stop, "run", rest), outputs)
     numbers = _numbers(scene, rest, run)
     title = f"{name}: {scene.packing.particles} particles, strain {drive.amplitude:g} sin(2 pi {run.frequency:.6g} t)"
-    print_results(title, _rows(numbers), [*(rest.stages if rest is not None else ()), *run.stages])
-    if outputs.out is not None:
-        write_result(scene, run.packing, outputs.out)
-        console().print(f"packing: {outputs.out}")
-    if outputs.json is not None:
-        write_json(outputs.json, numbers)
-        console().print(f"numbers: {outputs.json}")
-    summary = summary_markdown(title, _rows(numbers), list(run.stages))
-    write_film(run, start, outputs, parameters={"scene": name, "drive": drive}, results=numbers, summary=summary)
-    code = OK
-    for one in (rest, run):
-        if one is not None and not one.ok:
-            console(error=True).print(f"packmech: {one.outcome.value} (residual {one.residual:.1e})")
-            code = FAILED
-    return code
+    return finish_run(name, title, _rows(numbers), numbers, run, scene, outputs, start=start, before=rest)
 
 
 def masses(scene: Scene, density: float | None) -> Any:

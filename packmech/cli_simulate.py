@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.cli_show import console, print_results, working, write_json
-from packmech.cli_watch import Watch, live_watch, moments_wanted, write_frames
+from packmech.cli_show import working
+from packmech.cli_watch import finish_run, live_watch, moments_wanted, telling
 from packmech.dynamics.march.journey import needs_march
 from packmech.dynamics.motion import choose_time_step
 from packmech.interrupts import safe_interrupts
 from packmech.measure import packing_fraction
 from packmech.motion_drive import SimulateDrive
-from packmech.report_table import Row, summary_markdown
+from packmech.report_table import Row
 from packmech.scene import Scene
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _MOMENTS = 200
 
 def simulate_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     """Follow the scene through time as its drive says; return the exit code."""
-    from packmech.cli_run import FAILED, OK, interrupted, write_result
+    from packmech.cli_run import interrupted
 
     wanted = moments_wanted(outputs)
     if outputs.record is not None and not _recorded(scene):
@@ -40,30 +40,12 @@ def simulate_scene(name: str, scene: Scene, outputs: Outputs) -> int:
     about = f"{name}: {count} particle{'' if count == 1 else 's'}"
     try:
         with safe_interrupts(), working(about) as tell, live_watch(scene, outputs) as live:
-            run = follow(scene, moments=wanted, watch=_watch(tell, live))
+            run = follow(scene, moments=wanted, watch=telling(tell, live))
     except KeyboardInterrupt as stop:
         return interrupted(scene, getattr(stop, "run", None), outputs)
     numbers = _numbers(scene, run)
     title = f"{about} through a time of {numbers['time']:.6g}"
-    print_results(title, _rows(numbers), list(run.stages))
-    if outputs.out is not None:
-        write_result(scene, run.packing, outputs.out)
-        console().print(f"packing: {outputs.out}")
-    if outputs.json is not None:
-        write_json(outputs.json, numbers)
-        console().print(f"numbers: {outputs.json}")
-    write_frames(run, scene, outputs)
-    if outputs.record is not None:
-        from packmech.recording import record_run
-
-        told = {"scene": name, "drive": scene.drive}
-        summary = summary_markdown(title, _rows(numbers), list(run.stages))
-        record_run(run, outputs.record, scene=scene, parameters=told, results=numbers, summary=summary)
-        console().print(f"recording: {outputs.record}   (look at it: rerun {outputs.record})")
-    if not run.ok:
-        console(error=True).print(f"packmech: {run.outcome.value} (residual {run.residual:.1e})")
-        return FAILED
-    return OK
+    return finish_run(name, title, _rows(numbers), numbers, run, scene, outputs)
 
 
 def follow(scene: Scene, *, moments: int = 0, watch: Any = None, **changes: Any) -> Simulation:
@@ -120,16 +102,6 @@ def follow(scene: Scene, *, moments: int = 0, watch: Any = None, **changes: Any)
 def _recorded(scene: Scene) -> bool:
     assert isinstance(scene.drive, SimulateDrive)
     return needs_march(scene, None) or bool(scene.drive.held)
-
-
-def _watch(tell: Any, live: Watch) -> Watch:
-    def told(stage: str, figures: dict[str, Any]) -> None:
-        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
-        tell(", ".join([stage, *words]))
-        if "march" in figures:
-            live(stage, figures)
-
-    return told
 
 
 def stresses(trace: MotionTrace) -> dict[str, NDArray[np.float64]]:

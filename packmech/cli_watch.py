@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
-from packmech.cli_show import console
+from packmech.cli_show import console, print_results, write_json
 from packmech.outcome import Run
+from packmech.report_table import Row, summary_markdown
 from packmech.scene import Scene
 
 if TYPE_CHECKING:
@@ -68,6 +69,54 @@ def write_frames(run: Run, scene: Scene, outputs: Outputs) -> None:
 
     written = write_pictures(run, outputs.folder, scene=scene, frames=outputs.frames, format=outputs.format)
     console().print(f"pictures: {len(written)} in {outputs.folder}")
+
+
+def finish_run(
+    name: str,
+    title: str,
+    rows: list[Row],
+    numbers: dict[str, Any],
+    run: Run,
+    scene: Scene,
+    outputs: Outputs,
+    *,
+    start: Scene | None = None,
+    before: Run | None = None,
+) -> int:
+    """Print what a run came to, write what was asked for, and return the exit code.
+
+    Parameters
+    ----------
+    name, title
+        Of the scene, and of the table.
+    rows, numbers
+        Results to print, and by name.
+    run, scene
+        The run, and the scene that was asked for.
+    outputs
+        What to write.
+    start, before
+        The scene that was run, if it is another one, and the run that brought it there.
+
+    """
+    from packmech.cli_run import FAILED, OK, write_result
+
+    print_results(title, rows, [*(() if before is None else before.stages), *run.stages])
+    if outputs.out is not None:
+        write_result(scene, run.packing, outputs.out)
+        console().print(f"packing: {outputs.out}")
+    if outputs.json is not None:
+        write_json(outputs.json, numbers)
+        console().print(f"numbers: {outputs.json}")
+    summary = summary_markdown(title, rows, list(run.stages))
+    told = {"scene": name, "drive": scene.drive}
+    write_film(run, scene if start is None else start, outputs, parameters=told, results=numbers, summary=summary)
+    code = OK
+    for one in (before, run):
+        if one is not None and not one.ok:
+            console(error=True).print(f"packmech: {one.outcome.value} (residual {one.residual:.1e})")
+            code = FAILED
+    return code
 
 
 def write_film(
