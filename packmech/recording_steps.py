@@ -267,6 +267,8 @@ class _Writer:
                 f"packing must have the scene's {mine.particles} particles in {mine.dimension} dimensions, "
                 f"got {packing.particles} in {packing.dimension}"
             )
+        if not np.array_equal(packing.radius_n, mine.radius_n):
+            raise ValueError("packing must have the scene's radii, got others")
         if (packing.links is None) == self.linked:
             raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
         return packing

@@ -147,6 +147,7 @@ def test_what_cannot_be_added_is_refused_and_the_recording_goes_on(tmp_path):
         for bad, arguments, message in (
             (other, {}, "packing must have the scene's 9 particles in 2 dimensions, got"),
             (3, {}, "packing must be a Packing, got 3"),
+            (start.packing.replace(radius_n=np.full(9, 0.1)), {}, "packing must have the scene's radii"),
             (start.packing, {"step": 4}, "step must be"),
             (start.packing, {"time": np.nan}, "time must be"),
             (start.packing, {"figures": {"a": "b"}}, r"figures\['a'\] must be a number, got 'b'"),

@@ -341,8 +341,9 @@ class RerunVectorRecorder(VectorWrapper):
             look = (lambda: one.scene, lambda: one.packing) if hasattr(type(one), "packing") else None
             plain = all(getattr(single, f"{name}_space") is getattr(one, f"{name}_space") for name in _SPACES)
             self._one = one if plain else None
-        elif callable(getattr(inner, "packing", None)) and callable(getattr(inner, "scene", None)):
-            look = (lambda: inner.scene(index), lambda: inner.packing(index))
+        elif callable(getattr(inner, "packing", None)) and hasattr(inner, "scene"):
+            # batches whose packings differ have a scene for each
+            look = (lambda: inner.scene(index) if callable(inner.scene) else inner.scene, lambda: inner.packing(index))
             self._one = inner
         else:
             look = None
