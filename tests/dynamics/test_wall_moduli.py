@@ -224,3 +224,33 @@ def test_slow_shear_between_rough_plates_has_one_modulus_whatever_their_discs_he
         samples_per_period=40,
     )
     assert run.walls.difference < 0.01
+
+
+@pytest.mark.slow
+def test_plates_in_space_have_one_modulus_above_that_of_the_bulk_as_they_let_nothing_turn():
+    packing = pm.lattice_packing("sc", repeats=(3, 3, 5))
+    packing = packing.replace(position_nd=packing.position_nd + 0.2)
+    springs = {"compression": LAW, "tension": LAW, "tangential_stiffness": 0.5, "damping": 0.2}
+    bonds = pm.bond_contacts(packing, rest="distance", gap_tolerance=1e-9, tangential_damping=0.1, **springs)
+    scene, marches = pm.Scene(packing, (bonds,)), []
+    held = pm.rough_plates(packing, layer=0.9, axis=2)
+    assert held.sum() == 18
+    choices = {"axes": (0, 2), "held_n": held, "mass_n": np.ones(45)}
+    run = pm.oscillatory_shear(
+        scene,
+        amplitude=1e-6,
+        frequency=0.005,
+        periods=4,
+        skip_periods=3,
+        progress=lambda stage, figures: marches.append(figures["march"]),
+        **choices,
+    )
+    # half of the shear is rotation, which bonds between turning spheres do not resist: G = k_t / 2
+    bulk = 0.5 * 0.5
+    wall, volume = both(run.walls)
+    assert abs(wall - volume) < 1e-3 * abs(volume)
+    assert 1.05 * bulk < wall.real < 2.0 * bulk
+    assert run.walls.separation == pytest.approx(4.0, rel=1e-12)
+    pairs = pair_forces(marches[-1])
+    virial = pairs.force_kd.T @ pairs.branch_kd / packing.box.volume
+    assert np.abs(virial - run.stress["contact"][-1]).max() < 1e-12 * np.abs(virial).max()
