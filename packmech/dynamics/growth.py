@@ -7,12 +7,13 @@ looks with what was there to grow.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from packmech.dynamics.strain import Strain
-from packmech.effects import BackgroundDamping, law_scale
+from packmech.effects import BackgroundDamping, Friction, law_scale
 from packmech.scene import Scene
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ _UNSEEN = 0.05
 # looks at a box that deforms: after so much strain, or this part of a period, but no more often than every so many
 # steps of one particle, as a look takes the time of some, and never more often than every so many steps
 _STRAIN, _PERIOD, _SELDOM, _LEAST = 0.02, 1.0 / 16.0, 5000, 16
+# steps between looks that are compared where the box is at rest
+_APART = 256
 
 
 def energy_unit(scene: Scene) -> float:
@@ -57,56 +60,95 @@ def look_every(strain: Strain | None, dt: float, particles: int) -> float:
     return max(seldom, int(_STRAIN / (fastest * dt))) if fastest * dt > 0.0 else np.inf
 
 
-def _there(one: Sight, part: float) -> float:
+def _there(potential: float, kinetic: float, part: float) -> float:
     """Return the most that may seem to be added to an energy that nothing is given to [energy]."""
-    return min(_SWING * one.kinetic, part * (abs(one.energy) + one.kinetic))
+    return min(_SWING * kinetic, part * (abs(potential) + kinetic))
 
 
-def calm(
-    now: Sight,
-    start: Sight,
-    last: Sight,
-    fallen: float,
-    unit: float,
-    *,
-    strained: bool,
-    known: bool,
-    rubbing: bool = False,
-) -> bool:
-    """Whether energy has grown no more than it may: by work, by what was in motion, by what fell from the potential.
+@dataclass
+class EnergyWatch:
+    """What is remembered to tell energy from nowhere: a look some steps ago, and the work done since.
 
     Parameters
     ----------
-    now, start, last
-        Figures now, at the start and at the look before.
-    fallen
-        Largest potential energy at the start less that at a look before now [energy].
     unit
         `energy_unit` of the scene.
-    strained
-        Whether the box deforms, and so works.
     known
         `knows_its_energy` of the scene; unless it does, only numbers that are none are noticed.
+    strained
+        Whether the box deforms, and so works.
     rubbing
         Whether the scene has friction.
+    every
+        Steps between the looks that are compared, at least.
 
     """
-    if not np.isfinite(now.total):
-        return False
-    if not known:
-        return True
-    tiny = _ROUNDING * (unit + abs(last.energy) + abs(start.energy))
-    time = now.time - last.time
-    work = 0.5 * (last.power + now.power) * time
-    unseen = (0.5 * (abs(last.power) + abs(now.power)) + _UNSEEN * (last.pressing + now.pressing)) * time
-    grown = now.total - last.total - work
-    if rubbing:
-        # a spring at Coulomb's cap is set to what its dashpot leaves of the cap, whatever energy it then holds
-        grown -= max(now.tangential - last.tangential, 0.0)
-    if grown > _there(last, _PART) + max(last.energy - now.energy, 0.0) + unseen + tiny:
-        return False
-    fallen = max(fallen, start.energy - now.energy)
-    return strained or bool(now.total - start.total <= _there(start, 1.0) + fallen + tiny)
+
+    unit: float
+    known: bool
+    strained: bool
+    rubbing: bool
+    every: float
+    energy: float = 0.0
+    kinetic: float = 0.0
+    tangential: float = 0.0
+    steps: int = 0
+    work: float = 0.0
+    unseen: float = 0.0
+    fallen: float = 0.0
+
+    def told(self) -> dict[str, float]:
+        """Return what is remembered, as a checkpoint keeps it."""
+        names = ("energy", "kinetic", "tangential", "steps", "work", "unseen", "fallen")
+        return {name: getattr(self, name) for name in names}
+
+    def remember(self, now: Sight, steps: int) -> None:
+        """Compare with this look from here on."""
+        self.energy, self.kinetic, self.tangential, self.steps = now.energy, now.kinetic, now.tangential, steps
+        self.work = self.unseen = 0.0
+
+    def calm(self, now: Sight, last: Sight, start: Sight, steps: int) -> bool:
+        """Whether energy has grown no more than by work, by what was in motion, by what fell from the potential.
+
+        Parameters
+        ----------
+        now, last, start
+            Figures now, at the look before and at the start.
+        steps
+            Steps taken until now.
+
+        """
+        if not np.isfinite(now.total):
+            return False
+        if not self.known:
+            return True
+        time = now.time - last.time
+        self.work += 0.5 * (last.power + now.power) * time
+        self.unseen += (0.5 * (abs(last.power) + abs(now.power)) + _UNSEEN * (last.pressing + now.pressing)) * time
+        self.fallen = max(self.fallen, start.energy - now.energy)
+        tiny = _ROUNDING * (self.unit + abs(self.energy) + abs(start.energy))
+        grown = now.total - self.energy - self.kinetic - self.work
+        risen = now.total - start.total
+        if self.rubbing:
+            # a spring at Coulomb's cap is set to what its dashpot leaves of the cap, whatever energy it then holds
+            grown -= max(now.tangential - self.tangential, 0.0)
+            risen -= max(now.tangential - start.tangential, 0.0)
+        fallen = max(self.energy - now.energy, 0.0)
+        good = grown <= _there(self.energy, self.kinetic, _PART) + fallen + self.unseen + tiny
+        if not self.strained:
+            good &= risen <= _there(start.energy, start.kinetic, 1.0) + self.fallen + tiny
+        if steps - self.steps >= self.every:
+            self.remember(now, steps)
+        return bool(good)
+
+
+def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
+    """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
+    often = look_every(strain, dt, scene.packing.particles)
+    strained = bool(np.isfinite(often))
+    rubbing = any(isinstance(one, Friction) for one in scene.effects)
+    apart = often if strained else _APART
+    return EnergyWatch(energy_unit(scene), knows_its_energy(scene), strained, rubbing, apart)
 
 
 def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tuple[float, float]:

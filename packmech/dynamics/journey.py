@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.compiled import compiling_noted
 from packmech.dynamics.checkpoint import Checkpoint, engine_leaves, restore_engine, scene_marks, write_checkpoint
-from packmech.dynamics.growth import calm, energy_unit, knows_its_energy
+from packmech.dynamics.growth import watch_of
 from packmech.dynamics.keepsakes import Scenery, sceneries, scenery_arrays, sight_arrays, sights_of, trace_of_sights
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.journey import Marching, needs_march
@@ -25,7 +26,6 @@ from packmech.dynamics.program import build_program
 from packmech.dynamics.simulation import MotionTrace, Simulation
 from packmech.dynamics.strain import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.verlet import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
-from packmech.effects import Friction
 from packmech.interrupts import held_interrupts
 from packmech.outcome import Outcome, Stage
 from packmech.packing import Packing
@@ -133,8 +133,8 @@ class Journey:
         self.position_t: list[NDArray[np.float64]] | None = [] if plan.trace_positions else None
         self.velocity_t: list[NDArray[np.float64]] = []
         self.scenery: list[Scenery] = []
-        self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0, "fallen": 0.0}
-        self.unit, self.known = energy_unit(scene), knows_its_energy(scene)
+        self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
+        self.watch = watch_of(scene, plan.strain, plan.dt)
         self.start = self.last = self._blank()
         self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))
         self.reached = 0
@@ -156,6 +156,7 @@ class Journey:
         with held_interrupts():
             self.motion.set_velocities(velocity_nd)
             self.start = self.motion.see()
+            self.watch.remember(self.start, 0)
             self._keep(self.start)
 
     def go(self) -> Outcome:
@@ -187,7 +188,7 @@ class Journey:
                 looked = motion.steps == self.end
                 if looked:
                     now = motion.see()
-                    if not self._calm(now):
+                    if not self.watch.calm(now, self.last, self.start, motion.steps):
                         return Outcome.STEP_TOO_LONG
                     self._keep(now)
                 if plan.checkpoint_every is not None and motion.steps % plan.checkpoint_every == 0:
@@ -201,11 +202,6 @@ class Journey:
                 return Outcome.INTERRUPTED
         return Outcome.FINISHED
 
-    def _calm(self, now: Sight) -> bool:
-        fallen, strained = self.largest["fallen"], self.plan.strain is not None
-        rubbing = any(isinstance(one, Friction) for one in self.scene.effects)
-        return calm(now, self.start, self.last, fallen, self.unit, strained=strained, known=self.known, rubbing=rubbing)
-
     def _keep(self, now: Sight) -> None:
         motion, largest = self.motion, self.largest
         self.last, self.state, self.reached = now, motion.state(), motion.steps
@@ -213,7 +209,7 @@ class Journey:
             self.box, self.spin_nk = motion.march.box(), motion.march.spins()
         moved = float(np.abs(now.momentum_d - self.start.momentum_d).max())
         seen = {"energy": abs(now.energy) + now.kinetic, "impulse": now.impulse, "momentum": moved}
-        for name, value in {**seen, "link": now.link_error, "fallen": self.start.energy - now.energy}.items():
+        for name, value in {**seen, "link": now.link_error}.items():
             largest[name] = max(largest[name], value)
         every = self.plan.trace_every
         if every is not None and (motion.steps % every == 0 or motion.steps == self.plan.steps):
@@ -250,6 +246,7 @@ class Journey:
             "reached": self.reached,
             "end": self.end,
             "largest": self.largest,
+            "watch": self.watch.told(),
             "seconds": self._seconds(),
         }
         with held_interrupts():
@@ -274,6 +271,7 @@ class Journey:
             self.box = Box(arrays["state_lattice_dd"])
         self.spin_nk = arrays.get("state_spin_nk")
         self.reached, self.largest = int(told["reached"]), {name: float(x) for name, x in told["largest"].items()}
+        self.watch = dataclasses.replace(self.watch, **told["watch"])
         self.end, self.seconds_before = min(int(told["end"]), self.plan.steps), float(told["seconds"])
 
     def _seconds(self) -> float:

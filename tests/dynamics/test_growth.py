@@ -1,0 +1,154 @@
+"""Facts about energy from nowhere: what a step too long shows, and what motion that is right does not."""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.dynamics.growth import EnergyWatch, energy_unit, knows_its_energy, look_every, watch_of
+from packmech.dynamics.motion import Sight
+
+SPRING = pm.LinearSpring()
+NOTHING = np.zeros((2, 2))
+
+
+def sight(time, potential, kinetic, power=0.0, pressing=0.0):
+    seen = Sight(time, potential, kinetic, np.zeros(2), 0.0, NOTHING, NOTHING, 0, 0.0, 0.0, 0.0, np.zeros(0))
+    return seen._replace(power=power, pressing=pressing)
+
+
+def is_calm(now, start, *between, strained=False, known=True, rubbing=False, every=100):
+    """Whether the last of several looks, a hundred steps apart, is calm."""
+    watch = EnergyWatch(1.0, known, strained, rubbing, every)
+    watch.remember(start, 0)
+    last = start
+    for k, one in enumerate((*between, now), start=1):
+        good = watch.calm(one, last, start, 100 * k)
+        last = one
+    return good
+
+
+def test_energy_may_change_its_kind():
+    # a fall from no potential energy and no motion
+    assert is_calm(sight(1.0, -50.0, 50.1), sight(0.0, 0.0, 0.0))
+
+
+def test_a_packing_at_rest_gains_no_motion_however_much_energy_its_contacts_hold():
+    assert not is_calm(sight(1.0, 10.0, 1e-6), sight(0.0, 10.0, 0.0))
+    assert is_calm(sight(1.0, 10.0, 1e-12), sight(0.0, 10.0, 0.0))
+
+
+def test_a_motion_just_below_the_limit_shows_a_hundred_times_its_energy_at_most():
+    assert is_calm(sight(1.0, 10.0 + 5e-5, 0.0), sight(0.0, 10.0, 1e-6))
+    assert not is_calm(sight(1.0, 10.0 + 2e-4, 0.0), sight(0.0, 10.0, 1e-6))
+
+
+def test_work_of_the_box_is_no_growth_and_growth_beyond_it_is():
+    # half of a power that grew evenly from none
+    start = sight(0.0, 10.0, 0.0)
+    assert is_calm(sight(2.0, 11.0, 0.0, power=1.0), start, strained=True)
+    assert not is_calm(sight(2.0, 12.5, 0.0, power=1.0), start, strained=True)
+    assert not is_calm(sight(2.0, 11.0, 0.0), start)
+
+
+def test_what_dashpots_took_may_not_come_back():
+    assert not is_calm(sight(9.0, 1.0, 2.0), sight(0.0, 1.0, 5.0), sight(8.0, 1.0, 1e-3))
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_number_that_is_none_is_never_calm(number):
+    assert not is_calm(sight(1.0, number, 0.0), sight(0.0, 1.0, 0.0), known=False)
+
+
+def test_a_body_force_without_an_energy_may_do_any_work():
+    assert is_calm(sight(1.0, 1.0, 100.0), sight(0.0, 1.0, 0.0), known=False)
+    assert not knows_its_energy(pm.Scene(packing(), (Blower(),)))
+
+
+@pm.effect
+class Blower(NamedTuple):
+    """A force that grows with the velocity."""
+
+    strength: float = 1.0
+
+    def body_force(self, x, y, z, u, v, w, mass, radius):
+        """Return the force."""
+        return self.strength * u, self.strength * v, self.strength * w
+
+
+@cache
+def packing(particles=40):
+    start = pm.random_packing(particles, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.95, seed=1)
+    return pm.quench(pm.Scene(start, (pm.Repulsion(law=SPRING),)), force_tolerance=1e-10).packing
+
+
+def scene_of(*, damping=0.0, damping_across=0.0, every=2):
+    bonds = pm.bond_contacts(packing(), tangential_stiffness=0.3, damping=damping, tangential_damping=damping_across)
+    bonds = bonds.select(np.arange(len(bonds)) % every == 0)
+    effects = (pm.Repulsion(law=SPRING), pm.ContactDamping(damping), pm.Friction(0.5, 0.4, damping_across), bonds)
+    return pm.Scene(packing(), effects)
+
+
+def velocities(size):
+    return size * np.random.default_rng(3).standard_normal((40, 2))
+
+
+def test_heating_that_is_small_against_the_energy_of_the_contacts_is_named():
+    scene = scene_of(every=10_000)
+    velocity = velocities(1e-4)
+    run = pm.simulate(
+        scene, steps=3000, dt=0.4, velocity_nd=velocity, strain=pm.SteadyStrain(0.0), trace_every=1, check=False
+    )
+    assert run.outcome is pm.Outcome.STEP_TOO_LONG
+    assert run.trace.kinetic_t[-1] < 1e-3 * run.trace.energy_t[0]
+
+
+def test_the_work_of_shear_is_volume_times_stress_times_rate():
+    rate, dt = 0.02, 0.005
+    run = pm.simulate(
+        scene_of(every=1), steps=400, dt=dt, velocity_nd=velocities(1e-3), strain=pm.SteadyStrain(rate), trace_every=1
+    )
+    trace = run.trace
+    velocity = trace.kinetic_stress_tdd[:, 0, 1] - trace.momentum_td[:, 0] * trace.momentum_td[:, 1] / (
+        run.mass_n.sum() * run.packing.box.volume
+    )
+    power = rate * run.packing.box.volume * (trace.stress_tdd[:, 0, 1] + velocity)
+    gained = trace.energy_t + trace.kinetic_t - trace.energy_t[0] - trace.kinetic_t[0]
+    work = np.concatenate([[0.0], np.cumsum(0.5 * dt * (power[1:] + power[:-1]))])
+    assert gained.max() > 1e-3
+    assert np.abs(gained - work).max() < 1e-4 * np.abs(gained).max()
+
+
+def test_what_a_sliding_spring_is_set_to_is_no_growth():
+    start, now = sight(0.0, 10.0, 0.0), sight(1.0, 12.0, 0.0)._replace(tangential=2.0)
+    assert is_calm(now, start, rubbing=True) and not is_calm(now, start)
+    assert not is_calm(now._replace(kinetic=0.1), start, rubbing=True)
+
+
+def test_growth_that_is_little_from_look_to_look_is_seen_over_many():
+    slow = [sight(float(k), 10.0, 1e-3 * 1.2**k) for k in range(40)]
+    assert is_calm(slow[12], slow[0], *slow[1:12], strained=True)
+    assert not is_calm(slow[-1], slow[0], *slow[1:-1], strained=True, every=4000)
+
+
+def test_a_box_that_is_to_stay_as_it_is_does_no_work():
+    assert not watch_of(scene_of(), pm.SteadyStrain(0.0), 0.1).strained
+    assert watch_of(scene_of(), pm.SteadyStrain(1e-3), 0.1).strained
+
+
+def test_looks_at_a_box_that_deforms_are_as_close_as_its_strain_asks_for():
+    assert look_every(None, 0.1, 100) == look_every(pm.SteadyStrain(0.0), 0.1, 100) == np.inf
+    assert look_every(pm.SteadyStrain(1e-3), 0.1, 1000) == 200
+    assert look_every(pm.OscillatoryStrain(1e-3, 1e-2), 0.05, 1000) == 125
+    # a look costs as much as some thousand steps of one particle
+    assert look_every(pm.SteadyStrain(1.0), 0.1, 50) == 100
+
+
+def test_the_unit_of_energy_is_that_of_the_stiffest_law_of_contacts_bonds_or_walls():
+    law = pm.LinearSpring(7.0)
+    bonds = pm.Bonds([0], [1], [[0, 0]], [1.0], compression=law)
+    assert energy_unit(pm.Scene(packing(), (bonds,))) == 7.0 * packing().reference_diameter ** 2
+    assert energy_unit(pm.Scene(packing(), (pm.BackgroundDamping(),))) == 0.0
+    assert knows_its_energy(pm.Scene(packing(), (pm.Gravity(), pm.BackgroundDamping(), bonds)))
