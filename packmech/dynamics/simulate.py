@@ -51,7 +51,8 @@ def simulate(
 
     m dv/dt = forces of all effects, dashpots (`ContactDamping`) included, and of rigid links: lengths are restored in
     every step along the links at its start, velocities projected at its end (RATTLE). Without dashpots energy is
-    conserved to the method's order and without drift.
+    conserved to the method's order and without drift; undamped tangential springs, of friction and bonds, lose less
+    than (omega dt)^4 / 100 of their swing in a step.
 
     Parameters
     ----------
@@ -104,7 +105,8 @@ def simulate(
     -------
     Simulation
         Outcome.FINISHED; Outcome.STEP_TOO_LONG, and the last good state, where links were lost, something moved by
-        the smallest diameter in one step, or the energy doubled.
+        the smallest diameter in one step, or energy came from nowhere: more than work, what was in motion and what
+        fell from the potential explain (in a box that deforms, as far as the stress at looks tells its work).
 
     Raises
     ------
