@@ -33,8 +33,8 @@ ROOM, LEAST_ROOM = 1.24, 1.05
 # in space: where the eye is, how dark the back is, how wide lines are over those of a flat picture
 VIEW, BACK = (0.42, -0.88, 0.45), 0.42
 OUTLINE_DIM = 0.75
-# bonds stretched by no more than this, on the mean, are slack to rounding [1]
-SLACK = 1e-12
+# bonds stretched by no more than this, on the mean, are slack to rounding; gaps and overlaps up to this touch [1]
+SLACK, TOUCH = 1e-12, 1e-12
 
 
 def draw_frame(
@@ -98,7 +98,7 @@ def draw_frame(
         if force_c is not None or sliding_c is not None:
             name = "force_c" if force_c is not None else "sliding_c"
             raise ValueError(f"{name} must come with the contacts that it belongs to, got no contacts")
-        contacts = find_contacts(packing)
+        contacts = find_contacts(packing, gap_tolerance=TOUCH)
     elif not isinstance(contacts, Contacts) or contacts.particles != packing.particles:
         raise TypeError(f"contacts must be those of the packing (pm.find_contacts), got {type(contacts).__name__}")
     rattler = np.zeros(packing.particles, dtype=bool)
@@ -134,11 +134,18 @@ def _marks(name: str, value: ArrayLike, count: int) -> NDArray[np.bool_]:
 
 
 def contact_forces(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
-    """Return the (C,) magnitudes of the forces that effects with an energy exert; 1 without any."""
+    """Return the (C,) magnitudes of the forces that effects with an energy exert; 1 without any.
+
+    They are 1 too where nothing overlaps by more than rounding, as in lattices that just touch.
+    """
     acting = tuple(one for one in effects if hasattr(type(one), "pair_energy"))
-    if not acting or not len(contacts):
+    if not acting or not len(contacts) or contacts.overlap_c.max() <= TOUCH:
         return np.ones(len(contacts))
-    return np.abs(contact_terms(acting, contacts.distance_c, contacts.contact_distance_c).first_c)
+    force = np.abs(contact_terms(acting, contacts.distance_c, contacts.contact_distance_c).first_c)
+    # centers that coincide under a law that diverges there: as strong as the strongest that is a number
+    finite = np.isfinite(force) & (force < 1e150)
+    force[~finite] = force[finite].max(initial=1.0)
+    return force
 
 
 def not_bonded(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:

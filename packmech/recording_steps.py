@@ -16,7 +16,7 @@ from packmech import drawing
 from packmech.check import finite_array, instance, integer, real, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.dynamics.march.touching import Touching
-from packmech.frame import contact_forces, not_bonded
+from packmech.frame import TOUCH, contact_forces, not_bonded
 from packmech.march_film import MarchFilm, Moment, particle_colors, shown_box
 from packmech.packing import Packing
 from packmech.recording_film import Curve, Film, properties_of
@@ -174,7 +174,7 @@ def _touching(
         if force_c is not None or sliding_c is not None:
             name = "force_c" if force_c is not None else "sliding_c"
             raise ValueError(f"{name} must come with the contacts that it belongs to, got no contacts")
-        contacts = find_contacts(packing)
+        contacts = find_contacts(packing, gap_tolerance=TOUCH)
     elif not isinstance(contacts, Contacts) or contacts.particles != packing.particles:
         raise TypeError(f"contacts must be those of the packing (pm.find_contacts), got {type(contacts).__name__}")
     count = len(contacts)

@@ -149,6 +149,25 @@ def test_walls_are_drawn():
     assert far(walls, pm.draw_frame(PAIR, effects=(pm.Repulsion(),))) > 50
 
 
+def test_particles_that_just_touch_are_joined_by_lines_of_one_width():
+    from packmech.frame import TOUCH, contact_forces
+
+    kagome = pm.lattice_packing("kagome", repeats=(2, 2))
+    contacts = pm.find_contacts(kagome, gap_tolerance=TOUCH)
+    assert len(contacts) == 2 * kagome.particles
+    assert contact_forces(contacts, (pm.Repulsion(),)).tolist() == [1.0] * len(contacts)
+    assert far(pm.draw_frame(kagome, effects=(pm.Repulsion(),)), pm.draw_frame(kagome)) == 0
+
+
+def test_centers_that_coincide_under_a_law_that_diverges_are_drawn():
+    from packmech.frame import contact_forces
+
+    deep = pm.Packing([[3.0, 5.0], [3.0, 5.0], [3.4, 5.0], [3.8, 5.2]], [0.5] * 4, pm.Box.cubic(10.0, 2))
+    effects = (pm.Repulsion(law=pm.RepulsiveLennardJones()),)
+    assert np.isfinite(contact_forces(pm.find_contacts(deep), effects)).all()
+    assert pm.draw_frame(deep, effects=effects).std() > 1.0
+
+
 def test_a_packing_in_which_nothing_touches_is_drawn():
     alone = pm.Packing([[1.0, 1.0]], [0.2], pm.Box.cubic(2.0, 2))
     assert pm.draw_frame(alone, effects=(pm.Repulsion(),)).std() > 1.0
