@@ -9,8 +9,8 @@ from packmech.contacts.network import Contacts, pair_contacts
 from packmech.contacts.rattlers import check_contacts
 from packmech.packing import Packing
 
-# distances of another packing or image differ by more than this, of the contact distance; particles that moved by less
-# since the contacts were found may be judged by them
+# distances of another packing or image differ by more than this, of themselves; particles that moved by less since the
+# contacts were found may be judged by them
 _SAME = 1e-6
 
 
@@ -28,7 +28,8 @@ def check_given(packing: Packing, contacts: Contacts) -> None:
     ------
     TypeError, ValueError
         If they are of the wrong kind, made for another number of particles or axes, name particles that are not there,
-        a particle and itself, or a pair and image twice, or if a vector or a sum of radii is not the packing's.
+        a particle and itself, or a pair and image twice, if a vector is not the packing's, or if a contact distance is
+        neither the sum of the radii nor the distance itself, which says that the pair touches whatever its radii are.
 
     """
     check_contacts(packing, contacts)
@@ -51,17 +52,20 @@ def check_given(packing: Packing, contacts: Contacts) -> None:
     here = pair_contacts(packing, i, j, image)
     off = np.sqrt(((contacts.vector_cd - here.vector_cd) ** 2).sum(axis=1))
     # what is no number is not within it either
-    for c in np.flatnonzero(~(off <= _SAME * here.contact_distance_c)):
+    within = _SAME * np.maximum(here.contact_distance_c, here.distance_c)
+    for c in np.flatnonzero(~(off <= within)):
         raise ValueError(
             f"contacts must have the packing's vectors from center to center, got {contacts.vector_cd[c].tolist()}"
             f" instead of {here.vector_cd[c].tolist()} for contact {c} (particles {i[c]} and {j[c]},"
             f" image {image[c].tolist()})"
         )
-    wider = np.abs(contacts.contact_distance_c - here.contact_distance_c)
-    for c in np.flatnonzero(~(wider <= _SAME * here.contact_distance_c)):
+    given = contacts.contact_distance_c
+    known = (np.abs(given - here.contact_distance_c) <= within) | (np.abs(given - here.distance_c) <= within)
+    for c in np.flatnonzero(~known):
         raise ValueError(
-            f"contacts must have the packing's sums of radii, got {contacts.contact_distance_c[c]:.9g} instead of"
-            f" {here.contact_distance_c[c]:.9g} for contact {c} (particles {i[c]} and {j[c]})"
+            f"contacts must have the packing's sums of radii or its distances, got {given[c]:.9g} instead of"
+            f" {here.contact_distance_c[c]:.9g} or {here.distance_c[c]:.9g} for contact {c}"
+            f" (particles {i[c]} and {j[c]})"
         )
 
 

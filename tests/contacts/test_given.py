@@ -61,7 +61,10 @@ def test_the_same_pair_twice_is_refused_from_the_other_side_too(packing):
         (changed("distance_c", 7, 1.01), "vectors from center to center, .* for contact 7"),
         (changed("distance_c", 7, np.nan), "vectors from center to center, .* for contact 7"),
         (changed("normal_cd", 3, [0.6, 0.8]), "vectors from center to center, .* for contact 3"),
-        (changed("contact_distance_c", 6, 0.9), "sums of radii, got 0.9 instead of 1 for contact 6"),
+        (
+            changed("contact_distance_c", 6, 0.9),
+            "or its distances, got 0.9 instead of 1 or 1 for contact 6",
+        ),
     ],
     ids=["j", "i", "image", "distance", "no number", "normal", "radii"],
 )
@@ -69,6 +72,14 @@ def test_contact_that_is_not_the_packing_s_is_named(contacts, message):
     for function in (pm.classify_jamming, pm.find_rattlers, pm.remove_rattlers):
         with pytest.raises(ValueError, match=message):
             function(CRYSTAL, contacts=contacts)
+
+
+def test_pairs_are_said_to_touch_by_their_distances_whatever_the_radii_are():
+    small = CRYSTAL.replace(radius_n=np.full(9, 1e-9))
+    contacts = touching()
+    assert pm.classify_jamming(small, contacts=contacts).strict == "jammed"
+    with pytest.raises(ValueError, match="got 0.9 instead of 2e-09 or 1 for contact 6"):
+        check_given(small, changed("contact_distance_c", 6, 0.9))
 
 
 def test_particle_in_contact_with_itself_is_refused():
