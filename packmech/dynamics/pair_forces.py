@@ -12,18 +12,9 @@ from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form, device, kernel
 from packmech.dynamics.march.bonding import bond_first, bond_vector
-from packmech.dynamics.march.flow import rates
-from packmech.dynamics.march.lists import held_of
-from packmech.dynamics.march.look import (
-    COLUMNS,
-    FORCE,
-    _look_at_pair,
-    _relative,
-    along_contact,
-    slip_of,
-    stretch_now,
-    touch,
-)
+from packmech.dynamics.march.flow import rates, relative
+from packmech.dynamics.march.inlined import lean
+from packmech.dynamics.march.look import along_contact, seen_pair, slip_of, stretch_now, touch
 
 if TYPE_CHECKING:
     from packmech.dynamics.march.state import March
@@ -87,13 +78,12 @@ def _write(row_k2, force_k3, branch_k3, k, i, j, fx, fy, fz, dx, dy, dz):
     branch_k3[k, 0], branch_k3[k, 1], branch_k3[k, 2] = dx, dy, dz
 
 
-@kernel
+@lean
 def _list_contacts(acting, axes, state, space, pairs, track, pace, row_k2, force_k3, branch_k3):
     """Write the touching pairs; return how many there are."""
     flowing = rates(space.flow)
     body = state.body
-    held_pk = held_of(track)
-    seen = np.zeros(COLUMNS)
+    held_pk = None if track is None else track.inner_pk
     count = 0
     for s in range(pairs.start_s.shape[0] - 1):
         for p in range(pairs.start_s[s], pairs.start_s[s + 1]):
@@ -110,13 +100,10 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, row_k2, force
             # coincident centers push along no branch vector
             if square == 0.0 or not touch(body, i, j, dx, dy, dz):
                 continue
-            seen[:] = 0.0
-            _look_at_pair(acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, seen)
-            # the sum of one pair is force times branch vector
-            fx = (seen[FORCE] * dx + seen[FORCE + 1] * dy + seen[FORCE + 2] * dz) / square
-            fy = (seen[FORCE + 3] * dx + seen[FORCE + 4] * dy + seen[FORCE + 5] * dz) / square
-            fz = (seen[FORCE + 6] * dx + seen[FORCE + 7] * dy + seen[FORCE + 8] * dz) / square
-            _write(row_k2, force_k3, branch_k3, count, i, j, fx, fy, fz, dx, dy, dz)
+            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _, _ = seen_pair(
+                acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace
+            )
+            _write(row_k2, force_k3, branch_k3, count, i, j, gx + fx, gy + fy, gz + fz, dx, dy, dz)
             count += 1
     return count
 
@@ -131,7 +118,7 @@ def _list_bonds(bonds, flowing, axes, body, lattice, pace, first_k, row_k2, forc
         if r == 0.0:
             continue
         nx, ny, nz = dx / r, dy / r, dz / r
-        ux, uy, uz = _relative(axes, flowing, body, i, j, dx, dy, dz)
+        ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
         sigma = body[i, 3] + body[j, 3]
         first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
         first += bonds.damping * (ux * nx + uy * ny + uz * nz)

@@ -42,6 +42,8 @@ class ContactDamping(_ContactDamping):
 
     """
 
+    damps_only = True
+
     def __new__(cls, coefficient: float = 0.1, onset: float | str = "jump") -> ContactDamping:
         """Return the record; compiled loops take numbers, so that an onset by name becomes one."""
         if isinstance(onset, str):

@@ -12,8 +12,9 @@ An effect is a NamedTuple of numbers and laws whose class is decorated with `eff
     body_energy(self, x, y, z, mass, radius)             its energy [energy]
     spin_drag(self)                                      rate at which spins relax to the flow's [1/time]
 
-the first three valid for distance < contact_distance. What it leaves out is zero. Compiled loops walk the scene's tuple
-of effects with `literal_unroll` and call the functions below.
+the first three valid for distance < contact_distance. What it leaves out is zero. A class whose pair_first is zero at
+rate zero may say so, `damps_only = True`: it is not asked for the elastic force then, which caps friction. Compiled
+loops walk the scene's tuple of effects with `literal_unroll` and call the functions below.
 """
 
 from __future__ import annotations
@@ -124,6 +125,11 @@ def pair_first(effect: Any, distance: float, contact_distance: float, rate: floa
     return 0.0 if hook is None else hook(distance, contact_distance, rate)
 
 
+def pair_elastic(effect: Any, distance: float, contact_distance: float) -> float:
+    """Return the radial derivative of a touching pair at rest under one effect [force]."""
+    return pair_first(effect, distance, contact_distance, 0.0)
+
+
 def pair_second(effect: Any, distance: float, contact_distance: float) -> float:
     """Return the second radial derivative of a touching pair under one effect [force/length]."""
     hook = getattr(effect, "pair_second", None)
@@ -149,6 +155,15 @@ def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) ->
     if function is None:
         return lambda effect, distance, contact_distance, rate: 0.0
     return lambda effect, distance, contact_distance, rate: function(effect, distance, contact_distance, rate)
+
+
+@compiled_form(pair_elastic)
+def _pair_elastic(effect: Any, distance: Any, contact_distance: Any) -> Any:
+    function = hook_of(effect, "pair_first")
+    # infinity times zero being no number, a compiler would have to reckon the zero out
+    if function is None or getattr(effect.instance_class, "damps_only", False):
+        return lambda effect, distance, contact_distance: 0.0
+    return lambda effect, distance, contact_distance: function(effect, distance, contact_distance, 0.0)
 
 
 @compiled_form(pair_second)

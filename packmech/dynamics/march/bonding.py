@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form, device
 from packmech.dynamics.march.flow import relative
-from packmech.dynamics.march.inlined import inlined
+from packmech.dynamics.march.inlined import inlined, inlined_form
 from packmech.dynamics.march.pairs import NO_SLOT, Slots, collect
 from packmech.dynamics.march.rubbing import turning_axes
 from packmech.dynamics.march.springs import (
@@ -32,9 +32,10 @@ from packmech.effects import law_first
 class BondTable(NamedTuple):
     """Bonds between rows: laws for compression and tension, numbers, places, rest lengths, stretches of the springs.
 
-    image_bd is in the loops' lattice. visit_v lists the bonds by the block of rows of their i, start_b the first visit
-    of each block, slot_v and slots what reaches rows of other blocks. start_n, other_s and image_sd list both ways who
-    is bonded to a row, sorted, so that a bonded pair is found and taken out of the contacts.
+    Bonds are sorted as pairs are: start_s holds the first of each section, those within a block of rows and the cell
+    and the special ones of each block in turn; slot_b and slots what reaches rows of other blocks. place_b is the place
+    of each in the scene's bonds. image_bd is in the loops' lattice. start_n, other_s and image_sd list both ways who is
+    bonded to a row, sorted, so that a bonded pair is found and taken out of the contacts.
     """
 
     compression: Any
@@ -42,14 +43,14 @@ class BondTable(NamedTuple):
     tangential_stiffness: float
     damping: float
     tangential_damping: float
-    i_b: NDArray[np.int64]
-    j_b: NDArray[np.int64]
+    i_b: NDArray[np.uint32]
+    j_b: NDArray[np.uint32]
     image_bd: NDArray[np.float64]
     rest_b: NDArray[np.float64]
     stretch_bk: NDArray[np.float64]
-    visit_v: NDArray[np.uint32]
-    start_b: NDArray[np.int64]
-    slot_v: NDArray[np.uint32]
+    place_b: NDArray[np.int64]
+    start_s: NDArray[np.int64]
+    slot_b: NDArray[np.uint32]
     slots: Slots
     start_n: NDArray[np.int64]
     other_s: NDArray[np.int64]
@@ -123,21 +124,32 @@ def _pull(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, d
     return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
 
 
-@device
+@inlined
 def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
-    # arrays one by one: records of them would be counted again at every call
     spins = turning_axes(bonds, axes)
-    visit_v, slot_v, slot_qk = bonds.visit_v, bonds.slot_v, bonds.slots.push_qk
+    slot_b, slot_qk = bonds.slot_b, bonds.slots.push_qk
     i_b, j_b, image_bd, rest_b, stretch_bk = bonds.i_b, bonds.j_b, bonds.image_bd, bonds.rest_b, bonds.stretch_bk
     laws = bonds.compression, bonds.tension
     numbers = bonds.tangential_stiffness, bonds.damping, bonds.tangential_damping
-    for v in range(np.uint64(bonds.start_b[block]), np.uint64(bonds.start_b[block + 1])):
-        b = visit_v[v]
-        i, j = np.uint64(i_b[b]), np.uint64(j_b[b])
+    first = np.uint64(bonds.start_s[2 * block])
+    special = np.uint64(bonds.start_s[2 * block + 1])
+    last = np.uint64(bonds.start_s[2 * block + 2])
+    for b in range(first, special):
+        i, j = i_b[b], j_b[b]
+        dx = body[j, 0] - body[i, 0]
+        dy = body[j, 1] - body[i, 1]
+        dz = 0.0
+        if len(axes) == 3:
+            dz = body[j, 2] - body[i, 2]
+        done = _pull(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
+        give(axes, spins, push, i, done)
+        give_back(axes, spins, push, j, done)
+    for b in range(special, last):
+        i, j = i_b[b], j_b[b]
         dx, dy, dz = bond_vector(axes, body, image_bd, lattice, b, i, j)
         done = _pull(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
         give(axes, spins, push, i, done)
-        slot = slot_v[v]
+        slot = slot_b[b]
         if slot == NO_SLOT:
             give_back(axes, spins, push, j, done)
         else:
@@ -151,7 +163,7 @@ def bonds_of_block(
     raise NotImplementedError("bonds act in compiled loops")
 
 
-@compiled_form(bonds_of_block)
+@inlined_form(bonds_of_block)
 def _choose_bonds_of_block(
     bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Any, block: Any
 ) -> Any:
@@ -162,13 +174,13 @@ def _choose_bonds_of_block(
     )
 
 
-def collect_bonds(bonds: Any, push: Any, block: int) -> None:
+def collect_bonds(bonds: Any, axes: Any, spins: Any, push: Any, block: int) -> None:
     """Add what bonds of other blocks do to the rows of a block; nothing where the scene has none."""
     raise NotImplementedError("bonds act in compiled loops")
 
 
-@compiled_form(collect_bonds)
-def _choose_collect_bonds(bonds: Any, push: Any, block: Any) -> Any:
+@inlined_form(collect_bonds)
+def _choose_collect_bonds(bonds: Any, axes: Any, spins: Any, push: Any, block: Any) -> Any:
     if isinstance(bonds, types.NoneType):
-        return lambda bonds, push, block: None
-    return lambda bonds, push, block: collect(bonds.slots, push, block)
+        return lambda bonds, axes, spins, push, block: None
+    return lambda bonds, axes, spins, push, block: collect(axes, spins, bonds.slots, push, block)

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numba import literal_unroll, types
 
-from packmech.compiled import compiled_form, device
 from packmech.dynamics.kernels import coincident_direction
 from packmech.dynamics.march.flow import relative
-from packmech.dynamics.march.inlined import inlined
+from packmech.dynamics.march.inlined import inlined, inlined_form
 from packmech.dynamics.march.pairs import NO_SLOT
 from packmech.dynamics.march.rubbing import forget, rub, turning_axes
 from packmech.dynamics.march.springs import Pace, give, give_back, leave
-from packmech.effects import pair_first
+from packmech.effects import pair_elastic, pair_first
 
 
 @inlined
@@ -36,37 +35,51 @@ def meet(effects, friction, rates, axes, body, held_pk, p, i, j, dx, dy, dz, squ
     elastic = 0.0
     for one in literal_unroll(effects):
         first += pair_first(one, r, sigma, rate)
-        elastic += pair_first(one, r, sigma, 0.0)
+        elastic += pair_elastic(one, r, sigma)
     fx, fy, fz, mx, my, mz, ai, aj = rub(
         friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, abs(elastic), pace
     )
     return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
 
 
-@device
+@inlined
 def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, held_pk, pace, b):
     """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
     spins = turning_axes(friction, axes)
     i_p, j_p, image_p, slot_p = pairs.i_p, pairs.j_p, pairs.image_p, pairs.slot_p
     shift_kd, slot_qk = pairs.shift_kd, pairs.slots.push_qk
     # unsigned, so that no index can count from the end
+    first = np.uint64(pairs.start_s[2 * b])
     special = np.uint64(pairs.start_s[2 * b + 1])
-    for p in range(np.uint64(pairs.start_s[2 * b]), np.uint64(pairs.start_s[2 * b + 2])):
+    last = np.uint64(pairs.start_s[2 * b + 2])
+    for p in range(first, special):
         i = i_p[p]
         j = j_p[p]
-        slot = NO_SLOT
         dx = body[j, 0] - body[i, 0]
         dy = body[j, 1] - body[i, 1]
         dz = 0.0
         if len(axes) == 3:
             dz = body[j, 2] - body[i, 2]
-        if p >= special:
-            k = image_p[p]
-            slot = slot_p[p]
-            dx += shift_kd[k, 0]
-            dy += shift_kd[k, 1]
-            if len(axes) == 3:
-                dz += shift_kd[k, 2]
+        square = dx * dx + dy * dy
+        if len(axes) == 3:
+            square += dz * dz
+        sigma = body[i, 3] + body[j, 3]
+        if square < sigma * sigma:
+            done = meet(effects, friction, rates, axes, body, held_pk, p, i, j, dx, dy, dz, square, sigma, pace)
+            give(axes, spins, push, i, done)
+            give_back(axes, spins, push, j, done)
+        else:
+            forget(axes, held_pk, p)
+    for p in range(special, last):
+        i = i_p[p]
+        j = j_p[p]
+        k = image_p[p]
+        slot = slot_p[p]
+        dx = body[j, 0] - body[i, 0] + shift_kd[k, 0]
+        dy = body[j, 1] - body[i, 1] + shift_kd[k, 1]
+        dz = 0.0
+        if len(axes) == 3:
+            dz = body[j, 2] - body[i, 2] + shift_kd[k, 2]
         square = dx * dx + dy * dy
         if len(axes) == 3:
             square += dz * dz
@@ -81,7 +94,8 @@ def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, held_p
         else:
             forget(axes, held_pk, p)
             if slot != NO_SLOT:
-                for a in range(slot_qk.shape[1]):
+                # as many as a pair's force and torque: a loop of unknown length would become a call
+                for a in range(len(axes) + len(spins)):
                     slot_qk[slot, a] = 0.0
 
 
@@ -101,7 +115,7 @@ def contacts_of_block(
     raise NotImplementedError("contacts act in compiled loops")
 
 
-@compiled_form(contacts_of_block)
+@inlined_form(contacts_of_block)
 def _choose_contacts_of_block(
     effects: Any,
     friction: Any,

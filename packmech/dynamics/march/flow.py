@@ -16,10 +16,14 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from packmech.compiled import compiled_form, device, kernel
+from packmech.compiled import compiled_form, device
+from packmech.dynamics.march.inlined import lean
 
 # places in Flow.number
-GAMMA, ANCHORED, OUTER_ANCHORED, NILPOTENT, NUMBERS = 0, 1, 2, 3, 4
+GAMMA, ANCHORED, OUTER_ANCHORED = 0, 1, 2
+# norm of M F^-1 at either anchor; whether M M = 0; whether M carries nothing but x along y
+BENDING, OUTER_BENDING, NILPOTENT, ALONG_X = 3, 4, 5, 6
+NUMBERS = 7
 
 
 class Still(NamedTuple):
@@ -217,22 +221,66 @@ def map_between(flow, low, high, out):
             out[i, j] = work[i, 0] * x + work[i, 1] * y + work[i, 2] * z
 
 
-@kernel
-def set_flow(flow, frame, time):
+@device
+def entries(matrix):
+    """Return the numbers of a 3 x 3 matrix as rows of a tuple."""
+    return (
+        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
+        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
+        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
+    )
+
+
+@device
+def flow_to(flow, frame, time):
     """Set gamma, L, and the frame's lattice and inverse to those of a time."""
     gamma, rate = gamma_at(flow.profile, time)
     flow.number[GAMMA] = gamma
-    # L = rate M (1 + gamma M)^-1
     direction, work = flow.direction_dd, flow.work_dd
     for i in range(3):
         for j in range(3):
             work[i, j] = (1.0 if i == j else 0.0) + gamma * direction[i, j]
     _times(work, flow.lattice_dd, frame.lattice_dd)
-    _invert(work, flow.step_dd)
-    _times(direction, flow.step_dd, flow.rate_dd)
+    # L = rate M (1 + gamma M)^-1
+    _bend(flow, gamma, flow.rate_dd)
     for i in range(3):
         for j in range(3):
             flow.rate_dd[i, j] *= rate
+    _set_inverse(frame)
+
+
+@lean
+def set_flow(flow, frame, time):
+    """Set gamma, L, and the frame's lattice and inverse to those of a time."""
+    flow_to(flow, frame, time)
+
+
+@device
+def _bend(flow, gamma, out):
+    """Write M (1 + gamma M)^-1."""
+    direction = flow.direction_dd
+    if flow.number[NILPOTENT] != 0.0:
+        for i in range(3):
+            for j in range(3):
+                out[i, j] = direction[i, j]
+        return
+    map_between(flow, gamma, 0.0, flow.step_dd)
+    _times(direction, flow.step_dd, out)
+
+
+@device
+def bending(flow, gamma):
+    """Return a bound on the spectral norm of M (1 + gamma M)^-1: the square root of the sum of squares."""
+    _bend(flow, gamma, flow.back_dd)
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            square += flow.back_dd[i, j] * flow.back_dd[i, j]
+    return math.sqrt(square)
+
+
+@device
+def _set_inverse(frame):
     _invert(frame.lattice_dd, frame.inverse_dd)
     for k in range(3):
         total = 0.0

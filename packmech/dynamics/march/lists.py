@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 from packmech.compiled import compiled_form, device, kernel
 from packmech.contacts.cells import PairTable, find_pairs
 from packmech.dynamics.march.bonding import BondTable
-from packmech.dynamics.march.flow import ANCHORED, GAMMA, OUTER_ANCHORED, is_still, map_between
+from packmech.dynamics.march.flow import (
+    ANCHORED,
+    BENDING,
+    GAMMA,
+    OUTER_ANCHORED,
+    bending,
+    entries,
+    is_still,
+    map_between,
+)
+from packmech.dynamics.march.inlined import inlined
 from packmech.dynamics.march.pairs import choose_inner, renewed_pairs
 from packmech.dynamics.pair_list import (
     AGE,
@@ -46,16 +56,6 @@ class Space(NamedTuple):
     frame: Any
     flow: Any
     bonds: Any
-
-
-def held_of(track: Track | None) -> Any:
-    """Return the stretches of the inner pairs, None where none are held."""
-    return None if track is None else track.inner_pk
-
-
-@compiled_form(held_of)
-def _choose_held_of(track: Any) -> Any:
-    return (lambda track: None) if isinstance(track, types.NoneType) else (lambda track: track.inner_pk)
 
 
 @device
@@ -95,28 +95,20 @@ def _choose_without_bonded(bonds: Any, found: Any) -> Any:
 
 def strained(flow: Any, since: int, largest: float) -> float:
     """Return half of what the strain since an anchor can take from the distance of a pair this far apart [length]."""
-    return 0.0 if flow is None else _strained(flow, since, largest)
+    return 0.0 if flow is None else _strained(flow.number, since, largest)
 
 
 @device
-def _strained(flow, since, largest):
-    # spectral norms are at most Frobenius norms; F^-1 at the anchor has a norm of at most 1 + |gamma| |M| + ...
-    direction = flow.direction_dd
-    square = 0.0
-    inverse = flow.step_dd
-    map_between(flow, flow.number[since], 0.0, inverse)
-    for i in range(3):
-        for j in range(3):
-            entry = direction[i, 0] * inverse[0, j] + direction[i, 1] * inverse[1, j] + direction[i, 2] * inverse[2, j]
-            square += entry * entry
-    return 0.5 * abs(flow.number[GAMMA] - flow.number[since]) * math.sqrt(square) * largest
+def _strained(number, since, largest):
+    bent = number[BENDING + since - ANCHORED]
+    return 0.5 * abs(number[GAMMA] - number[since]) * bent * largest
 
 
 @compiled_form(strained)
 def _choose_strained(flow: Any, since: Any, largest: Any) -> Any:
     if is_still(flow):
         return lambda flow, since, largest: 0.0
-    return lambda flow, since, largest: _strained(flow, since, largest)
+    return lambda flow, since, largest: _strained(flow.number, since, largest)
 
 
 def strayed(flow: Any, body: Any, anchor_nd: Any, since: int) -> float:
@@ -129,9 +121,9 @@ def _strayed(body, anchor_nd, g):
     most = 0.0
     for i in range(body.shape[0]):
         ax, ay, az = anchor_nd[i, 0], anchor_nd[i, 1], anchor_nd[i, 2]
-        x = body[i, 0] - (g[0, 0] * ax + g[0, 1] * ay + g[0, 2] * az)
-        y = body[i, 1] - (g[1, 0] * ax + g[1, 1] * ay + g[1, 2] * az)
-        z = body[i, 2] - (g[2, 0] * ax + g[2, 1] * ay + g[2, 2] * az)
+        x = body[i, 0] - (g[0][0] * ax + g[0][1] * ay + g[0][2] * az)
+        y = body[i, 1] - (g[1][0] * ax + g[1][1] * ay + g[1][2] * az)
+        z = body[i, 2] - (g[2][0] * ax + g[2][1] * ay + g[2][2] * az)
         most = max(most, x * x + y * y + z * z)
     return math.sqrt(most)
 
@@ -141,13 +133,13 @@ def _choose_strayed(flow: Any, body: Any, anchor_nd: Any, since: Any) -> Any:
     if is_still(flow):
 
         def unmoved(flow, body, anchor_nd, since):
-            return _strayed(body, anchor_nd, np.eye(3))
+            return _strayed(body, anchor_nd, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
         return unmoved
 
     def moved(flow, body, anchor_nd, since):
         map_between(flow, flow.number[since], flow.number[GAMMA], flow.step_dd)
-        return _strayed(body, anchor_nd, flow.step_dd)
+        return _strayed(body, anchor_nd, entries(flow.step_dd))
 
     return moved
 
@@ -155,18 +147,20 @@ def _choose_strayed(flow: Any, body: Any, anchor_nd: Any, since: Any) -> Any:
 def mark(flow: Any, since: int) -> None:
     """Note the strain at which an anchor was set."""
     if flow is not None:
-        flow.number[since] = flow.number[GAMMA]
+        _mark(flow, since)
+
+
+@device
+def _mark(flow, since):
+    flow.number[since] = flow.number[GAMMA]
+    flow.number[BENDING + since - ANCHORED] = bending(flow, flow.number[GAMMA])
 
 
 @compiled_form(mark)
 def _choose_mark(flow: Any, since: Any) -> Any:
     if is_still(flow):
         return lambda flow, since: None
-
-    def note(flow, since):
-        flow.number[since] = flow.number[GAMMA]
-
-    return note
+    return lambda flow, since: _mark(flow, since)
 
 
 def stow(track: Any, pairs: Any) -> None:
@@ -269,18 +263,35 @@ def settle_inner(axes, body, space, pairs, track):
 
 
 @device
-def keep_up(axes, body, space, pairs, track, moved):
-    """Make the lists valid after everybody moved by at most this much; return whether that takes a new search."""
-    number = pairs.number
-    flow = space.flow
+def largest_contact(sizes):
+    """Return the largest contact distance."""
+    most = 0.0
+    for a in range(sizes.largest_a.shape[0]):
+        most = max(most, sizes.largest_a[a])
+    return 2.0 * most
+
+
+@inlined
+def worn(flow, number, reach, moved):
+    """Whether everybody may have moved too far for the lists, by at most this much in this step.
+
+    `reach` is the largest contact distance, `number` that of the lists.
+    """
     number[TRAVEL] += moved
     number[AGE] += 1.0
-    reach = 2.0 * space.sizes.largest_a.max()
+    bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
+    # displacements since the anchor were strained themselves; what is not a number is too far
+    return not number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]
+
+
+@device
+def keep_up(axes, body, space, pairs, track):
+    """Make worn lists valid; return whether that takes a new search."""
+    number = pairs.number
+    flow = space.flow
+    reach = largest_contact(space.sizes)
     room = 0.5 * number[SKIN_INNER]
     bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
-    # displacements since the anchor were strained themselves
-    if number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]:
-        return False
     gone = strayed(flow, body, pairs.anchor_nd, ANCHORED)
     if gone + bent < 0.75 * room:
         # the bound added up the lengths of all steps; the true displacement leaves room
@@ -309,17 +320,26 @@ def search(axes, body, space, pairs, track):
     return new, track
 
 
-def deform_images(flow: Any, frame: Any, pairs: Any) -> None:
+def deform_images(flow: Any, lattice: Any, image_kd: Any, shift_kd: Any) -> None:
     """Put the images where the box has taken them."""
-    if flow is not None:
-        place_images(frame, pairs)
+    raise NotImplementedError("lists are followed in compiled loops")
+
+
+@device
+def _deform_images(lattice, image_kd, shift_kd):
+    for k in range(image_kd.shape[0]):
+        for a in range(3):
+            shift = 0.0
+            for b in range(3):
+                shift += lattice[a, b] * image_kd[k, b]
+            shift_kd[k, a] = shift
 
 
 @compiled_form(deform_images)
-def _choose_deform_images(flow: Any, frame: Any, pairs: Any) -> Any:
+def _choose_deform_images(flow: Any, lattice: Any, image_kd: Any, shift_kd: Any) -> Any:
     if is_still(flow):
-        return lambda flow, frame, pairs: None
-    return lambda flow, frame, pairs: place_images(frame, pairs)
+        return lambda flow, lattice, image_kd, shift_kd: None
+    return lambda flow, lattice, image_kd, shift_kd: _deform_images(lattice, image_kd, shift_kd)
 
 
 def empty_track(dimension: int) -> Track:

@@ -9,46 +9,73 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from numba import literal_unroll, types
 
-from packmech.compiled import compiled_form, device, kernel
+from packmech.compiled import compiled_form, device
 from packmech.dynamics.march.bonding import bond_first, bond_vector
-from packmech.dynamics.march.flow import GAMMA, gamma_at, is_still, rates, with_flow
-from packmech.dynamics.march.lists import held_of
+from packmech.dynamics.march.figures import (
+    ANGULAR,
+    BONDED,
+    COLUMNS,
+    CONTACTS,
+    FORCE,
+    IMPULSE,
+    KINETIC,
+    MOMENTUM,
+    MOST,
+    MOTION,
+    POTENTIAL,
+    RATE,
+    ROTATIONAL,
+    SLIDING,
+    SPINNING,
+    STRAIN,
+    TANGENTIAL,
+    TIME,
+    TORQUE,
+    TOTAL,
+    dyad,
+    energy_of_bodies,
+    look_at_motion,
+    moment,
+    write,
+)
+from packmech.dynamics.march.flow import GAMMA, gamma_at, is_still, rates, relative
+from packmech.dynamics.march.inlined import inlined, inlined_form, lean
 from packmech.dynamics.march.rubbing import slide
 from packmech.dynamics.march.springs import slip_in_space, spun
-from packmech.effects import body_energy, law_energy, pair_energy, pair_first
+from packmech.effects import law_energy, pair_elastic, pair_energy, pair_first
 
-# columns of a ledger
-TIME, STRAIN, RATE = 0, 1, 2
-POTENTIAL, TANGENTIAL, KINETIC, ROTATIONAL = 3, 4, 5, 6
-CONTACTS, SLIDING, MOST, TOTAL = 7, 8, 9, 10
-# 3 x 3 sums, row by row: force on i times branch vector over contacts and bonds; bonds alone; m c c; I/2 (w w - w^2 1)
-FORCE, BONDED, MOTION, SPINNING = 11, 20, 29, 38
-# 3 numbers each: sum of torques, of m c, of x cross m v + I w; then the sum of m |c|
-TORQUE, MOMENTUM, ANGULAR, IMPULSE = 47, 50, 53, 56
-COLUMNS = 57
-
-
-@device
-def _enter(out, place, fx, fy, fz, dx, dy, dz):
-    out[place] += fx * dx
-    out[place + 1] += fx * dy
-    out[place + 2] += fx * dz
-    out[place + 3] += fy * dx
-    out[place + 4] += fy * dy
-    out[place + 5] += fy * dz
-    out[place + 6] += fz * dx
-    out[place + 7] += fz * dy
-    out[place + 8] += fz * dz
-
-
-@device
-def _torques(out, ai, aj, nx, ny, nz, fx, fy, fz):
-    arm = ai + aj
-    out[TORQUE] += arm * (ny * fz - nz * fy)
-    out[TORQUE + 1] += arm * (nz * fx - nx * fz)
-    out[TORQUE + 2] += arm * (nx * fy - ny * fx)
+__all__ = [
+    "ANGULAR",
+    "BONDED",
+    "COLUMNS",
+    "CONTACTS",
+    "FORCE",
+    "IMPULSE",
+    "KINETIC",
+    "MOMENTUM",
+    "MOST",
+    "MOTION",
+    "POTENTIAL",
+    "RATE",
+    "ROTATIONAL",
+    "SLIDING",
+    "SPINNING",
+    "STRAIN",
+    "TANGENTIAL",
+    "TIME",
+    "TORQUE",
+    "TOTAL",
+    "along_contact",
+    "look",
+    "look_into",
+    "seen_pair",
+    "slip_of",
+    "stretch_now",
+    "touch",
+]
 
 
 @device
@@ -79,25 +106,6 @@ def along_contact(axes, nx, ny, x, y, z):
     return x, y, z
 
 
-@device
-def _rubbed(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace, out):
-    """Return the frictional force on i; its spring's energy, its torques and whether it slides go to `out`."""
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_now(axes, held_pk, p, sx, sy, sz, ox, oy, oz, pace.after)
-    fx, fy, fz = slide(friction, x, sx), slide(friction, y, sy), slide(friction, z, sz)
-    size = math.sqrt(fx * fx + fy * fy + fz * fz)
-    cap = friction.coefficient * normal
-    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-    if size >= cap * (1.0 - 1e-9):
-        out[SLIDING] += 1.0
-    if size > cap:
-        fx, fy, fz = fx * cap / size, fy * cap / size, fz * cap / size
-    out[TANGENTIAL] += 0.5 * friction.stiffness * (x * x + y * y + z * z)
-    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
-    _torques(out, ai, aj, nx, ny, nz, fx, fy, fz)
-    return fx, fy, fz
-
-
 def rubbed(
     friction: Any,
     axes: Any,
@@ -116,13 +124,34 @@ def rubbed(
     sigma: float,
     normal: float,
     pace: Any,
-    out: Any,
-) -> tuple[float, float, float]:
-    """Return the frictional force on i; zero where the scene has none."""
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return energy of a tangential spring, whether it slides, its force on i, and arms; zeros without friction."""
     raise NotImplementedError("a march is looked at in compiled loops")
 
 
-@compiled_form(rubbed)
+@inlined
+def _rubbed(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+    x, y, z = stretch_now(axes, held_pk, p, sx, sy, sz, ox, oy, oz, pace.after)
+    cap = friction.coefficient * normal
+    if len(axes) == 2:
+        fx, fy, fz = slide(friction, x, sx), 0.0, 0.0
+        size = abs(fx)
+        square = x * x
+    else:
+        fx, fy, fz = slide(friction, x, sx), slide(friction, y, sy), slide(friction, z, sz)
+        size = math.sqrt(fx * fx + fy * fy + fz * fz)
+        square = x * x + y * y + z * z
+    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
+    sliding = 1.0 if size >= cap * (1.0 - 1e-9) else 0.0
+    if size > cap:
+        scale = cap / size
+        fx, fy, fz = fx * scale, fy * scale, fz * scale
+    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
+    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz, ai, aj
+
+
+@inlined_form(rubbed)
 def _choose_rubbed(
     friction: Any,
     axes: Any,
@@ -141,27 +170,18 @@ def _choose_rubbed(
     sigma: Any,
     normal: Any,
     pace: Any,
-    out: Any,
 ) -> Any:
     if isinstance(friction, types.NoneType):
 
-        def none(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace, out):
-            return 0.0, 0.0, 0.0
+        def none(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
         return none
 
-    def some(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace, out):
-        return _rubbed(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace, out)
+    def some(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+        return _rubbed(friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace)
 
     return some
-
-
-@device
-def _relative(axes, flowing, body, i, j, dx, dy, dz):
-    ux = body[j, 4] - body[i, 4]
-    uy = body[j, 5] - body[i, 5]
-    uz = body[j, 6] - body[i, 6] if len(axes) == 3 else 0.0
-    return with_flow(flowing, ux, uy, uz, dx, dy, dz)
 
 
 @device
@@ -171,60 +191,15 @@ def touch(body, i, j, dx, dy, dz):
     return dx * dx + dy * dy + dz * dz < sigma * sigma
 
 
-def look_at_pair(
-    effects: Any,
-    friction: Any,
-    flowing: Any,
-    axes: Any,
-    body: Any,
-    held_pk: Any,
-    p: int,
-    i: int,
-    j: int,
-    dx: float,
-    dy: float,
-    dz: float,
-    pace: Any,
-    out: Any,
-) -> None:
-    """Add what a touching pair does; nothing where no effect acts on touching pairs."""
-    raise NotImplementedError("a march is looked at in compiled loops")
-
-
-@compiled_form(look_at_pair)
-def _choose_look_at_pair(
-    effects: Any,
-    friction: Any,
-    flowing: Any,
-    axes: Any,
-    body: Any,
-    held_pk: Any,
-    p: Any,
-    i: Any,
-    j: Any,
-    dx: Any,
-    dy: Any,
-    dz: Any,
-    pace: Any,
-    out: Any,
-) -> Any:
-    if isinstance(effects, types.NoneType):
-        return lambda effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out: None
-
-    def some(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out):
-        _look_at_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out)
-
-    return some
-
-
-@device
-def _look_at_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out):
+@inlined
+def seen_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace):
+    """Return what a touching pair does: two energies, whether it slides, elastic force, force on i, n, and arms."""
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     sigma = body[i, 3] + body[j, 3]
     # coincident centers have an energy, but no branch vector and so no stress
     inverse = 1.0 / r if r > 0.0 else 0.0
     nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
-    ux, uy, uz = _relative(axes, flowing, body, i, j, dx, dy, dz)
+    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
     rate = ux * nx + uy * ny + uz * nz
     energy = 0.0
     first = 0.0
@@ -232,38 +207,101 @@ def _look_at_pair(effects, friction, flowing, axes, body, held_pk, p, i, j, dx, 
     for one in literal_unroll(effects):
         energy += pair_energy(one, r, sigma)
         first += pair_first(one, r, sigma, rate)
-        elastic += pair_first(one, r, sigma, 0.0)
-    out[POTENTIAL] += energy
-    out[CONTACTS] += 1.0
-    out[TOTAL] += abs(elastic)
-    fx, fy, fz = rubbed(
-        friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, abs(elastic), pace, out
+        elastic += pair_elastic(one, r, sigma)
+    normal = abs(elastic)
+    spring, sliding, fx, fy, fz, ai, aj = rubbed(
+        friction, axes, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace
     )
-    _enter(out, FORCE, first * nx + fx, first * ny + fy, first * nz + fz, dx, dy, dz)
+    return energy, spring, sliding, normal, (first * nx, first * ny, first * nz), (fx, fy, fz), (nx, ny, nz), (ai, aj)
 
 
-@device
+def look_at_pairs(
+    acting: Any, flowing: Any, axes: Any, body: Any, pairs: Any, held_pk: Any, pace: Any, out: Any
+) -> None:
+    """Write the figures of touching pairs; nothing where no effect acts on them."""
+    raise NotImplementedError("a march is looked at in compiled loops")
+
+
+@inlined_form(look_at_pairs)
+def _choose_look_at_pairs(
+    acting: Any, flowing: Any, axes: Any, body: Any, pairs: Any, held_pk: Any, pace: Any, out: Any
+) -> Any:
+    if isinstance(acting[0], types.NoneType):
+        return lambda acting, flowing, axes, body, pairs, held_pk, pace, out: None
+    return lambda acting, flowing, axes, body, pairs, held_pk, pace, out: _look_at_pairs(
+        acting, flowing, axes, body, pairs, held_pk, pace, out
+    )
+
+
+@inlined
+def _look_at_pairs(acting, flowing, axes, body, pairs, held_pk, pace, out):
+    potential = tangential = contacts = slides = total = 0.0
+    force = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    torque = (0.0, 0.0, 0.0)
+    i_p, j_p, image_p, shift_kd = pairs.i_p, pairs.j_p, pairs.image_p, pairs.shift_kd
+    for s in range(pairs.start_s.shape[0] - 1):
+        for p in range(np.uint64(pairs.start_s[s]), np.uint64(pairs.start_s[s + 1])):
+            i, j = i_p[p], j_p[p]
+            dx, dy, dz = body[j, 0] - body[i, 0], body[j, 1] - body[i, 1], 0.0
+            if len(axes) == 3:
+                dz = body[j, 2] - body[i, 2]
+            if s % 2 == 1:
+                k = image_p[p]
+                dx += shift_kd[k, 0]
+                dy += shift_kd[k, 1]
+                if len(axes) == 3:
+                    dz += shift_kd[k, 2]
+            if touch(body, i, j, dx, dy, dz):
+                energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = seen_pair(
+                    acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace
+                )
+                potential += energy
+                tangential += spring
+                contacts += 1.0
+                slides += sliding
+                total += normal
+                force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
+                torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
+    out[POTENTIAL] = potential
+    out[TANGENTIAL] = tangential
+    out[CONTACTS] = contacts
+    out[SLIDING] = slides
+    out[TOTAL] = total
+    write(out, FORCE, force)
+    write(out, TORQUE, torque)
+
+
+@inlined
 def _look_at_bonds(bonds, flowing, axes, body, lattice, pace, out):
-    for b in range(bonds.i_b.shape[0]):
+    potential = tangential = 0.0
+    force = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    torque = (0.0, 0.0, 0.0)
+    for b in range(np.uint64(bonds.i_b.shape[0])):
         i, j = bonds.i_b[b], bonds.j_b[b]
         dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
         r = math.sqrt(dx * dx + dy * dy + dz * dz)
         if r == 0.0:
             continue
         nx, ny, nz = dx / r, dy / r, dz / r
-        ux, uy, uz = _relative(axes, flowing, body, i, j, dx, dy, dz)
+        ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
         sigma = body[i, 3] + body[j, 3]
         rest = bonds.rest_b[b]
         first = bond_first(bonds.compression, bonds.tension, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
-        out[POTENTIAL] += law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
+        potential += law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
         ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
         x, y, z = stretch_now(axes, bonds.stretch_bk, b, sx, sy, sz, ox, oy, oz, pace.after)
         k, c = bonds.tangential_stiffness, bonds.tangential_damping
-        out[TANGENTIAL] += 0.5 * k * (x * x + y * y + z * z)
+        tangential += 0.5 * k * (x * x + y * y + z * z)
         fx, fy, fz = along_contact(axes, nx, ny, k * x + c * sx, k * y + c * sy, k * z + c * sz)
-        _torques(out, ai, aj, nx, ny, nz, fx, fy, fz)
-        _enter(out, FORCE, first * nx + fx, first * ny + fy, first * nz + fz, dx, dy, dz)
-        _enter(out, BONDED, first * nx + fx, first * ny + fy, first * nz + fz, dx, dy, dz)
+        force = dyad(axes, force, first * nx + fx, first * ny + fy, first * nz + fz, dx, dy, dz)
+        torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
+    out[POTENTIAL] += potential
+    out[TANGENTIAL] += tangential
+    for k in range(9):
+        out[FORCE + k] += force[k]
+        out[BONDED + k] = force[k]
+    for k in range(3):
+        out[TORQUE + k] += torque[k]
 
 
 def look_at_bonds(bonds: Any, flowing: Any, axes: Any, body: Any, lattice: Any, pace: Any, out: Any) -> None:
@@ -280,26 +318,6 @@ def _choose_look_at_bonds(bonds: Any, flowing: Any, axes: Any, body: Any, lattic
     )
 
 
-def energy_of_bodies(bodies: Any, body: Any, mass_n: Any) -> float:
-    """Return the energy of single particles under what acts on them."""
-    raise NotImplementedError("a march is looked at in compiled loops")
-
-
-@compiled_form(energy_of_bodies)
-def _choose_energy_of_bodies(bodies: Any, body: Any, mass_n: Any) -> Any:
-    if isinstance(bodies, types.NoneType):
-        return lambda bodies, body, mass_n: 0.0
-
-    def total(bodies, body, mass_n):
-        energy = 0.0
-        for i in range(body.shape[0]):
-            for one in literal_unroll(bodies):
-                energy += body_energy(one, body[i, 0], body[i, 1], body[i, 2], mass_n[i], body[i, 3])
-        return energy
-
-    return total
-
-
 def strain_of(flow: Any, time: float) -> tuple[float, float]:
     """Return gamma and its rate; zeros where nothing deforms."""
     return (0.0, 0.0) if flow is None else (float(flow.number[GAMMA]), gamma_at(flow.profile, time)[1])
@@ -312,49 +330,8 @@ def _choose_strain_of(flow: Any, time: Any) -> Any:
     return lambda flow, time: (flow.number[GAMMA], gamma_at(flow.profile, time)[1])
 
 
-@device
-def _look_at_motion(axes, state, flowing, out):
-    d = len(axes)
-    body, mass_n, weight = state.body, state.mass_n, state.weight_nk
-    for i in range(body.shape[0]):
-        m = mass_n[i]
-        u, v = body[i, 4], body[i, 5]
-        w = body[i, 6] if d == 3 else 0.0
-        out[KINETIC] += 0.5 * m * (u * u + v * v + w * w)
-        out[IMPULSE] += m * math.sqrt(u * u + v * v + w * w)
-        _enter(out, MOTION, m * u, m * v, m * w, u, v, w)
-        out[MOMENTUM] += m * u
-        out[MOMENTUM + 1] += m * v
-        out[MOMENTUM + 2] += m * w
-        x, y, z = body[i, 0], body[i, 1], body[i, 2]
-        u, v, w = with_flow(flowing, u, v, w, x, y, z)
-        out[ANGULAR] += m * (y * w - z * v)
-        out[ANGULAR + 1] += m * (z * u - x * w)
-        out[ANGULAR + 2] += m * (x * v - y * u)
-        if state.push.shape[1] > d:
-            inertia = 1.0 / weight[i, 1] if weight[i, 1] > 0.0 else 0.0
-            p = q = 0.0
-            r = body[i, 6] if d == 2 else body[i, 9]
-            if d == 3:
-                p, q = body[i, 7], body[i, 8]
-            square = p * p + q * q + r * r
-            out[ROTATIONAL] += 0.5 * inertia * square
-            half = 0.5 * inertia
-            _enter(out, SPINNING, half * p, half * q, half * r, p, q, r)
-            out[SPINNING] -= half * square
-            out[SPINNING + 4] -= half * square
-            out[SPINNING + 8] -= half * square
-            out[ANGULAR] += inertia * p
-            out[ANGULAR + 1] += inertia * q
-            out[ANGULAR + 2] += inertia * r
-        square = 0.0
-        for a in range(d):
-            square += state.push[i, a] * state.push[i, a]
-        out[MOST] = max(out[MOST], math.sqrt(square))
-
-
-@kernel
-def look(acting, axes, state, space, pairs, track, time, pace, out):
+@inlined
+def look_into(acting, axes, state, space, pairs, track, time, pace, out):
     """Write the figures of the present moment, in the columns named above."""
     for k in range(COLUMNS):
         out[k] = 0.0
@@ -362,20 +339,14 @@ def look(acting, axes, state, space, pairs, track, time, pace, out):
     out[TIME] = time
     out[STRAIN], out[RATE] = strain_of(space.flow, time)
     body = state.body
-    held_pk = held_of(track)
-    for s in range(pairs.start_s.shape[0] - 1):
-        for p in range(pairs.start_s[s], pairs.start_s[s + 1]):
-            i, j = pairs.i_p[p], pairs.j_p[p]
-            dx, dy, dz = body[j, 0] - body[i, 0], body[j, 1] - body[i, 1], body[j, 2] - body[i, 2]
-            if s % 2 == 1:
-                k = pairs.image_p[p]
-                dx += pairs.shift_kd[k, 0]
-                dy += pairs.shift_kd[k, 1]
-                dz += pairs.shift_kd[k, 2]
-            if touch(body, i, j, dx, dy, dz):
-                look_at_pair(
-                    acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, out
-                )
+    held_pk = None if track is None else track.inner_pk
+    look_at_pairs(acting, flowing, axes, body, pairs, held_pk, pace, out)
     look_at_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
     out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
-    _look_at_motion(axes, state, flowing, out)
+    look_at_motion(axes, state, flowing, out)
+
+
+@lean
+def look(acting, axes, state, space, pairs, track, time, pace, out):
+    """Write the figures of the present moment, in the columns named above."""
+    look_into(acting, axes, state, space, pairs, track, time, pace, out)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.compiled import device
+from packmech.dynamics.march.inlined import inlined
 from packmech.dynamics.pair_list import NUMBERS, SEARCHES, SKIN_FULL, SKIN_INNER, SKIN_OUTER, TRAVEL, anchor
 
 # rows of a block, at least; blocks, at most
@@ -24,11 +25,15 @@ NO_SLOT = np.uint32(0xFFFFFFFF)
 
 
 class Slots(NamedTuple):
-    """Rows of forces and torques on the way to other blocks: who gets each, and the first slot of each block."""
+    """Rows of forces and torques on the way to other blocks: who gets each, and the first slot of each block.
+
+    next_b is room to deal them out in.
+    """
 
     push_qk: NDArray[np.float64]
     row_q: NDArray[np.uint32]
     start_b: NDArray[np.int64]
+    next_b: NDArray[np.int64]
 
 
 class Pairs(NamedTuple):
@@ -65,7 +70,8 @@ def blocks_of(rows: int) -> NDArray[np.int64]:
 
 def empty_slots(blocks: int, width: int) -> Slots:
     """Return no slots, for so many blocks."""
-    return Slots(np.zeros((0, width)), np.zeros(0, dtype=np.uint32), np.zeros(blocks + 1, dtype=np.int64))
+    first = np.zeros(blocks + 1, dtype=np.int64)
+    return Slots(np.zeros((0, width)), np.zeros(0, dtype=np.uint32), first, np.zeros(blocks, dtype=np.int64))
 
 
 def empty_pairs(rows: int, width: int, skin: float) -> Pairs:
@@ -164,7 +170,9 @@ def renewed_pairs(found, body, old):
         np.empty(total + 1, np.uint32),
         np.empty(total + 1, np.uint32),
         np.zeros(2 * blocks + 1, np.int64),
-        Slots(np.zeros((far, width)), np.zeros(far, np.uint32), np.zeros(blocks + 1, np.int64)),
+        Slots(
+            np.zeros((far, width)), np.zeros(far, np.uint32), np.zeros(blocks + 1, np.int64), np.zeros(blocks, np.int64)
+        ),
         found.image_kd,
         np.zeros_like(found.image_kd),
         old.outer_anchor_nd,
@@ -220,7 +228,7 @@ def _deal(pairs):
     """Sort the slots by the block that gets them; until then a pair's slot holds that block, and start_b counts."""
     slots = pairs.slots
     blocks = slots.start_b.shape[0] - 1
-    next_b = np.zeros(blocks, np.int64)
+    next_b = slots.next_b
     for b in range(blocks):
         slots.start_b[b + 1] += slots.start_b[b]
         next_b[b] = slots.start_b[b]
@@ -234,10 +242,11 @@ def _deal(pairs):
                 slots.row_q[q] = pairs.j_p[p]
 
 
-@device
-def collect(slots, push, b):
-    """Add what other blocks did to the rows of a block to their forces."""
-    for q in range(slots.start_b[b], slots.start_b[b + 1]):
-        i = slots.row_q[q]
-        for a in range(push.shape[1]):
-            push[i, a] += slots.push_qk[q, a]
+@inlined
+def collect(axes, spins, slots, push, b):
+    """Add what other blocks did to the rows of a block to their forces and, where they have spins, torques."""
+    row_q, push_qk = slots.row_q, slots.push_qk
+    for q in range(np.uint64(slots.start_b[b]), np.uint64(slots.start_b[b + 1])):
+        i = row_q[q]
+        for a in range(len(axes) + len(spins)):
+            push[i, a] += push_qk[q, a]

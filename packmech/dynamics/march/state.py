@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.kernels import RUNNING
-from packmech.dynamics.march.bonds import bond_table
-from packmech.dynamics.march.flow import GAMMA, NILPOTENT, NUMBERS, Flow, Still, gamma_at, set_flow
+from packmech.dynamics.march.bonds import bond_stretches, bond_table
+from packmech.dynamics.march.flow import ALONG_X, GAMMA, NILPOTENT, NUMBERS, Flow, Still, gamma_at, set_flow
 from packmech.dynamics.march.leading import leading_share
 from packmech.dynamics.march.lists import Space, Track, empty_track, search
 from packmech.dynamics.march.look import COLUMNS, look
@@ -132,7 +132,7 @@ class March:
             set_flow(self.space.flow, self.space.frame, self.time)
         self._search()
         self._run(FORCES, 1, None)
-        if self.state.last.size:
+        if self.state.last is not None:
             self.state.last[:] = self.state.push
         self.started = True
 
@@ -238,7 +238,7 @@ class March:
         table = self.space.bonds
         if table is not None:
             bonds = next(one for one in self.scene.effects if isinstance(one, Bonds))
-            table = bond_table(bonds, self.order_n, self.home_nd, self.change_dd, table.stretch_bk)
+            table = bond_table(bonds, self.order_n, self.home_nd, self.change_dd, bond_stretches(table))
         self.space = Space(self.space.sizes, frame, flow, table)
         self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
         self.track = None if self.track is None else empty_track(d)
@@ -266,6 +266,7 @@ def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow
     lattice[:d, :d] = box.lattice_dd
     number = np.zeros(NUMBERS)
     number[NILPOTENT] = not (direction @ direction).any()
+    number[ALONG_X] = direction[0, 1] != 0.0 and np.count_nonzero(direction) == 1
     return Flow(profile, direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
 
 
@@ -355,7 +356,7 @@ def build_march(
             np.zeros((n, d + spins)),
             weight,
             mass,
-            np.zeros((n if lead else 0, d + spins)),
+            np.zeros((n, d + spins)) if lead else None,
             lead,
         ),
         space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table),

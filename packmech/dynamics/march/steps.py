@@ -16,14 +16,17 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import literal_unroll, types
 
-from packmech.compiled import compiled_form, device, kernel
+from packmech.compiled import compiled_form
 from packmech.dynamics.kernels import NOT_FINITE, RUNNING
 from packmech.dynamics.march.bonding import bonds_of_block, collect_bonds
 from packmech.dynamics.march.contact import contacts_of_block
-from packmech.dynamics.march.flow import gamma_at, is_still, map_between, rates, set_flow, turning
-from packmech.dynamics.march.lists import deform_images, held_of, keep_up
+from packmech.dynamics.march.flow import flow_to, is_still, rates, turning
+from packmech.dynamics.march.inlined import inlined, inlined_form, lean
+from packmech.dynamics.march.leaps import clear_rows, leap
+from packmech.dynamics.march.lists import deform_images, keep_up, largest_contact, worn
 from packmech.dynamics.march.pairs import collect
 from packmech.dynamics.march.springs import Pace
 from packmech.dynamics.march.tally import due_now, tally
@@ -49,7 +52,7 @@ class State(NamedTuple):
     """The arrays of a march. weight_nk holds 1/m and, where particles turn, 1/I; both are 0 for what is held.
 
     `spins` is a tuple as long as a spin: none where nothing turns, 1 in a plane, 3 in space. `lead` is the share of the
-    last change of the forces, from `last` to `push`, in extrapolated velocities; `last` is empty where it is zero.
+    last change of the forces, from `last` to `push`, in extrapolated velocities; `last` is None where it is zero.
     """
 
     spins: Any
@@ -62,183 +65,17 @@ class State(NamedTuple):
     lead: Any
 
 
-def leap(
-    flow: Any, axes: Any, state: State, low: int, high: int, time: float, dt: float, early: float, ahead: float
-) -> float:
-    """Kick rows, take them to the end of the step and clear their forces; return the largest squared displacement.
-
-    `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
-    velocities). The box's own share of displacements is not counted.
-    """
-    raise NotImplementedError("a march is stepped in compiled loops")
-
-
-@device
-def _clear(axes, spins, push, i):
-    for a in range(len(axes) + len(spins)):
-        push[i, a] = 0.0
-
-
-@device
-def _clear_all(axes, state, low, high):
-    for i in range(low, high):
-        _clear(axes, state.spins, state.push, i)
-
-
-@device
-def _led(spins, lead, last, i, a, force):
-    """Return what the change of a force since the last step adds to it for an extrapolation; remember the force."""
-    if len(spins) == 0 or lead == 0.0:
-        return 0.0
-    change = force - last[i, a]
-    last[i, a] = force
-    return lead * change
-
-
-@device
-def _leap_still(axes, state, low, high, dt, early, ahead):
-    d = len(axes)
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    spins, last, lead = state.spins, state.last, state.lead
-    most = 0.0
-    for i in range(low, high):
-        kick = early * weight[i, 0]
-        square = 0.0
-        for a in range(d):
-            c = body[i, 4 + a]
-            kicked = c + kick * push[i, a]
-            half[i, a] = kicked
-            body[i, 4 + a] = kicked + ahead * (kicked - c) + kick * _led(spins, lead, last, i, a, push[i, a])
-            body[i, a] += dt * kicked
-            square += kicked * kicked
-        for k in range(len(spins)):
-            a = d + k
-            c = body[i, 4 + a]
-            turn = early * weight[i, 1]
-            kicked = c + turn * push[i, a]
-            half[i, a] = kicked
-            body[i, 4 + a] = kicked + ahead * (kicked - c) + turn * _led(spins, lead, last, i, a, push[i, a])
-        _clear(axes, spins, push, i)
-        # written so that a speed that is not a number is the largest
-        if not square <= most:
-            most = square
-    return dt * dt * most
-
-
-@device
-def _entries(matrix):
-    return (
-        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
-        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
-        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
-    )
-
-
-@device
-def _maps(flow, time, dt):
-    """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
-    start = gamma_at(flow.profile, time)[0]
-    middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
-    end = gamma_at(flow.profile, time + dt)[0]
-    # all of these commute
-    map_between(flow, start, end, flow.step_dd)
-    places = _entries(flow.step_dd)
-    map_between(flow, end, start, flow.step_dd)
-    speeds = _entries(flow.step_dd)
-    map_between(flow, middle, start, flow.step_dd)
-    map_between(flow, middle, end, flow.back_dd)
-    for i in range(3):
-        x, y, z = flow.back_dd[i, 0], flow.back_dd[i, 1], flow.back_dd[i, 2]
-        for j in range(3):
-            flow.back_dd[i, j] = x * flow.step_dd[0, j] + y * flow.step_dd[1, j] + z * flow.step_dd[2, j]
-    return places, speeds, _entries(flow.back_dd)
-
-
-@device
-def _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead):
-    d = len(axes)
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    spins, last, lead = state.spins, state.last, state.lead
-    g, b, h = _maps(flow, time, dt)
-    most = 0.0
-    for i in range(low, high):
-        kick = early * weight[i, 0]
-        x, y = body[i, 0], body[i, 1]
-        u, v = body[i, 4], body[i, 5]
-        p, q = u + kick * push[i, 0], v + kick * push[i, 1]
-        if d == 2:
-            mx = dt * (h[0][0] * p + h[0][1] * q)
-            my = dt * (h[1][0] * p + h[1][1] * q)
-            body[i, 0] = g[0][0] * x + g[0][1] * y + mx
-            body[i, 1] = g[1][0] * x + g[1][1] * y + my
-            s = p + ahead * (p - u) + kick * _led(spins, lead, last, i, 0, push[i, 0])
-            t = q + ahead * (q - v) + kick * _led(spins, lead, last, i, 1, push[i, 1])
-            half[i, 0] = b[0][0] * p + b[0][1] * q
-            half[i, 1] = b[1][0] * p + b[1][1] * q
-            body[i, 4] = b[0][0] * s + b[0][1] * t
-            body[i, 5] = b[1][0] * s + b[1][1] * t
-            square = mx * mx + my * my
-        else:
-            z, w = body[i, 2], body[i, 6]
-            r = w + kick * push[i, 2]
-            mx = dt * (h[0][0] * p + h[0][1] * q + h[0][2] * r)
-            my = dt * (h[1][0] * p + h[1][1] * q + h[1][2] * r)
-            mz = dt * (h[2][0] * p + h[2][1] * q + h[2][2] * r)
-            body[i, 0] = g[0][0] * x + g[0][1] * y + g[0][2] * z + mx
-            body[i, 1] = g[1][0] * x + g[1][1] * y + g[1][2] * z + my
-            body[i, 2] = g[2][0] * x + g[2][1] * y + g[2][2] * z + mz
-            s = p + ahead * (p - u) + kick * _led(spins, lead, last, i, 0, push[i, 0])
-            t = q + ahead * (q - v) + kick * _led(spins, lead, last, i, 1, push[i, 1])
-            o = r + ahead * (r - w) + kick * _led(spins, lead, last, i, 2, push[i, 2])
-            half[i, 0] = b[0][0] * p + b[0][1] * q + b[0][2] * r
-            half[i, 1] = b[1][0] * p + b[1][1] * q + b[1][2] * r
-            half[i, 2] = b[2][0] * p + b[2][1] * q + b[2][2] * r
-            body[i, 4] = b[0][0] * s + b[0][1] * t + b[0][2] * o
-            body[i, 5] = b[1][0] * s + b[1][1] * t + b[1][2] * o
-            body[i, 6] = b[2][0] * s + b[2][1] * t + b[2][2] * o
-            square = mx * mx + my * my + mz * mz
-        for k in range(len(spins)):
-            a = d + k
-            c = body[i, 4 + a]
-            turn = early * weight[i, 1]
-            kicked = c + turn * push[i, a]
-            half[i, a] = kicked
-            body[i, 4 + a] = kicked + ahead * (kicked - c) + turn * _led(spins, lead, last, i, a, push[i, a])
-        _clear(axes, spins, push, i)
-        # written so that a displacement that is not a number is the largest
-        if not square <= most:
-            most = square
-    return most
-
-
-@compiled_form(leap)
-def _choose_leap(
-    flow: Any, axes: Any, state: Any, low: Any, high: Any, time: Any, dt: Any, early: Any, ahead: Any
-) -> Any:
-    if is_still(flow):
-
-        def still(flow, axes, state, low, high, time, dt, early, ahead):
-            return _leap_still(axes, state, low, high, dt, early, ahead)
-
-        return still
-
-    def flowing(flow, axes, state, low, high, time, dt, early, ahead):
-        return _leap_flowing(flow, axes, state, low, high, time, dt, early, ahead)
-
-    return flowing
-
-
 def move_box(flow: Any, frame: Any, time: float) -> None:
     """Set the box to its shape at a time."""
     if flow is not None:
-        set_flow(flow, frame, time)
+        flow_to(flow, frame, time)
 
 
 @compiled_form(move_box)
 def _choose_move_box(flow: Any, frame: Any, time: Any) -> Any:
     if is_still(flow):
         return lambda flow, frame, time: None
-    return lambda flow, frame, time: set_flow(flow, frame, time)
+    return lambda flow, frame, time: flow_to(flow, frame, time)
 
 
 def bodies_push(bodies: Any, axes: Any, state: State, rates: Any, low: int, high: int) -> None:
@@ -246,12 +83,12 @@ def bodies_push(bodies: Any, axes: Any, state: State, rates: Any, low: int, high
     raise NotImplementedError("a march is stepped in compiled loops")
 
 
-@device
+@inlined
 def _push_bodies(bodies, axes, state, rates, low, high):
     d = len(axes)
     body, push, weight = state.body, state.push, state.weight_nk
     wx, wy, wz = turning(rates)
-    for i in range(low, high):
+    for i in range(np.uint64(low), np.uint64(high)):
         fx = fy = fz = 0.0
         drag = 0.0
         w = body[i, 6] if d == 3 else 0.0
@@ -277,19 +114,19 @@ def _push_bodies(bodies, axes, state, rates, low, high):
                 push[i, 5] = slow * (body[i, 9] - wz)
 
 
-@compiled_form(bodies_push)
+@inlined_form(bodies_push)
 def _choose_bodies_push(bodies: Any, axes: Any, state: Any, rates: Any, low: Any, high: Any) -> Any:
     if isinstance(bodies, types.NoneType):
         return lambda bodies, axes, state, rates, low, high: None
     return lambda bodies, axes, state, rates, low, high: _push_bodies(bodies, axes, state, rates, low, high)
 
 
-@device
+@inlined
 def _finish_kick(axes, state, low, high, late):
     """Set velocities and spins to half, kicked by the forces."""
     d = len(axes)
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    for i in range(low, high):
+    for i in range(np.uint64(low), np.uint64(high)):
         kick = late * weight[i, 0]
         for a in range(d):
             body[i, 4 + a] = half[i, a] + kick * push[i, a]
@@ -298,7 +135,7 @@ def _finish_kick(axes, state, low, high, late):
             body[i, 4 + a] = half[i, a] + late * weight[i, 1] * push[i, a]
 
 
-@kernel
+@lean
 def march(acting, axes, state, space, pairs, track, ledger, team, start, first, steps, dt, second_order, reach):
     """Take up to `steps` steps from step number `first`; return how that ended and the steps taken.
 
@@ -313,10 +150,11 @@ def march(acting, axes, state, space, pairs, track, ledger, team, start, first, 
     row_b = pairs.row_b
     low_b, high_b = share(team, row_b.shape[0] - 1)
     low, high = row_b[low_b], row_b[high_b]
-    held_pk = held_of(track)
+    held_pk = None if track is None else track.inner_pk
+    listed, contact = pairs.number, largest_contact(space.sizes)
     body, push, lattice = state.body, state.push, space.frame.lattice_dd
     if start == FORCES:
-        _clear_all(axes, state, low, high)
+        clear_rows(axes, state, low, high)
     for step in range(steps):
         time = (first + step) * dt
         if start == WHOLE_STEP:
@@ -327,8 +165,9 @@ def march(acting, axes, state, space, pairs, track, ledger, team, start, first, 
             stale = False
             if leads(team):
                 move_box(space.flow, space.frame, time + dt)
-                deform_images(space.flow, space.frame, pairs)
-                stale = keep_up(axes, body, space, pairs, track, moved)
+                deform_images(space.flow, lattice, pairs.image_kd, pairs.shift_kd)
+                if worn(space.flow, listed, contact, moved):
+                    stale = keep_up(axes, body, space, pairs, track)
             if told(team, stale):
                 return SEARCH, step
         flowing = rates(space.flow)
@@ -338,8 +177,8 @@ def march(acting, axes, state, space, pairs, track, ledger, team, start, first, 
             bonds_of_block(space.bonds, flowing, axes, body, push, lattice, pace, b)
         wait(team)
         for b in range(low_b, high_b):
-            collect(pairs.slots, push, b)
-            collect_bonds(space.bonds, push, b)
+            collect(axes, state.spins, pairs.slots, push, b)
+            collect_bonds(space.bonds, axes, state.spins, push, b)
         if start == FORCES:
             return RUNNING, 0
         _finish_kick(axes, state, low, high, late)

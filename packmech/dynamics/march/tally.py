@@ -10,7 +10,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from packmech.compiled import compiled_form
-from packmech.dynamics.march.look import COLUMNS, look
+from packmech.dynamics.march.look import COLUMNS, look_into
 
 
 class Ledger(NamedTuple):
@@ -59,7 +59,7 @@ def _choose_tally(
         return lambda ledger, acting, axes, state, space, pairs, track, step, dt, pace: None
 
     def keep(ledger, acting, axes, state, space, pairs, track, step, dt, pace):
-        look(acting, axes, state, space, pairs, track, step * dt, pace, ledger.row_tk[ledger.written[0]])
+        look_into(acting, axes, state, space, pairs, track, step * dt, pace, ledger.row_tk[ledger.written[0]])
         ledger.written[0] += 1
 
     return keep

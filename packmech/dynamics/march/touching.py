@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.compiled import kernel
 from packmech.dynamics.march.flow import rates
-from packmech.dynamics.march.look import COLUMNS, FORCE, SLIDING, TOTAL, _look_at_pair, touch
+from packmech.dynamics.march.inlined import lean
+from packmech.dynamics.march.look import seen_pair, touch
 from packmech.dynamics.march.memory import _listed as listed
 
 if TYPE_CHECKING:
@@ -34,12 +34,11 @@ class Touching(NamedTuple):
     sliding_c: NDArray[np.bool_]
 
 
-@kernel
+@lean
 def _look_at_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, held_pk, seen_p, figure_pk):
     """Mark the pairs that touch; write normal force, sliding and force on i of each."""
     flowing = rates(space.flow)
     body, lattice = state.body, space.frame.lattice_dd
-    seen = np.zeros(COLUMNS)
     for p in range(i_p.shape[0]):
         i, j = i_p[p], j_p[p]
         x, y, z = image_pd[p, 0], image_pd[p, 1], image_pd[p, 2]
@@ -49,14 +48,16 @@ def _look_at_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, held
         seen_p[p] = touch(body, i, j, dx, dy, dz)
         if not seen_p[p]:
             continue
-        seen[:] = 0.0
-        _look_at_pair(acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace, seen)
-        figure_pk[p, 0] = seen[TOTAL]
-        figure_pk[p, 1] = seen[SLIDING]
-        square = dx * dx + dy * dy + dz * dz
-        for a in range(3):
-            along = seen[FORCE + 3 * a] * dx + seen[FORCE + 3 * a + 1] * dy + seen[FORCE + 3 * a + 2] * dz
-            figure_pk[p, 2 + a] = along / square if square > 0.0 else 0.0
+        _, _, sliding, normal, (gx, gy, gz), (fx, fy, fz), _, _ = seen_pair(
+            acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace
+        )
+        figure_pk[p, 0] = normal
+        figure_pk[p, 1] = sliding
+        # coincident centers have no direction
+        away = 1.0 if dx * dx + dy * dy + dz * dz > 0.0 else 0.0
+        figure_pk[p, 2] = away * (gx + fx)
+        figure_pk[p, 3] = away * (gy + fy)
+        figure_pk[p, 4] = away * (gz + fz)
 
 
 def _keys(i_p: Any, j_p: Any, image_pd: Any) -> Iterator[tuple[Any, ...]]:
