@@ -29,6 +29,11 @@ _HARDLY = (10.0, 1e3, 1e5)
 _LITTLE = 1e-2
 # part of the bound on rounding that motions mostly stay within (measured: 10 eps at N = 1024, 0.3 % of the bound)
 _MOSTLY = 0.04
+# singular values above so many times what could make them 0 are no doubtful ones
+_FIRM = 100.0
+# Next to a floppy motion and a soft one of value s, solvers take for the softest a mixture of the value 1e-16 / s, by
+# rounding of R^T R and Lanczos' tolerance, or s if that is less: at most 1e-8 of the largest. A hundred times that.
+_UNMIXED = 1e-6
 # tolerance at which programs are asked again whose answer did not pass its check
 CLOSE = 1e-12
 # up to here a simplex solution decides when the interior-point method did not
@@ -149,8 +154,7 @@ def soft_finding(cone: MotionCone, solver: str, tolerance: float, solves: tuple[
     if cone.is_floppy:
         reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
         return Finding(False, reason, softest, motion=motion, solves=solves)
-    # a soft motion that changes the contacts by far more than these are known is none of the hard packing's
-    if softest**2 > FLOPPY or cone.is_firm:
+    if softest**2 > FLOPPY or is_firm(cone):
         return None
     told = f"smallest singular value {softest:.1e} of the largest"
     for name, asked in attempts(cone, solver, tolerance):
@@ -164,6 +168,27 @@ def soft_finding(cone: MotionCone, solver: str, tolerance: float, solves: tuple[
         reason = f"floppy: a motion changes contacts by less than these are known ({told})"
         return Finding(False, reason, softest, motion=motion, solves=solves, loose=True)
     return Finding(None, f"no full rank, but no motion passed the check either ({told})", softest, solves=solves)
+
+
+def is_firm(cone: MotionCone) -> bool:
+    """Return whether the softest motion, though soft, changes contacts for sure in the hard packing that is meant too.
+
+    By Weyl's bound: when rows change by the slack a particle's z contacts, two ends each, move singular values by at
+    most about sqrt(2 z) times that. And before gaps close, a motion that changes contacts by s of itself may go by
+    gap / s and turn them by as much: s must be larger still, or particles may escape where the contacts at rest hold
+    them. Next to a floppy motion solvers take a mixture with a soft one for the softest: its value tells nothing.
+
+    Parameters
+    ----------
+    cone
+        The motions that the contacts admit.
+
+    """
+    value, _ = cone.softest()
+    size = value * float(np.sqrt(cone.largest_eigenvalue))
+    contacts = cone.opening.shape[0] / max(len(cone.kept_n), 1)
+    known = max(cone.slack, cone.rounding) * 2.0 * float(np.sqrt(max(contacts, 1.0)))
+    return value > _UNMIXED and size > _FIRM * known and size**2 > _FIRM * cone.room
 
 
 def _only_state(cone: MotionCone, softest: float, rank: Solve) -> Finding:

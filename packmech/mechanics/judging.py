@@ -21,6 +21,9 @@ from packmech.packing import Packing
 EMPTY = "empty backbone: every particle rattles"
 HARDLY_HELD = "every particle rattles if contacts within 1e-8 of opposite are, and no motion closes nothing"
 
+# part of a motion above which its strain is one
+_STRAINS = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Judged:
@@ -60,7 +63,8 @@ def judge_network(
     """Return the backbone of a contact network and what is known about it.
 
     While it is not collectively jammed, the contacts that `part` keeps are judged by themselves, again and again, and
-    win if they are jammed: then the particles that lost their contacts rattle. Otherwise the first findings stand.
+    win if they are jammed: then the particles that lost their contacts rattle. Otherwise the first findings stand, but
+    for what a part that no solver could judge leaves open.
 
     Parameters
     ----------
@@ -85,11 +89,32 @@ def judge_network(
         rounds += 1
         smaller = part(*judged.collective, judged.network)
         if smaller is None or len(smaller) == len(judged.network):
-            return first
+            return first if smaller is not None and judged.jammed[0] is False else _left_open(first)
         judged = _judge_once(packing, smaller, volume, decide)
     if judged.jammed[0]:
         return judged
     return replace(first, emptied=rounds)
+
+
+def _left_open(first: Judged) -> Judged:
+    """Return the findings where no solver could tell whether some part of the network is jammed by itself.
+
+    What is left of a motion on that part may be nothing, unless the box is strained.
+    """
+    fixed, collective = first.collective
+    free, strict = first.strict
+    if collective.jammed is False:
+        collective = _not_known(collective)
+    if strict.jammed is False and strict.motion is not None:
+        strain = strict.motion[len(free.kept_n) * free.dimension :]
+        if np.abs(strain).max(initial=0.0) <= _STRAINS * np.abs(strict.motion).max(initial=0.0):
+            strict = _not_known(strict)
+    return replace(first, collective=(fixed, collective), strict=(free, strict))
+
+
+def _not_known(finding: Finding) -> Finding:
+    reason = f"{finding.reason}; whether a part is jammed by itself no solver could tell"
+    return replace(finding, jammed=None, reason=reason, motion=None)
 
 
 def _judge_once(

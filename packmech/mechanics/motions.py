@@ -33,8 +33,6 @@ _ROUNDING = 100 * float(np.finfo(np.float64).eps)
 _PURER = 12
 # changes of rows by so many times what the contacts are known to cannot be told from none
 _KNOWN = 10.0
-# singular values above so many times what the rows are known are no doubtful ones
-_FIRM = 100.0
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
 _DENSE_UNKNOWNS = 60
@@ -72,6 +70,8 @@ class MotionCone:
     slack
         How well the contacts are known: their largest gap or overlap and rounding of the coordinates, in contact
         distances [1]. The hard packing that is meant may have rows that differ by so much.
+    room
+        Largest gap of a contact, in contact distances [1]: how far particles may come nearer before it closes.
 
     """
 
@@ -84,6 +84,7 @@ class MotionCone:
     links: LinkRules | None = None
     wider: MotionCone | None = None
     slack: float = 0.0
+    room: float = 0.0
 
     @property
     def unknowns(self) -> int:
@@ -261,17 +262,6 @@ class MotionCone:
         stretch = float(np.abs(self.rows @ motion).max(initial=0.0))
         return value**2 <= FLOPPY and stretch <= _KNOWN * self.slack * float(np.abs(motion).max(initial=0.0))
 
-    @property
-    def is_firm(self) -> bool:
-        """Whether the smallest singular value stays above 0 by far when rows change by what the contacts are known.
-
-        By Weyl's bound: a particle's z contacts, two ends each, move it by at most about sqrt(2 z) times the slack.
-        """
-        value, _ = self._softest
-        contacts = self.opening.shape[0] / max(len(self.kept_n), 1)
-        known = max(self.slack, self.rounding) * 2.0 * float(np.sqrt(max(contacts, 1.0)))
-        return value * float(np.sqrt(self.largest_eigenvalue)) > _FIRM * known
-
     @functools.cached_property
     def _free_basis(self) -> NDArray[np.float64]:
         """Orthonormal columns that span everything but translations; for small systems."""
@@ -370,12 +360,13 @@ def motion_cone(
     position = matrix[:, moving]
     rules = None if packing.links is None else link_rules(packing, kept)
     extent = float(np.abs(packing.position_nd).max())
-    slack = float(np.abs(contacts.gap_c / contacts.contact_distance_c).max(initial=0.0))
+    gap = contacts.gap_c / contacts.contact_distance_c
+    slack, room = float(np.abs(gap).max(initial=0.0)), float(gap.max(initial=0.0))
     slack += float(np.spacing(extent)) / packing.reference_diameter
     if not strain:
         none = sp.csr_array((0, len(moving)))
         linked = none if rules is None else rules.position
-        return MotionCone(position, linked, none, kept, d, 0.0, rules, slack=slack)
+        return MotionCone(position, linked, none, kept, d, 0.0, rules, slack=slack, room=room)
     scale = float(packing.box.volume ** (1.0 / d))
     opening = sp.csr_array(sp.hstack([position, matrix[:, packing.particles * d :] / scale], format="csr"))
     row = np.concatenate([np.zeros(len(moving)), -trace_vector(d) / np.sqrt(d)])
@@ -389,7 +380,7 @@ def motion_cone(
             held = one_sided = none
         stiff = sp.hstack([sp.csr_array((len(rules.stiff), len(moving))), sp.csr_array(rules.stiff)])
         held = sp.csr_array(sp.vstack([linked, stiff, held], format="csr"))
-    return MotionCone(opening, held, one_sided, kept, d, scale, rules, slack=slack)
+    return MotionCone(opening, held, one_sided, kept, d, scale, rules, slack=slack, room=room)
 
 
 def _touched(packing: Packing, contacts: Contacts) -> NDArray[np.int64]:
