@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +19,9 @@ import packmech as pm
 from packmech.accuracy import Answer, WorkPrecision, work_precision
 from packmech.effects import Bonds
 
-PARTICLES, FRACTION, REPEATS = 100, 1.5, 12
+PARTICLES, FRACTION = 100, 1.5
+# what is bonded differs little from repeat to repeat
+REPEATS = {"linked": 12, "unlinked": 48, "smooth onset": 48}
 STIFFNESS, FRICTION, VISCOSITY = 1.0, 0.01, 0.1
 AMPLITUDE, FREQUENCY, PERIODS = 0.2, 0.025, 5.0
 # peculiar velocities halve in a period
@@ -83,17 +87,18 @@ def moduli(kind: str, method: object, step: float, repeat: int) -> tuple[float, 
 @cache
 def finest(kind: str) -> tuple[tuple[float, float], ...]:
     """Return the moduli of each repeat by velocity Verlet at the shortest time step."""
-    return tuple(moduli(kind, pm.VelocityVerlet(), STEPS[-1], repeat) for repeat in range(REPEATS))
+    return tuple(moduli(kind, pm.VelocityVerlet(), STEPS[-1], repeat) for repeat in range(REPEATS[kind]))
 
 
 def trial(kind: str, method: object, step: float) -> Answer:
     """Return how far the means of G' and G'' are off, relative, with their error bars over repeats."""
     fine = np.array(finest(kind))
-    found = np.array([moduli(kind, method, step, repeat) for repeat in range(REPEATS)])
+    count = REPEATS[kind]
+    found = np.array([moduli(kind, method, step, repeat) for repeat in range(count)])
     size = np.abs(fine.mean(axis=0))
     off = (found - fine) / size
-    bars = off.std(axis=0, ddof=1) / math.sqrt(REPEATS)
-    spread = found.std(axis=0, ddof=1) / math.sqrt(REPEATS)
+    bars = off.std(axis=0, ddof=1) / math.sqrt(count)
+    spread = found.std(axis=0, ddof=1) / math.sqrt(count)
     work = {
         "storage": float(found[:, 0].mean()),
         "storage error": float(spread[0]),
@@ -123,7 +128,50 @@ def methods() -> dict[str, tuple[str, object]]:
     }
 
 
-def shear_time_step(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def _counts() -> str:
+    return f"{REPEATS['linked']} repeats with bonds, {REPEATS['unlinked']} without"
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """The table of the study, whose figure has error bars."""
+
+    table: WorkPrecision
+
+    @property
+    def title(self) -> str:
+        """What the study is."""
+        return self.table.title
+
+    def to_csv(self) -> str:
+        """Return the table as comma-separated values."""
+        return self.table.to_csv()
+
+    def to_markdown(self) -> str:
+        """Return the table as Markdown."""
+        return self.table.to_markdown()
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write the figure: how far means are off, with error bars."""
+        from packmech.deviation_figure import draw_deviations
+
+        table = self.table
+        off = {
+            method: {
+                quantity: [
+                    (one.setting, one.work[f"{name} off"], one.work[f"{name} off error"])
+                    for one in table.of(method)
+                    if not one.failed
+                ]
+                for quantity, name in ((STORAGE, "storage"), (LOSS, "loss"))
+            }
+            for method in table.methods
+        }
+        heading = f"{table.title}\nreference: {table.reference_is}"
+        draw_deviations(off, Path(path), title=heading, knob=table.knob)
+
+
+def shear_time_step(progress: Callable[[str, float], None]) -> tuple[Deviations, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {name: partial(trial, kind, method) for name, (kind, method) in methods().items()},
@@ -131,20 +179,21 @@ def shear_time_step(progress: Callable[[str, float], None]) -> tuple[WorkPrecisi
         {STORAGE: 0.0, LOSS: 0.0},
         error=errors,
         knob="time step / tau",
-        title=f"Time step of oscillatory shear: {PARTICLES} discs, {REPEATS} repeats, with bonds and without",
+        title=f"Time step of oscillatory shear: {PARTICLES} discs, {_counts()}",
         reference_is=f"velocity Verlet at {STEPS[-1]} tau, the same repeats",
         repeats=1,
         progress=progress,
     )
-    return table, told(table)
+    return Deviations(table), told(table)
 
 
 def told(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it."""
     lines = [
         f"G' and G'' under {AMPLITUDE} at {FREQUENCY} periods in tau, {PARTICLES} discs at packing fraction {FRACTION}",
-        f"(divergent repulsion, friction {FRICTION}): means over {REPEATS} repeats with standard errors, in units of",
-        f"the stiffness, and how far they are off from velocity Verlet at {STEPS[-1]} tau, repeat by repeat.",
+        f"(divergent repulsion, friction {FRICTION}). Means with standard errors over {_counts()};",
+        f"in units of the stiffness, and how far they are off from velocity Verlet at {STEPS[-1]} tau, one repeat",
+        "after the other.",
         "",
         "| scene, method | time step / tau | G' | G'' | G' off | G'' off |",
         "|---|---|---|---|---|---|",

@@ -32,9 +32,21 @@ def test_words_name_the_step_below_which_all_are_converged():
     assert "| linked | 0.2 | 0.5000 +- 0.1000 | 0.2000 +- 0.1000 | +10.00% +- 0.10% | +0.00% +- 0.10% |" in words
 
 
+def test_the_figure_has_error_bars_and_leaves_out_what_failed(tmp_path):
+    def answer(step):
+        if step == 0.4:
+            raise ArithmeticError("too long")
+        return Answer({study.STORAGE: 0.01, study.LOSS: 0.0}, work=row(0.01, 0.001))
+
+    reference = {study.STORAGE: 0.0, study.LOSS: 0.0}
+    table = work_precision({"linked": answer}, study.STEPS[:-1], reference, error=study.errors, repeats=1)
+    study.Deviations(table).save_figure(tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
 @pytest.mark.slow
 def test_bonded_discs_converge_at_long_steps_of_velocity_verlet_and_not_of_euler(monkeypatch):
-    monkeypatch.setattr(study, "REPEATS", 2)
+    monkeypatch.setattr(study, "REPEATS", {"linked": 2})
     monkeypatch.setattr(study, "STEPS", (0.1, 0.0125))
     study.finest.cache_clear()
     verlet, euler = (
