@@ -66,6 +66,22 @@ def test_every_frame_is_read_back_exactly_with_its_figures_and_a_layout(tmp_path
     assert '"rate": 2.5' in told and "repulsion" in told
 
 
+@pytest.mark.parametrize("links", [False, True])
+def test_packings_in_space_are_recorded_too(tmp_path, links):
+    if links:
+        start = pm.chain_packing(2, beads=4, dimension=3, packing_fraction=0.4, seed=1)
+    else:
+        start = pm.lattice_packing("fcc", repeats=(2, 2, 2), relative_overlap=0.01)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    with pm.Recording(tmp_path / "a.rrd", scene) as recording:
+        recording.add(start)
+        recording.add(start.replace(position_nd=start.position_nd + 0.1))
+    found, layouts = read_back(recording.path)
+    assert len(found["/world/particles", "Points3D:positions"]) == 2 and layouts == 1
+    lines = found["/world/links/bonds" if links else "/world/contacts/sticking", "LineStrips3D:strips"]
+    assert len(lines[1]) >= (6 if links else 6 * start.particles)
+
+
 def test_blocks_that_are_full_are_written_and_every_frame_once(tmp_path, monkeypatch):
     monkeypatch.setattr("packmech.recording_steps.BLOCK_NUMBERS", 9 * 2 * 12 * 4)
     start = scene()

@@ -1,10 +1,6 @@
 """Facts about what environments show: each render mode, the window, and what is said where it cannot open."""
 
-import os
-import shutil
-import subprocess
 import sys
-import time
 
 import gymnasium as gym
 import numpy as np
@@ -71,41 +67,30 @@ def test_without_tkinter_the_error_says_what_to_install(monkeypatch):
         Window("packmech", 30).show(picture())
 
 
-@pytest.fixture
-def display():
-    """A display of its own in memory, where there is a program for one."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        pytest.skip("needs Xvfb")
-    read, write = os.pipe()
-    server = subprocess.Popen(
-        [program, "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"],
-        pass_fds=[write],
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(write)
-    with os.fdopen(read) as told:
-        number = told.readline().strip()
-    yield f":{number}"
-    server.terminate()
-    server.wait()
+WINDOW = """
+import time
+import numpy as np
+import packmech as pm
+from packmech_envs.drawing import Screen, draw
+
+pixels = draw(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), size=(64, 48))
+screen = Screen("human", "packmech", fps=20.0)
+began = time.monotonic()
+for _ in range(5):
+    screen.refresh(lambda: pixels)
+assert time.monotonic() - began >= 4 / 20.0
+window = screen.window
+assert window.is_open and window.shown == 5
+photo = window._photo
+assert (photo.width(), photo.height()) == (64, 48)
+assert photo.get(20, 30) == tuple(int(part) for part in pixels[30, 20])
+window.close()  # as its user does
+assert screen.render(lambda: pixels, str) is None
+assert not window.is_open and window.shown == 5
+screen.close()
+print("all is well")
+"""
 
 
-def test_the_window_shows_pictures_no_faster_than_asked_and_stays_closed_once_closed(display, monkeypatch):
-    tkinter = pytest.importorskip("tkinter")
-    monkeypatch.setenv("DISPLAY", display)
-    screen = Screen("human", "packmech", fps=20.0)
-    began = time.monotonic()
-    for _ in range(5):
-        screen.refresh(picture)
-    assert time.monotonic() - began >= 4 / 20.0
-    window = screen.window
-    assert window.is_open and window.shown == 5
-    pixels = picture()
-    photo: tkinter.PhotoImage = window._photo
-    assert (photo.width(), photo.height()) == (64, 48)
-    assert photo.get(20, 30) == tuple(int(part) for part in pixels[30, 20])
-    window.close()  # as its user does
-    assert screen.render(picture, str) is None
-    assert not window.is_open and window.shown == 5
-    screen.close()
+def test_the_window_shows_pictures_no_faster_than_asked_and_stays_closed_once_closed(on_a_display):
+    assert on_a_display(WINDOW) == "all is well\n"

@@ -1,5 +1,7 @@
 """Facts about looking at the environments: pictures, texts and recordings change no bit of an episode."""
 
+import os
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -98,3 +100,51 @@ def test_a_batch_draws_each_of_its_packings():
     envs.reset(seed=3)
     pictures = envs.render()
     assert len(pictures) == 3 and len({picture.tobytes() for picture in pictures}) == 3
+
+
+SHOWN = """
+import gymnasium as gym
+
+def play(render_mode):
+    env = gym.make("packmech_envs:packmech/Quench-v0", render_mode=render_mode).unwrapped
+    if render_mode == "human":
+        env._screen.window.fps = 1000.0
+    env.action_space.seed(5)
+    seen = [env.reset(seed=11)[0].tobytes()]
+    seen += [env.step(env.action_space.sample())[0].tobytes() for _ in range(3)]
+    return env, seen
+
+env, seen = play("human")
+window = env._screen.window
+assert window.shown == 4 and window.is_open
+assert seen == play(None)[1]
+env.close()
+assert not window.is_open
+print("all is well")
+"""
+
+
+def test_the_window_shows_every_frame_and_changes_no_bit(on_a_display):
+    assert on_a_display(SHOWN) == "all is well\n"
+
+
+def test_one_of_the_environments_that_are_stepped_one_after_the_other_is_recorded(tmp_path):
+    envs = gym.make_vec("packmech_envs:packmech/Quench-v0", num_envs=2, vectorization_mode="sync", step_budget=2)
+    envs = RerunVectorRecorder(envs, tmp_path, lambda episode: True, index=1)
+    play_batch(envs, steps=4)
+    envs.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["packmech-episode-0.rrd", "packmech-episode-1.rrd"]
+
+
+def test_environments_in_processes_of_their_own_each_record_themselves(tmp_path):
+    def recorder(env):
+        return RerunRecorder(env, tmp_path, name_prefix=f"from-{os.getpid()}")
+
+    envs = gym.make_vec(
+        "packmech_envs:packmech/Quench-v0", num_envs=2, vectorization_mode="async", step_budget=2, wrappers=[recorder]
+    )
+    with pytest.raises(TypeError, match="got AsyncVectorEnv; give each environment a RerunRecorder of its own"):
+        RerunVectorRecorder(envs, tmp_path)
+    play_batch(envs, steps=2)
+    envs.close()
+    assert len([path for path in tmp_path.iterdir() if path.stat().st_size > 1000]) == 2
