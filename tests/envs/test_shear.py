@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from packmech_envs.recorder import RerunRecorder
 from packmech_envs.shear import ShearEnv
 from packmech_envs.shear_tasks import TASKS, DissipateLeast, FindYieldStrain, FollowStress
 from packmech_envs.shear_vector import ShearVectorEnv
@@ -110,6 +111,17 @@ def test_reset_and_the_same_actions_give_the_same_bits_alone_in_a_batch_and_on_t
 
     same()
     one.close(), two.close()
+
+
+def test_an_episode_that_is_recorded_has_the_bits_of_one_that_is_not_and_so_has_the_next(tmp_path):
+    how = {"scene": frictional(), "frame_skip": 3, "largest_rate": 0.05}
+    rows = np.random.default_rng(5).uniform(-0.05, 0.05, (12, 1))
+    plain = played(ShearEnv(**how), 7, rows)
+    env = RerunRecorder(ShearEnv(**how), tmp_path, episode_trigger=lambda episode: episode == 0)
+    for _ in range(2):
+        assert data_equivalence(played(env, 7, rows), plain, exact=True)
+    env.close()
+    assert len(list(tmp_path.glob("*.rrd"))) == 1
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])

@@ -151,14 +151,15 @@ class ShearBatch:
         d = first.packing.dimension
         self.steps: int = integer("steps", steps, at_least=1)
         self.told = CONTROLS[control] + bool(switched_friction)
-        self._plan = Plan(
+        self._second_order = isinstance(method, VelocityVerlet)
+        self._plan = (
             tuple(range(d)),
             *self.axes,
             list(CONTROLS).index(control),
             bool(switched_friction),
             self.steps,
             self.dt,
-            isinstance(method, VelocityVerlet),
+            self._second_order,
         )
         self.names = figure_names(d)
         count = len(self.scenes)
@@ -169,14 +170,6 @@ class ShearBatch:
         self._number_bk = np.zeros((count, NUMBERS))
         self._home_b = np.zeros(count, dtype=bool)
         self._good_b = np.ones(count, dtype=bool)
-        self._arrays = (
-            self._count_bk,
-            self._number_bk,
-            self._row_bk,
-            self.figure_bk,
-            self._home_b,
-            self._good_b,
-        )
         self._all_b = np.ones(count, dtype=bool)
         self._none_bk = np.zeros((count, self.told))
         self._good: list[NDArray[np.float64]] = [np.zeros((0, 8))] * count
@@ -244,7 +237,7 @@ class ShearBatch:
             profile=Driven(path),
             direction_dd=self._direction_dd,
             held_n=self._held,
-            second_order=self._plan.second_order,
+            second_order=self._second_order,
         )
         built.begin()
         self._good[b] = built.state.body.copy()
@@ -265,10 +258,11 @@ class ShearBatch:
         self.figure_bk[b] = 0.0
 
     def _height(self, march: March) -> float:
-        return float(march.space.frame.height_d[: len(self._plan.axes)].min())
+        return float(march.space.frame.height_d[: len(self._plan[0])].min())
 
     def _record(self, b: int, march: March) -> Any:
-        return (march.acting, march.state, march.space, march.pairs, march.track, self._good[b])
+        own = (self._good[b], self._count_bk[b], self._number_bk[b], self._row_bk[b], self.figure_bk[b])
+        return (march.acting, march.state, march.space, march.pairs, march.track, Plan(*self._plan, *own))
 
     def _look(self, which_b: NDArray[np.bool_]) -> None:
         self._call(LOOK, which_b, self._none_bk)
@@ -316,19 +310,19 @@ class ShearBatch:
         return self._good_b.copy()
 
     def _call(self, doing: int, active_b: NDArray[np.bool_], told_bk: NDArray[np.float64]) -> int:
+        fixed: tuple[Any, ...] = (active_b, told_bk, self._home_b, self._good_b)
         if self.threads == 1:
-            return frames(self._batch, self._plan, doing, 0, len(self.scenes), active_b, told_bk, *self._arrays)  # type: ignore[no-any-return]
+            return frames(self._batch, doing, 0, len(self.scenes), *fixed)  # type: ignore[no-any-return]
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="packmech")
             weakref.finalize(self, self._pool.shutdown, wait=False)
         count, parts = len(self.scenes), self.threads
         ends = [count * k // parts for k in range(parts + 1)]
-        fixed: tuple[Any, ...] = (active_b, told_bk, *self._arrays)
         others = [
-            self._pool.submit(frames, self._batch, self._plan, doing, low, high, *fixed)
+            self._pool.submit(frames, self._batch, doing, low, high, *fixed)
             for low, high in zip(ends[1:-1], ends[2:], strict=True)
         ]
-        mine = frames(self._batch, self._plan, doing, 0, ends[1], *fixed)
+        mine = frames(self._batch, doing, 0, ends[1], *fixed)
         return int(mine) + sum(int(one.result()) for one in others)
 
     def _bring_home(self) -> NDArray[np.bool_]:
@@ -339,7 +333,7 @@ class ShearBatch:
             left_b[b] = self._count_bk[b, LEFT] > 0
             if left_b[b]:
                 self._before.setdefault(b, march.home_nd.copy())
-            *_, march.space, march.pairs, march.track, _good = fetch(self._batch, b)
+            *_, march.space, march.pairs, march.track, _plan = fetch(self._batch, b)
             march.bring_home()
             if not left_b[b]:
                 self._good[b][:] = march.state.body

@@ -54,10 +54,10 @@ FIGURE_TIME, FIGURE_STRAIN, FIGURE_RATE, FIGURE_STRESS = 0, 1, 2, 3
 
 
 class Plan(NamedTuple):
-    """What all packings of a batch have in common.
+    """What is the same for all packings of a batch, and one packing's counts, numbers, row of a look, and figures.
 
     axes is (0, 1) or (0, 1, 2); a and b are the axes of displacement and gradient. `switched`: the last number of what
-    a packing is told is its coefficient of friction.
+    a packing is told is its coefficient of friction. good_nk holds its rows at the end of the last good frame.
     """
 
     axes: Any
@@ -68,6 +68,11 @@ class Plan(NamedTuple):
     steps: int
     dt: float
     second_order: bool
+    good_nk: Any
+    count_k: Any
+    number_k: Any
+    row: Any
+    figure_k: Any
 
 
 def figure_names(dimension: int) -> tuple[str, ...]:
@@ -142,7 +147,8 @@ def _drive(number, control, begin, end, told_k):
 
 
 @device
-def _write_figures(plan, row, number_k, out):
+def _write_figures(plan):
+    row, number_k, out = plan.row, plan.number_k, plan.figure_k
     d = len(plan.axes)
     volume = number_k[VOLUME]
     out[FIGURE_TIME], out[FIGURE_STRAIN], out[FIGURE_RATE] = row[TIME], row[STRAIN], row[RATE]
@@ -180,8 +186,9 @@ def _is_finite(row):
 
 
 @device
-def _put_back(state, good_nk, path, count_k, row):
+def _put_back(state, plan, path):
     """Put places, velocities, strain and time back to the end of the last frame that was finished."""
+    good_nk, count_k, row = plan.good_nk, plan.count_k, plan.row
     for i in range(good_nk.shape[0]):
         for a in range(good_nk.shape[1]):
             state.body[i, a] = good_nk[i, a]
@@ -210,9 +217,15 @@ def _abroad(axes, body, frame, height):
 
 
 @device
-def _frame(batch, plan, doing, b, told_k, count_k, number_k, row, figure_k):
-    """Take a frame of one packing, or what was left of it; return whether somebody must bring its particles home."""
-    acting, state, space, pairs, track, good_nk = batch[b]
+def _frame(batch, b, doing, told_k):
+    """Take a frame of one packing, or what was left of it; return how it fares.
+
+    That is RUNNING or how it failed, and whether somebody must bring its particles home.
+    """
+    acting, state, space, pairs, track, plan = batch[b]
+    count_k, number_k, row = plan.count_k, plan.number_k, plan.row
+    if count_k[STATUS] != RUNNING:
+        return count_k[STATUS], False
     path = space.flow.profile.number_k
     dt = plan.dt
     changed = False
@@ -274,18 +287,18 @@ def _frame(batch, plan, doing, b, told_k, count_k, number_k, row, figure_k):
         look(acting, plan.axes, state, space, pairs, track, step * dt, pace, fresh)
         if _is_finite(fresh):
             row[:] = fresh
-            _write_figures(plan, row, number_k, figure_k)
-            good_nk[:] = state.body
+            _write_figures(plan)
+            plan.good_nk[:] = state.body
             count_k[GOOD] = step
         else:
             status = NOT_FINITE
     if changed:
-        batch[b] = (acting, state, space, pairs, track, good_nk)
+        batch[b] = (acting, state, space, pairs, track, plan)
     if status != RUNNING:
-        _put_back(state, good_nk, path, count_k, row)
+        _put_back(state, plan, path)
         count_k[STATUS] = status
-        return False
-    return home
+        return status, False
+    return status, home
 
 
 @kernel
@@ -300,7 +313,7 @@ def not_finite(told_bk, active_b):
 
 
 @kernel
-def frames(batch, plan, doing, low, high, active_b, told_bk, count_bk, number_bk, row_bk, figure_bk, home_b, good_b):
+def frames(batch, doing, low, high, active_b, told_bk, home_b, good_b):
     """Take frames of the active packings from low to high; return how many must be brought home.
 
     Those are marked in home_b; of a frame that they cut short LEFT steps are left. A packing that moved too fast in a
@@ -313,9 +326,9 @@ def frames(batch, plan, doing, low, high, active_b, told_bk, count_bk, number_bk
             return -1 - bad
     count = 0
     for b in range(low, high):
-        if active_b[b] and count_bk[b, STATUS] == RUNNING:
-            home = _frame(batch, plan, doing, b, told_bk[b], count_bk[b], number_bk[b], row_bk[b], figure_bk[b])
+        if active_b[b]:
+            status, home = _frame(batch, b, doing, told_bk[b])
             home_b[b] = home
             count += home
-            good_b[b] = count_bk[b, STATUS] == RUNNING
+            good_b[b] = status == RUNNING
     return count
