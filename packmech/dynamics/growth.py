@@ -8,16 +8,14 @@ looks with what was there to grow.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.dynamics.strain import Strain
 from packmech.effects import BackgroundDamping, Friction, law_scale
 from packmech.scene import Scene
-
-if TYPE_CHECKING:
-    from packmech.dynamics.motion import Sight
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
 _SWING = 100.0
@@ -34,6 +32,34 @@ _STRAIN, _PERIOD, _SELDOM, _LEAST = 0.02, 1.0 / 16.0, 5000, 16
 _APART = 256
 
 
+class Energies(Protocol):
+    """What is looked at: time, potential energy, the part of it in tangential springs, kinetic energy, `power_of`."""
+
+    @property
+    def time(self) -> float: ...  # noqa: D102
+    @property
+    def energy(self) -> float: ...  # noqa: D102
+    @property
+    def tangential(self) -> float: ...  # noqa: D102
+    @property
+    def kinetic(self) -> float: ...  # noqa: D102
+    @property
+    def power(self) -> float: ...  # noqa: D102
+    @property
+    def pressing(self) -> float: ...  # noqa: D102
+
+
+class Moment(NamedTuple):
+    """`Energies` of one row of figures."""
+
+    time: float
+    energy: float
+    tangential: float
+    kinetic: float
+    power: float
+    pressing: float
+
+
 def energy_unit(scene: Scene) -> float:
     """Return the largest unit of energy that a law of the scene sets; 0 without laws [energy]."""
     length = scene.packing.reference_diameter
@@ -41,10 +67,13 @@ def energy_unit(scene: Scene) -> float:
     return max((law_scale(one, length) for one in named), default=0.0)
 
 
-def knows_its_energy(scene: Scene) -> bool:
-    """Whether every force on single particles of the scene has an energy or only takes some."""
+def knows_its_energy(scene: Scene, *, strained: bool = False) -> bool:
+    """Whether every force on single particles of the scene has an energy or only takes some.
+
+    In a box that deforms what carries them against such a force is not in the stress: there all may only take.
+    """
     bodies = [type(one) for one in scene.effects if hasattr(type(one), "body_force")]
-    return all(hasattr(one, "body_energy") or one is BackgroundDamping for one in bodies)
+    return all(one is BackgroundDamping or (hasattr(one, "body_energy") and not strained) for one in bodies)
 
 
 def look_every(strain: Strain | None, dt: float, particles: int) -> float:
@@ -102,12 +131,12 @@ class EnergyWatch:
         names = ("energy", "kinetic", "tangential", "steps", "work", "unseen", "fallen")
         return {name: getattr(self, name) for name in names}
 
-    def remember(self, now: Sight, steps: int) -> None:
+    def remember(self, now: Energies, steps: int) -> None:
         """Compare with this look from here on."""
         self.energy, self.kinetic, self.tangential, self.steps = now.energy, now.kinetic, now.tangential, steps
         self.work = self.unseen = 0.0
 
-    def calm(self, now: Sight, last: Sight, start: Sight, steps: int) -> bool:
+    def calm(self, now: Energies, last: Energies, start: Energies, steps: int) -> bool:
         """Whether energy has grown no more than by work, by what was in motion, by what fell from the potential.
 
         Parameters
@@ -118,7 +147,7 @@ class EnergyWatch:
             Steps taken until now.
 
         """
-        if not np.isfinite(now.total):
+        if not np.isfinite(now.energy + now.kinetic):
             return False
         if not self.known:
             return True
@@ -127,8 +156,8 @@ class EnergyWatch:
         self.unseen += (0.5 * (abs(last.power) + abs(now.power)) + _UNSEEN * (last.pressing + now.pressing)) * time
         self.fallen = max(self.fallen, start.energy - now.energy)
         tiny = _ROUNDING * (self.unit + abs(self.energy) + abs(start.energy))
-        grown = now.total - self.energy - self.kinetic - self.work
-        risen = now.total - start.total
+        grown = now.energy + now.kinetic - self.energy - self.kinetic - self.work
+        risen = now.energy + now.kinetic - start.energy - start.kinetic
         if self.rubbing:
             # a spring at Coulomb's cap is set to what its dashpot leaves of the cap, whatever energy it then holds
             grown -= max(now.tangential - self.tangential, 0.0)
@@ -148,7 +177,8 @@ def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
     strained = bool(np.isfinite(often))
     rubbing = any(isinstance(one, Friction) for one in scene.effects)
     apart = often if strained else _APART
-    return EnergyWatch(energy_unit(scene), knows_its_energy(scene), strained, rubbing, apart)
+    known = knows_its_energy(scene, strained=strained)
+    return EnergyWatch(energy_unit(scene), known, strained, rubbing, apart)
 
 
 def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tuple[float, float]:
@@ -167,3 +197,55 @@ def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tu
     whole = np.asarray(stress_dd) + kinetic_dd
     pressing = volume * abs(float(np.trace(whole))) / len(whole) * float(np.linalg.norm(rate_dd))
     return volume * float(np.sum(whole * rate_dd)), pressing
+
+
+def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64]) -> list[Moment]:
+    """Return the energies of rows of a march's figures, in a box at 1 + gamma direction_dd."""
+    # here, as the engine itself asks this module for `power_of`
+    from packmech.dynamics.march import look
+
+    d = len(direction_dd)
+    found = []
+    for row in row_tk:
+        rate = row[look.RATE] * direction_dd @ np.linalg.inv(np.eye(d) + row[look.STRAIN] * direction_dd)
+        contact, motion = (row[k : k + 9].reshape(3, 3)[:d, :d] for k in (look.FORCE, look.MOTION))
+        energy, kinetic = row[look.POTENTIAL] + row[look.TANGENTIAL], row[look.KINETIC] + row[look.ROTATIONAL]
+        power = power_of(1.0, contact, -motion, rate)
+        found.append(Moment(float(row[look.TIME]), float(energy), float(row[look.TANGENTIAL]), float(kinetic), *power))
+    return found
+
+
+class RowWatch:
+    """Rows of a march's figures, watched as they come.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    direction_dd
+        (d, d) direction of its strain.
+    every
+        Steps from row to row.
+
+    """
+
+    def __init__(self, scene: Scene, direction_dd: NDArray[np.float64], every: int) -> None:
+        rubbing = any(isinstance(one, Friction) for one in scene.effects)
+        known = knows_its_energy(scene, strained=True)
+        self.watch = EnergyWatch(energy_unit(scene), known, True, rubbing, _APART)
+        self.direction_dd, self.every = direction_dd, every
+        self.start: Moment | None = None
+        self.last: Moment | None = None
+        self.seen = 0
+
+    def calm(self, row_tk: NDArray[np.float64]) -> bool:
+        """Whether no row that came since the last call, of all so far, holds energy from nowhere."""
+        good = True
+        for now in moments_of(row_tk[self.seen :], self.direction_dd):
+            if self.start is None or self.last is None:
+                self.start = now
+                self.watch.remember(now, 0)
+            else:
+                good &= self.watch.calm(now, self.last, self.start, self.seen * self.every)
+            self.last, self.seen = now, self.seen + 1
+        return good

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.growth import EnergyWatch, energy_unit, knows_its_energy, look_every, watch_of
+from packmech.dynamics.growth import EnergyWatch, RowWatch, energy_unit, knows_its_energy, look_every, watch_of
+from packmech.dynamics.march import look
 from packmech.dynamics.motion import Sight
 
 SPRING = pm.LinearSpring()
@@ -152,3 +153,20 @@ def test_the_unit_of_energy_is_that_of_the_stiffest_law_of_contacts_bonds_or_wal
     assert energy_unit(pm.Scene(packing(), (bonds,))) == 7.0 * packing().reference_diameter ** 2
     assert energy_unit(pm.Scene(packing(), (pm.BackgroundDamping(),))) == 0.0
     assert knows_its_energy(pm.Scene(packing(), (pm.Gravity(), pm.BackgroundDamping(), bonds)))
+
+
+def rows_of(stress, kinetic):
+    """Return rows of figures, one unit of time apart, of a box sheared at rate 0.1 in which a force grows."""
+    rows = np.zeros((len(kinetic), look.COLUMNS))
+    rows[:, look.TIME], rows[:, look.RATE] = np.arange(len(rows)), 0.1
+    rows[:, look.STRAIN] = 0.1 * rows[:, look.TIME]
+    rows[:, look.POTENTIAL], rows[:, look.KINETIC], rows[:, look.FORCE + 1] = 5.0, kinetic, stress
+    return rows
+
+
+def test_rows_of_figures_are_watched_as_they_come():
+    shear = np.array([[0.0, 1.0], [0.0, 0.0]])
+    worked, grown = rows_of(2.0, 0.2 * np.arange(6.0)), rows_of(0.0, 0.2 * np.arange(6.0))
+    watch = RowWatch(scene_of(), shear, 100)
+    assert watch.calm(worked[:1]) and watch.calm(worked[:4]) and watch.calm(worked)
+    assert not RowWatch(scene_of(), shear, 100).calm(grown)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.checkpoint import scene_marks
+from packmech.dynamics.growth import RowWatch
 from packmech.dynamics.keepsakes import Scenery, sceneries, scenery_arrays
 from packmech.dynamics.kernels import RUNNING
 from packmech.dynamics.march.checkpoint import Leaves, march_leaves, restore_march
@@ -138,6 +139,7 @@ class Travel:
     ) -> None:
         self.began = time.process_time()
         self.watch = watch
+        self.growth = RowWatch(manner.scene, direction_dd, every)
         self.manner, self.dt, self.steps, self.every = manner, dt, steps, every
         self.march: March = build_march(
             manner.scene,
@@ -199,6 +201,9 @@ class Travel:
             if len(self.position_f) < len(self.due_f):
                 due = min(due, int(self.due_f[len(self.position_f)]) - self.march.steps)
             if not (self.advance(due) if self.watch is None else self._advance_watched(due, self.watch)):
+                return Outcome.STEP_TOO_LONG
+            # walls that are driven, and what is held by them, do work that is not in the stress
+            if self.watch is None and self.manner.held_n is None and not self.growth.calm(self.rows()):
                 return Outcome.STEP_TOO_LONG
             self.tell(stage)
             if self.late():
