@@ -82,19 +82,19 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
 
     **Observation**, float64, at the end of the frame:
 
-    ========================  =============================================================  ======================
-    name                      what                                                           unit
-    ========================  =============================================================  ======================
-    strain                    of the box, along `axes`                                       1
-    rate                      of the strain                                                  1/time
-    stress_xx, _yy, _xy       overall stress, Cauchy, tension positive                       energy/length^d
-    (_xx, _yy, _zz, _yz, _xz, _xy in space)
-    pressure                  -trace/d of that                                               energy/length^d
-    kinetic_energy            of peculiar velocities and spins                               energy
-    contacts                  touching pairs                                                 1
-    sliding_fraction          part of them at Coulomb's cap                                  1
-    ...                       what the task adds, see its class                              see there
-    ========================  =============================================================  ======================
+    ================  =============================================================  ===============
+    name              what                                                           unit
+    ================  =============================================================  ===============
+    strain            of the box, along `axes`                                       1
+    rate              of the strain                                                  1/time
+    stress_xx ...     xx, yy, xy (in space xx, yy, zz, yz, xz, xy) of the overall    energy/length^d
+                      stress, Cauchy, tension positive
+    pressure          -trace/d of that                                               energy/length^d
+    kinetic_energy    of peculiar velocities and spins                               energy
+    contacts          touching pairs                                                 1
+    sliding_fraction  part of them at Coulomb's cap                                  1
+    ...               what the task adds, see its class                              see there
+    ================  =============================================================  ===============
 
     **Reward**: the sum of the task's terms, each of which is in info under its name.
 

@@ -48,6 +48,19 @@ def test_the_checker_passes_for_every_task(task):
     checked(gym.make("packmech_envs:packmech/Shear-v0", scene="triangular", task=task, start="as_prepared"))
 
 
+WITH_RENDERING = """
+import gymnasium as gym, warnings
+from gymnasium.utils.env_checker import check_env
+warnings.simplefilter("ignore")
+check_env(gym.make("packmech_envs:packmech/Shear-v0", scene="triangular", frame_skip=2).unwrapped)
+print("all is well")
+"""
+
+
+def test_the_checker_passes_with_every_render_mode_where_there_is_a_display(on_a_display):
+    assert on_a_display(WITH_RENDERING) == "all is well\n"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", pm.list_scenes())
 def test_the_checker_passes_for_every_shipped_scene_and_task(scene):
