@@ -23,11 +23,11 @@ METADATA: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": RENDER_F
 class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
     """A packing that is compressed or expanded, sheared and relaxed, until it is jammed.
 
-    **Action**, two float64 numbers between -1 and 1. The first is the change of the packing fraction, signed, on a
-    logarithmic scale: sign(a) s (exp(|a| L) - 1) with L = log(1 + c / s), s `smallest_change`, c `largest_change`. The
-    second times `largest_strain` is a simple shear of the box along x with its gradient along y. `action` gives the
-    numbers for a change and a strain. Particles, or clusters of linked ones, go along with the box and then relax. An
-    action outside the space is an error.
+    **Action**, two float64 numbers between -1 and 1, both signed and on a logarithmic scale: sign(a) s (exp(|a| L) - 1)
+    with L = log(1 + c / s), s `smallest_change`, up to which the scale is linear. The first is the change of the
+    packing fraction, c `largest_change`; the second a simple shear of the box along x with its gradient along y, c
+    `largest_strain`. `action` gives the numbers for a change and a strain. Particles, or clusters of linked ones, go
+    along with the box and then relax. An action outside the space is an error.
 
     **Observation**, float64, after the relaxation, clipped to its bounds:
 
@@ -35,9 +35,10 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
     name                      what                                                         unit, bounds
     ========================  ===========================================================  =========================
     packing_fraction          volumes of the particles over that of the box                1, `packing_fraction_limits`
-    log_energy                log10 of the energy per particle                             energy_scale, -20 to 4
-    log_pressure              log10 of the pressure; the lowest where nothing presses      pressure unit, -12 to 4
-    log_max_force             log10 of the largest net force on a particle                 energy_scale / d, -20 to 4
+    log_energy                log10 of the energy per particle                             energy_scale, 2 b to 4
+    log_pressure              log10 of the pressure; b = log10(largest_pressure) - 2       pressure unit, b to 4
+                              where nothing presses
+    log_max_force             log10 of the largest net force on a particle                 energy_scale / d, -16 to 4
     excess_contacts           contacts beyond those of one state of self stress, a         1, -dimension to 50
                               particle (see `pm.QuenchBatch.step`)
     stress_xx, _yy, _xy       stress, Cauchy, tension positive                             pressure unit, -1e4 to 1e4
@@ -84,10 +85,8 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
         A number, or a pair between which it is drawn; None: below jamming; for start="scene" that of the packing.
     packing_fraction_limits
         (low, high) between which steps keep the packing fraction; None: those of `pm.QuenchBatch`.
-    largest_change, smallest_change
+    largest_change, largest_strain, smallest_change
         c and s of the action; s unless given a tenth of largest_pressure.
-    largest_strain
-        Shear strain of an action of 1.
     largest_pressure
         Up to which a packing may count as jammed [pressure unit]; None: 0.1 / N^2, where pressure closes few gaps yet.
     verdict
@@ -97,7 +96,7 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
     step_budget, evaluation_budget
         Steps and force evaluations of an episode; None: no end.
     reward
-        The weights: QuenchReward(distance_weight=0.1, evaluation_weight=0.2, stability_weight=5).
+        The weights: QuenchReward(distance_weight=0.25, evaluation_weight=0.1, stability_weight=5).
     render_mode
         None, "rgb_array", "human" (a window) or "ansi" (a line of text).
 

@@ -23,8 +23,10 @@ INFOS = (
     "packing_fraction", "energy", "pressure", "shear_strain", "force_evaluations", "relaxed", "jammed", *TERMS,
 )  # fmt: skip
 
-# what the logarithms of observations stop at
-_ENERGY, _PRESSURE, _FORCE = (-20.0, 4.0), (-12.0, 4.0), (-20.0, 4.0)
+# pressures that rounding alone can make [energy_scale / reference_diameter^d]
+_NOTHING = 1e-12
+# logarithms of observations stop here, above, and below at so many decades less than those of a jammed packing
+_MOST, _LESS, _FORCE = 4.0, 2.0, -16.0
 _STRESS, _EXCESS = 1e4, 50.0
 # packing fractions between which starts are drawn: well below jamming; clusters stay clear of each other there
 _STARTS = {(2, False): (0.7, 0.8), (3, False): (0.5, 0.6), (2, True): (0.4, 0.5), (3, True): (0.3, 0.4)}
@@ -71,7 +73,7 @@ class QuenchCore:
         )
         self.largest_change = _positive("largest_change", largest_change)
         self.smallest_change = (
-            min(0.1 * self.largest_pressure, self.largest_change)
+            min(0.1 * self.largest_pressure, largest_change)
             if smallest_change is None
             else _positive("smallest_change", smallest_change)
         )
@@ -103,7 +105,9 @@ class QuenchCore:
         self.components = [(a, a) for a in range(d)] + ([(0, 1)] if d == 2 else [(1, 2), (0, 2), (0, 1)])
         stresses = ["stress_" + "xyz"[a] + "xyz"[b] for a, b in self.components]
         names = ["packing_fraction", "log_energy", "log_pressure", "log_max_force", "excess_contacts", *stresses]
-        bounds = [(low, high), _ENERGY, _PRESSURE, _FORCE, (-float(d), _EXCESS), *[(-_STRESS, _STRESS)] * len(stresses)]
+        least = math.log10(self.largest_pressure) - _LESS
+        bounds = [(low, high), (2.0 * least, _MOST), (least, _MOST), (_FORCE, _MOST), (-float(d), _EXCESS)]
+        bounds += [(-_STRESS, _STRESS)] * len(stresses)
         self.shear_modulus = shear_modulus
         if shear_modulus:
             names.append("shear_modulus")
@@ -140,26 +144,25 @@ class QuenchCore:
 
     # actions
 
-    def change_of(self, action_b: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the changes of the packing fraction that numbers between -1 and 1 stand for.
-
-        sign(a) s (exp(|a| L) - 1), L = log(1 + c / s); s is smallest_change, up to which the scale is linear, and c
-        largest_change.
-        """
-        decades = math.log1p(self.largest_change / self.smallest_change)
-        return np.asarray(np.sign(action_b) * self.smallest_change * np.expm1(np.abs(action_b) * decades))
+    def _amount(self, action_b: NDArray[np.float64], largest: float) -> NDArray[np.float64]:
+        """Return what numbers between -1 and 1 stand for: sign(a) s (exp(|a| L) - 1), L = log(1 + c / s)."""
+        folds = math.log1p(largest / self.smallest_change)
+        return np.asarray(np.sign(action_b) * self.smallest_change * np.expm1(np.abs(action_b) * folds))
 
     def action_of(self, packing_fraction_change: Any, shear_strain: Any = 0.0) -> NDArray[np.float64]:
         """Return the action that asks for a change of the packing fraction and a shear strain."""
-        change, strain = _real("packing_fraction_change", packing_fraction_change), _real("shear_strain", shear_strain)
-        if abs(change) > self.largest_change * (1.0 + 1e-12) or abs(strain) > self.largest_strain * (1.0 + 1e-12):
-            raise ValueError(
-                f"packing_fraction_change must be within {self.largest_change:g} and shear_strain within "
-                f"{self.largest_strain:g}, got {change:g} and {strain:g}"
-            )
-        decades = math.log1p(self.largest_change / self.smallest_change)
-        size = math.log1p(abs(change) / self.smallest_change) / decades
-        return np.array([math.copysign(min(size, 1.0), change), min(max(strain / self.largest_strain, -1.0), 1.0)])
+        asked = (
+            ("packing_fraction_change", packing_fraction_change, self.largest_change),
+            ("shear_strain", shear_strain, self.largest_strain),
+        )
+        action = np.empty(2)
+        for k, (name, value, largest) in enumerate(asked):
+            number = _real(name, value)
+            if abs(number) > largest * (1.0 + 1e-12):
+                raise ValueError(f"{name} must be within {largest:g}, got {number:g}")
+            size = math.log1p(abs(number) / self.smallest_change) / math.log1p(largest / self.smallest_change)
+            action[k] = math.copysign(min(size, 1.0), number)
+        return action
 
     # episodes
 
@@ -175,8 +178,7 @@ class QuenchCore:
         self.steps_b[index] = 0
         self.evaluations_b[index] = self.batch.force_evaluations_b[index]
         self.truncated_b[index] = False
-        for b in index:
-            self.jammed_b[b] = self._verified(int(b), pressure)
+        self._judge(index, pressure)
         self._terms = {name: np.where(np.isin(np.arange(len(term)), index), 0.0, term)
                        for name, term in self._terms.items()}  # fmt: skip
 
@@ -197,12 +199,13 @@ class QuenchCore:
     def advance(self, action_bk: NDArray[np.float64], active_b: NDArray[np.bool_]) -> None:
         """Strain, relax, look and judge; actions lie inside their bounds."""
         batch = self.batch
-        batch.step(self.change_of(action_bk[:, 0]), self.largest_strain * action_bk[:, 1], active_b=active_b)
+        change = self._amount(action_bk[:, 0], self.largest_change)
+        strain = self._amount(action_bk[:, 1], self.largest_strain)
+        batch.step(change, strain, active_b=active_b)
         index = np.flatnonzero(active_b)
         pressure = self._pressure()
         self._observe(index, pressure)
-        for b in index:
-            self.jammed_b[b] = self._verified(int(b), pressure)
+        self._judge(index, pressure)
         distance = self.reward.distance(pressure, self.largest_pressure)
         self._terms = self.reward.terms(distance, batch.force_evaluations_b, self.jammed_b)
         self.reward_b = np.sum(list(self._terms.values()), axis=0)
@@ -221,17 +224,18 @@ class QuenchCore:
     def _pressure(self) -> NDArray[np.float64]:
         """Return pressures [energy_scale / reference_diameter^d]; what rounding alone can press is none."""
         pressure = self.batch.pressure_b / self.scene.pressure_unit
-        return np.where(np.abs(pressure) > 10.0 ** _PRESSURE[0], pressure, 0.0)
+        return np.where(np.abs(pressure) > _NOTHING, pressure, 0.0)
 
-    def _verified(self, b: int, pressure_b: NDArray[np.float64]) -> bool:
-        """Whether a packing is jammed: by cheap figures first, then by the verdict."""
+    def _judge(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
+        """Set which of these packings are jammed: by cheap figures first, then by the verdict."""
         batch = self.batch
-        if not (0.0 < pressure_b[b] <= self.largest_pressure and batch.relaxed_b[b]):
-            return False
-        if self.scene.packing.links is None and batch.excess_contacts_b[b] < 0:
-            return False
-        answer = pm.classify_jamming(batch.packing(b))
-        return bool((answer.collective if self.verdict == "collective" else answer.strict) == "jammed")
+        maybe = (pressure_b > 0.0) & (pressure_b <= self.largest_pressure) & batch.relaxed_b
+        if self.scene.packing.links is None:
+            maybe &= batch.excess_contacts_b >= 0
+        self.jammed_b[index] = False
+        for b in index[maybe[index]]:
+            answer = pm.classify_jamming(batch.packing(int(b)))
+            self.jammed_b[b] = (answer.collective if self.verdict == "collective" else answer.strict) == "jammed"
 
     def _observe(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
         batch, scene = self.batch, self.scene

@@ -37,8 +37,8 @@ class QuenchReward(NamedTuple):
 
     """
 
-    distance_weight: float = 0.1
-    evaluation_weight: float = 0.2
+    distance_weight: float = 0.25
+    evaluation_weight: float = 0.1
     stability_weight: float = 5.0
 
     def checked(self) -> QuenchReward:

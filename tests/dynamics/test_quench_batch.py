@@ -157,6 +157,7 @@ def test_endless_shear_keeps_lattice_vectors_short_and_figures_right(start):
     assert now.packing.link_error < 1e-12
 
 
+@pytest.mark.slow  # a law of its own is compiled for
 def test_deep_overlaps_under_a_diverging_law_are_parted_first():
     start = scene(law=pm.RepulsiveLennardJones())
     batch = pm.QuenchBatch(start, force_tolerance=1e-6)
@@ -165,6 +166,7 @@ def test_deep_overlaps_under_a_diverging_law_are_parted_first():
     assert np.isfinite(batch.energy_b[0])
 
 
+@pytest.mark.slow  # a law of its own is compiled for
 def test_forces_without_measure_leave_the_packing_where_it_was():
     packing = pm.Packing([[0.0, 0.0], [0.4, 0.0]], [0.3, 0.3], pm.Box.cubic(2.0, 2))
     start = pm.Scene(packing, (pm.Repulsion(law=Unbearable()),))

@@ -14,18 +14,14 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.dynamics.damped import DampedDynamics
 from packmech.dynamics.fire import Fire, Fire2
-from packmech.dynamics.joints import row_links
 from packmech.dynamics.program import OUTCOME_OF, Program, build_program
 from packmech.dynamics.stepwise import quench_kernels as qk
-from packmech.effects import Harmonic, Repulsion
-from packmech.links import Links, image_offsets
-from packmech.measure import packing_fraction
+from packmech.dynamics.stepwise.quench_parts import bodies_of, settings_of, soften
+from packmech.links import Links
 from packmech.outcome import Outcome
 from packmech.packing import Packing
 from packmech.scene import Scene
 
-# an overlap [1] at which a law that diverges at the center must not be the one to part the particles
-_DEEP = 0.2
 # threads take up this many shares each, as packings take unequal times
 _SHARES = 8
 # packing fractions below which nothing of interest happens, and above which pairs are too many
@@ -123,7 +119,7 @@ class QuenchBatch:
         self._effects, self._axes = program.effects, program.axes
         begun = method.start(program)
         self._start_k, self._vectors = begun.number.copy(), begun.vector_kf
-        self._settings, cap = _settings_of(method, scene)
+        self._settings, cap = settings_of(method, scene)
         full = self.relax == "full"
         self._orders = qk.Orders(
             steps=limit if isinstance(self.relax, str) else self.relax,
@@ -173,7 +169,7 @@ class QuenchBatch:
             raise ValueError(f"packing must have links just if the scene's has, got {packing.links!r:.60}")
         instance("relax", relax, bool)
         program = build_program(self.scene.replace(packing=packing))
-        _soften(program)
+        soften(program)
         self._figure_bk[b] = 0.0
         self._place(b, program)
         self._advance(np.array([b]), self._none_b, self._none_b, relax=relax)
@@ -325,8 +321,8 @@ class QuenchBatch:
     def _place(self, b: int, program: Program, number_k: NDArray[np.float64] | None = None) -> None:
         number = self._start_k.copy() if number_k is None else number_k
         slot = (
-            program.row, program.force_nd, program.velocity_nd, program.space, program.pairs, _bodies(program), number,
-            self._vectors.copy(),
+            program.row, program.force_nd, program.velocity_nd, program.space, program.pairs, bodies_of(program),
+            number, self._vectors.copy(),
         )  # fmt: skip
         if self._slots is None:
             self._slots = qk.new_slots(slot)
@@ -398,59 +394,3 @@ class QuenchBatch:
     @property
     def _numbers(self) -> list[NDArray[np.float64]]:
         return cast("list[NDArray[np.float64]]", self.__dict__.setdefault("_number_lists", []))
-
-
-def _settings_of(method: Any, scene: Scene) -> tuple[Any, float]:
-    """Return the record of numbers that a minimizer gives its loop, and its largest step [program.step_unit]."""
-    return cast("tuple[Any, float]", method.advance(_Asked(scene), None, None, 0))
-
-
-class _Asked:
-    """Stands in for a program, to learn what a minimizer would tell its loop."""
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-
-    def advance(self, loop: Any, settings: Any, goal: Any, progress: Any, steps: int, largest_step: float) -> Any:
-        return settings, largest_step
-
-
-def _bodies(program: Program) -> qk.Bodies:
-    packing = program.scene.packing
-    n, d = packing.particles, packing.dimension
-    links = program.links
-    offset = np.zeros((n, 3))
-    if packing.links is None or links is None:
-        cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
-        i, j, image = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-    else:
-        cluster = packing.links.clusters(n)[program.order_n]
-        whole, offsets = row_links(packing.links, program.order_n, program.home_nd, program.change_dd)
-        offset[:, :d] = offsets
-        winding = image_offsets(packing.links, n)[1][program.order_n].copy()
-        freedom = d * np.bincount(cluster) - np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
-        i, j, image = links.i_l.copy(), links.j_l.copy(), np.zeros((len(links), 3))
-        image[:, :d] = links.image_ld
-    clusters = len(freedom)
-    return qk.Bodies(
-        cluster_n=np.ascontiguousarray(cluster, dtype=np.int64),
-        freedom_c=freedom.astype(np.int64),
-        offset_nd=offset,
-        winding_n=winding,
-        i_l=i,
-        j_l=j,
-        image_ld=image,
-        volume=packing_fraction(packing) * packing.box.volume,
-        last_nd=np.zeros((n, 3)),
-        last_dd=np.zeros((3, 3)),
-        center_cd=np.zeros((clusters, 3)),
-        touching_c=np.zeros(clusters, dtype=np.int64),
-        loose_c=np.zeros(clusters, dtype=np.bool_),
-    )
-
-
-def _soften(program: Program) -> None:
-    if not program.diverges or program.evaluate().deepest_overlap < _DEEP:
-        return
-    harmonic = program.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=program.scene.energy_scale)),))
-    program.place(build_program(harmonic).relax(force_tolerance=1e-2).position_nd)
