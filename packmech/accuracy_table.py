@@ -173,7 +173,7 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> PowerLawFit:
 
 def _short(value: float) -> str:
     """Return whole numbers as they are, others with three digits."""
-    return f"{value:.0f}" if value == round(value) else f"{value:.3g}"
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.3g}"
 
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:

@@ -159,6 +159,11 @@ def test_markdown_has_a_row_for_every_trial(growth):
     assert growth.to_markdown().count("\n") == 2 + len(growth.trials)
 
 
+def test_markdown_shows_counts_that_are_no_number_or_have_no_end():
+    answer = Answer(0.5, work={"verdict": math.nan, "steps": math.inf, "calls": 7.0})
+    assert work_precision(lambda h: answer, (0.1,), 0.0).to_markdown().splitlines()[2].count("nan | inf | 7 |") == 1
+
+
 def test_the_figure_is_written_even_with_failures_and_exact_zeros(tmp_path):
     def mixed(setting: float) -> Answer:
         return Answer(0.0 if setting < 0.03 else setting, converged=setting < 0.09)

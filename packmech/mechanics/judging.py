@@ -205,12 +205,18 @@ def carrying_contacts(
     for name in dict.fromkeys((solver, "highs")):
         opened = open_all(cone, solver=name, tolerance=tolerance)
         if opened.solve.outcome is Outcome.CONVERGED:
-            carrying = network.select(opened.carrying_c)
-            if not len(carrying):
-                return carrying
-            apart = moving_apart(packing, carrying)
-            return carrying.select(~apart[carrying.i_c] & ~apart[carrying.j_c])
-    return None
+            return _held_together(packing, network.select(opened.carrying_c))
+    # any of them may carry force: what motions that change none of them leave together is less, where rank is missing
+    together = _held_together(packing, network)
+    return together if len(together) < len(network) else None
+
+
+def _held_together(packing: Packing, contacts: Contacts) -> Contacts:
+    """Return those of the contacts that join particles of the largest group that they hold together."""
+    if not len(contacts):
+        return contacts
+    apart = moving_apart(packing, contacts)
+    return contacts.select(~apart[contacts.i_c] & ~apart[contacts.j_c])
 
 
 def standing_contacts(cone: MotionCone, network: Contacts, finding: Finding) -> Contacts | None:
