@@ -31,6 +31,8 @@ _LITTLE = 1e-2
 _MOSTLY = 0.04
 # singular values above so many times what could make them 0 are no doubtful ones
 _FIRM = 100.0
+# part of a motion's change of all contacts by which it must close those without gaps, in either direction
+_BOTH_WAYS = 0.1
 # Next to a floppy motion and a soft one of value s, solvers take for the softest a mixture of the value 1e-16 / s, by
 # rounding of R^T R and Lanczos' tolerance, or s if that is less: at most 1e-8 of the largest. A hundred times that.
 _UNMIXED = 1e-6
@@ -174,9 +176,10 @@ def is_firm(cone: MotionCone) -> bool:
     """Return whether the softest motion, though soft, changes contacts for sure in the hard packing that is meant too.
 
     By Weyl's bound: when rows change by the slack a particle's z contacts, two ends each, move singular values by at
-    most about sqrt(2 z) times that. And before gaps close, a motion that changes contacts by s of itself may go by
-    gap / s and turn them by as much: s must be larger still, or particles may escape where the contacts at rest hold
-    them. Next to a floppy motion solvers take a mixture with a soft one for the softest: its value tells nothing.
+    most about sqrt(2 z) times that. And before a gap closes, a motion that changes contacts by s of itself may go by
+    gap / s and turn them by as much: contacts with gaps not far below s^2 may let particles go that they would hold at
+    rest, so others must hold the motion in either direction. Next to a floppy motion solvers take a mixture with a soft
+    one for the softest: its value tells nothing.
 
     Parameters
     ----------
@@ -184,11 +187,20 @@ def is_firm(cone: MotionCone) -> bool:
         The motions that the contacts admit.
 
     """
-    value, _ = cone.softest()
+    value, motion = cone.softest()
     size = value * float(np.sqrt(cone.largest_eigenvalue))
-    contacts = cone.opening.shape[0] / max(len(cone.kept_n), 1)
-    known = max(cone.slack, cone.rounding) * 2.0 * float(np.sqrt(max(contacts, 1.0)))
-    return value > _UNMIXED and size > _FIRM * known and size**2 > _FIRM * cone.room
+    count, held = cone.opening.shape[0], cone.held.shape[0]
+    known = max(cone.slack, cone.rounding) * 2.0 * float(np.sqrt(max(count / max(len(cone.kept_n), 1), 1.0)))
+    if value <= _UNMIXED or size <= _FIRM * known:
+        return False
+    change = cone.rows @ motion
+    if cone.gap_c is not None:
+        change[:count][size**2 <= _FIRM * cone.gap_c] = 0.0
+    either = float(np.square(change[count : count + held]).sum())
+    change[count : count + held] = 0.0
+    return all(
+        either + float(np.square(np.minimum(one, 0.0)).sum()) > (_BOTH_WAYS * size) ** 2 for one in (change, -change)
+    )
 
 
 def _only_state(cone: MotionCone, softest: float, rank: Solve) -> Finding:

@@ -70,8 +70,9 @@ class MotionCone:
     slack
         How well the contacts are known: their largest gap or overlap and rounding of the coordinates, in contact
         distances [1]. The hard packing that is meant may have rows that differ by so much.
-    room
-        Largest gap of a contact, in contact distances [1]: how far particles may come nearer before it closes.
+    gap_c
+        (C,) gaps of the contacts, in contact distances [1]: what particles may come nearer before these close. None for
+        no gaps.
 
     """
 
@@ -84,7 +85,7 @@ class MotionCone:
     links: LinkRules | None = None
     wider: MotionCone | None = None
     slack: float = 0.0
-    room: float = 0.0
+    gap_c: NDArray[np.float64] | None = None
 
     @property
     def unknowns(self) -> int:
@@ -361,12 +362,12 @@ def motion_cone(
     rules = None if packing.links is None else link_rules(packing, kept)
     extent = float(np.abs(packing.position_nd).max())
     gap = contacts.gap_c / contacts.contact_distance_c
-    slack, room = float(np.abs(gap).max(initial=0.0)), float(gap.max(initial=0.0))
+    slack = float(np.abs(gap).max(initial=0.0))
     slack += float(np.spacing(extent)) / packing.reference_diameter
     if not strain:
         none = sp.csr_array((0, len(moving)))
         linked = none if rules is None else rules.position
-        return MotionCone(position, linked, none, kept, d, 0.0, rules, slack=slack, room=room)
+        return MotionCone(position, linked, none, kept, d, 0.0, rules, slack=slack, gap_c=gap)
     scale = float(packing.box.volume ** (1.0 / d))
     opening = sp.csr_array(sp.hstack([position, matrix[:, packing.particles * d :] / scale], format="csr"))
     row = np.concatenate([np.zeros(len(moving)), -trace_vector(d) / np.sqrt(d)])
@@ -380,7 +381,7 @@ def motion_cone(
             held = one_sided = none
         stiff = sp.hstack([sp.csr_array((len(rules.stiff), len(moving))), sp.csr_array(rules.stiff)])
         held = sp.csr_array(sp.vstack([linked, stiff, held], format="csr"))
-    return MotionCone(opening, held, one_sided, kept, d, scale, rules, slack=slack, room=room)
+    return MotionCone(opening, held, one_sided, kept, d, scale, rules, slack=slack, gap_c=gap)
 
 
 def _touched(packing: Packing, contacts: Contacts) -> NDArray[np.int64]:
