@@ -59,7 +59,15 @@ def overhead(relax):
 
 def batches(relax, count, processes):
     """Print a batch on one and on two threads against processes."""
-    arguments = {"relax": relax, "step_budget": 40, "evaluation_budget": None}
+    # small changes about a compressed packing, so that there is something to relax in every step
+    arguments = {
+        "relax": relax,
+        "start_packing_fraction": 0.88,
+        "largest_change": 2e-3,
+        "largest_strain": 1e-2,
+        "step_budget": 100,
+        "evaluation_budget": None,
+    }
     found = {}
     for threads in (1, 2):
         envs = QuenchVectorEnv(count, **arguments, threads=threads, autoreset_mode="SameStep")

@@ -22,6 +22,8 @@ from packmech.outcome import Outcome
 from packmech.packing import Packing
 from packmech.scene import Scene
 
+# whether a status code is a success
+_SUCCESS = np.array([OUTCOME_OF[code].ok for code in sorted(OUTCOME_OF)])
 # threads take up this many shares each, as packings take unequal times
 _SHARES = 8
 # packing fractions below which nothing of interest happens, and above which pairs are too many
@@ -307,8 +309,7 @@ class QuenchBatch:
     @property
     def relaxed_b(self) -> NDArray[np.bool_]:
         """The (B,) answers whether the last relaxation met the tolerance, or found that nothing touches."""
-        ok = np.array([OUTCOME_OF[k].ok for k in sorted(OUTCOME_OF)])
-        return ok[self._figure_bk[:, qk.STATUS].astype(np.int64)]
+        return np.asarray(_SUCCESS[self._figure_bk[:, qk.STATUS].astype(np.int64)])
 
     # within
 
