@@ -224,15 +224,19 @@ def _tell(told: dict[str, Any], infos: Infos, mask_b: NDArray[np.bool_]) -> None
     """Add rows of infos, and under _name whose they are, as `SyncVectorEnv` does."""
     if not mask_b.any():
         return
+    whole = bool(mask_b.all())
     for name, array in infos.items():
-        mine = mask_b & np.array([one is not None for one in array]) if array.dtype == object else mask_b
-        if not mine.any():
-            continue
+        mine, all_of_it = mask_b, whole
+        if array.dtype == object:
+            mine = mask_b & np.array([one is not None for one in array])
+            all_of_it = bool(mine.all())
+            if not mine.any():
+                continue
         if name in told:
             told[name][mine] = array[mine]
             told["_" + name] |= mine
             continue
-        if mine.all():
+        if all_of_it:
             told[name] = array.copy()
         else:
             told[name] = np.full(array.shape, None, dtype=object) if array.dtype == object else np.zeros_like(array)
