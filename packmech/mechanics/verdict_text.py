@@ -113,9 +113,10 @@ def verdict_text(verdict: Verdict) -> str:
     """
     numbers = verdict_numbers(verdict)
     particles = len(verdict.rattlers)
-    loose = f"{verdict.contacts} contacts; {int(verdict.rattlers.sum())} rattlers, {numbers['danglers']} touch nothing"
+    rattlers = _counted(int(verdict.rattlers.sum()), "rattler")
+    loose = f"{_counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} touch nothing"
     if "rattling_clusters" in numbers:
-        loose += f", {numbers['rattling_clusters']} clusters rattle as a whole"
+        loose += f", {_counted(numbers['rattling_clusters'], 'whole cluster')} among them"
     rows = [
         *verdict_rows(numbers),
         ("backbone", f"{numbers['backbone_particles']} of {particles}", loose),
@@ -128,6 +129,10 @@ def verdict_text(verdict: Verdict) -> str:
 def _solver(verdict: Verdict) -> str:
     bound = "" if verdict.bound is None else f", loads bounded by a {verdict.bound}"
     return f"solver {verdict.solver}{bound}, {verdict.seconds:.3f} CPU seconds"
+
+
+def _counted(number: int, name: str) -> str:
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
 
 def _yes(answer: bool | None) -> str:
