@@ -86,7 +86,7 @@ class Screen:
 
     def refresh(self, picture: Callable[[], NDArray[np.uint8]]) -> None:
         """Show the present moment in the window, if that is the mode."""
-        if self.window is not None:
+        if self.window is not None and self.window.open():
             self.window.show(picture())
 
     def render(

@@ -15,7 +15,8 @@ __all__ = ["Window"]
 class Window:
     """A window that opens with its first picture and shows one after the other, no faster than asked for.
 
-    A window that its user has closed stays closed; what was to be seen goes on unseen.
+    A window that its user has closed stays closed; what was to be seen goes on unseen. So it does where no window can
+    open, for want of a display or of tkinter: a warning says once what is needed.
 
     Parameters
     ----------
@@ -24,18 +25,12 @@ class Window:
     fps
         Largest number of pictures in a second.
 
-    Raises
-    ------
-    gymnasium.error.DependencyNotInstalled
-        With the first picture, where Python has no tkinter.
-    RuntimeError
-        With the first picture, where there is no display.
-
     """
 
     def __init__(self, title: str, fps: float) -> None:
         self.title, self.fps = title, fps
         self.shown = 0
+        self._tried = False
         self._root: Any = None
         self._label: Any = None
         self._photo: Any = None
@@ -46,12 +41,17 @@ class Window:
         """Whether there is a window."""
         return self._root is not None
 
+    def open(self) -> bool:
+        """Return whether there is a window, after it was opened where that has not been tried yet."""
+        if not self._tried:
+            self._tried = True
+            self._open()
+        return self.is_open
+
     def show(self, pixels: NDArray[np.uint8]) -> None:
         """Show a picture (height, width, 3), after a wait where the last one has just been shown."""
-        if self._root is None:
-            if self.shown:  # its user has closed it
-                return
-            self._open()
+        if not self.open():
+            return
         import tkinter
 
         wait = self._next - time.monotonic()
@@ -70,20 +70,23 @@ class Window:
         self.shown += 1
 
     def _open(self) -> None:
+        # an episode need not end for want of somebody who looks on
         try:
             import tkinter
-        except ImportError as missing:
-            raise gym.error.DependencyNotInstalled(
+        except ImportError:
+            gym.logger.warn(
                 'render_mode="human" needs tkinter, a part of Python that some systems package apart '
-                '(Debian: apt-get install python3-tk); "rgb_array" needs nothing'
-            ) from missing
+                '(Debian: apt-get install python3-tk); nothing is shown. "rgb_array" needs nothing'
+            )
+            return
         try:
             root = tkinter.Tk()
         except tkinter.TclError as missing:
-            raise RuntimeError(
-                f'render_mode="human" needs a display ({missing}); "rgb_array" draws without one, and RerunRecorder '
-                "writes files to be looked at elsewhere"
-            ) from missing
+            gym.logger.warn(
+                f'render_mode="human" needs a display ({missing}); nothing is shown. "rgb_array" draws without one, '
+                "and RerunRecorder writes files to be looked at elsewhere"
+            )
+            return
         root.title(self.title)
         root.resizable(False, False)
         root.protocol("WM_DELETE_WINDOW", self.close)

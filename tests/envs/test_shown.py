@@ -1,10 +1,13 @@
 """Facts about looking at the environments: pictures, texts and recordings change no bit of an episode."""
 
 import os
+import sys
+import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 from packmech_envs.quench import QuenchEnv
 from packmech_envs.quench_vector import QuenchVectorEnv
 from packmech_envs.recorder import RerunRecorder, RerunVectorRecorder
@@ -126,6 +129,21 @@ print("all is well")
 
 def test_the_window_shows_every_frame_and_changes_no_bit(on_a_display):
     assert on_a_display(SHOWN) == "all is well\n"
+
+
+@pytest.mark.parametrize("made", [{"id": "Shear-v0", "scene": "triangular", "frame_skip": 2}, {"id": "Quench-v0"}])
+def test_the_checker_passes_with_every_render_mode_where_no_display_is(made, monkeypatch):
+    pytest.importorskip("tkinter")
+    monkeypatch.setenv("DISPLAY", "")
+    if sys.platform != "linux":
+        pytest.skip("displays are named by DISPLAY on Linux")
+    more = {name: value for name, value in made.items() if name != "id"}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        check_env(gym.make(f"packmech_envs:packmech/{made['id']}", **more).unwrapped)
+    # the box of Shear-v0 has no bounds; another warning is that nothing is shown
+    told = {str(one.message) for one in said if "A Box observation space m" not in str(one.message)}
+    assert len(told) == 1 and "needs a display" in told.pop()
 
 
 def test_one_of_the_environments_that_are_stepped_one_after_the_other_is_recorded(tmp_path):
