@@ -136,7 +136,8 @@ def table_of(subject: Any) -> Table:
         value = getattr(holder, field.name)
         stem, _, axes = field.name.rpartition("_")
         # positions and lattices are not figures: the last axis of those that are has d numbers, or they are tensors
-        if axes in ("t", "td", "tk", "tdd") and stem != "lattice" and value is not None:
+        # (who touches whom, which has no axes, is none either)
+        if axes in ("t", "td", "tk", "tdd") and stem != "lattice" and isinstance(value, np.ndarray):
             found[stem] = value
     if isinstance(holder, StrainRun):
         found |= {f"{name}_stress": value for name, value in holder.stress.items()}

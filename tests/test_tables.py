@@ -88,6 +88,16 @@ def test_figures_that_are_not_finite_come_back_from_both_formats(tmp_path):
         assert back["max_force"].tobytes() == trace.max_force_t.tobytes()
 
 
+def test_a_run_that_kept_positions_and_contacts_has_the_table_of_one_that_did_not():
+    packing = pm.random_packing(20, dimension=2, packing_fraction=0.9, seed=3)
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.5)))
+    kept, left = (
+        table_of(pm.simulate(scene, steps=4, dt=0.05, trace_every=2, trace_positions=more)) for more in (True, False)
+    )
+    assert list(kept.columns) == list(left.columns)
+    assert all(kept[name].tobytes() == left[name].tobytes() for name in left.columns)
+
+
 def test_a_minimization_has_a_table_too(tmp_path):
     packing = pm.random_packing(20, dimension=2, packing_fraction=0.9, seed=3)
     run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-6, trace_every=10)
