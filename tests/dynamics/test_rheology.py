@@ -172,3 +172,28 @@ def test_bootstrap_and_standard_errors_agree_for_many_values():
     assert drawn[0] == mean == pytest.approx(value.mean(), rel=1e-14)
     assert drawn[1] == pytest.approx(error, rel=0.05)
     assert np.isnan(pm.mean_with_error([1.0])[1])
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        (pm.Bonds([0, 1], [2, 16], [[0, 0], [0, 0]], [1.0, 1.0]), r"scene.effects\[1\].j_b must be below 16, got 16"),
+        (pm.Bonds([0], [2], [[0, 0, 0]], [1.0]), r"scene.effects\[1\].image_bd must have shape \(1, 2\)"),
+        (pm.Bonds([0], [0], [[0, 0]], [1.0]), "bonds whose ends are apart"),
+        (pm.Walls(2, 0.0, 1.0), r"scene.effects\[1\].axis must be 0 or 1 in a plane, got 2"),
+    ],
+)
+def test_bonds_and_walls_that_are_not_the_packing_s_are_refused_by_all_that_moves_it(effect, said):
+    packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    scene = pm.Scene(packing, (pm.Repulsion(), effect))
+    with pytest.raises(ValueError, match=said):
+        pm.simulate(scene, steps=1)
+    with pytest.raises(ValueError, match=said):
+        pm.ramp_strain(scene, rate=0.1, strain=0.1)
+
+
+def test_a_second_friction_is_refused_instead_of_being_left_out():
+    packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.5), pm.Friction(0.1)))
+    with pytest.raises(ValueError, match="one Friction at most, got 2"):
+        pm.simulate(scene, steps=1)

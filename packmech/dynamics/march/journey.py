@@ -32,7 +32,7 @@ from packmech.dynamics.march.look import (
 from packmech.dynamics.march.state import March, build_march
 from packmech.dynamics.motion import Sight
 from packmech.dynamics.strain import Strain
-from packmech.effects import Bonds, Friction
+from packmech.effects import Bonds, Friction, Walls
 from packmech.packing import without_links
 from packmech.scene import Scene
 
@@ -43,15 +43,33 @@ def needs_march(scene: Scene, strain: Strain | None) -> bool:
     return beyond or strain is not None
 
 
-def refuse_bonds_without_length(scene: Scene) -> None:
-    """Refuse bonds whose ends coincide: they have no direction to push in."""
+def refuse_misfits(scene: Scene) -> None:
+    """Refuse bonds of particles or of a dimension that are not the packing's, or whose ends coincide, and walls beyond.
+
+    Bonds without a length have no direction to push in; walls across z mean nothing in a plane; a pair has one
+    tangential spring.
+    """
+    for kind in (Friction, Bonds):
+        number = sum(isinstance(one, kind) for one in scene.effects)
+        if number > 1:
+            raise ValueError(f"scene.effects must hold one {kind.__name__} at most, got {number}")
     position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
-    for one in scene.effects:
-        if isinstance(one, Bonds) and len(one):
-            length = np.linalg.norm(position[one.j_b] - position[one.i_b] + one.image_bd @ lattice.T, axis=1)
-            least = int(np.argmin(length))
-            if length[least] == 0.0:
-                raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {least}")
+    n, d = position.shape
+    for k, one in enumerate(scene.effects):
+        if isinstance(one, Walls) and one.axis >= d:
+            raise ValueError(f"scene.effects[{k}].axis must be 0 or 1 in a plane, got {one.axis:g}")
+        if not isinstance(one, Bonds) or not len(one):
+            continue
+        if one.image_bd.shape[1] != d:
+            raise ValueError(f"scene.effects[{k}].image_bd must have shape ({len(one)}, {d}), got {one.image_bd.shape}")
+        if int(one.j_b.max()) >= n:
+            # i < j, so that j tells
+            bond = int(one.j_b.argmax())
+            raise ValueError(f"scene.effects[{k}].j_b must be below {n}, got {int(one.j_b[bond])} for bond {bond}")
+        length = np.linalg.norm(position[one.j_b] - position[one.i_b] + one.image_bd @ lattice.T, axis=1)
+        least = int(np.argmin(length))
+        if length[least] == 0.0:
+            raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {least}")
 
 
 def tensors(figures: NDArray[np.float64], dimension: int, volume: float) -> dict[str, NDArray[np.float64]]:
@@ -94,7 +112,7 @@ class Marching:
         threads: int = 1,
     ) -> None:
         without_links("scene.packing", scene.packing)
-        refuse_bonds_without_length(scene)
+        refuse_misfits(scene)
         self.scene, self.mass_n = scene, mass_n
         self.look_every = look_every(strain, dt, scene.packing.particles)
         d = scene.packing.dimension

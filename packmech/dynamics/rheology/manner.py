@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, positive, positive_array
+from packmech.dynamics.march.journey import refuse_misfits
 from packmech.dynamics.motion import choose_time_step
 from packmech.dynamics.rheology.keeper import Keeper, keeper_of
 from packmech.dynamics.settings import check_manner
@@ -124,6 +125,7 @@ def check_arguments(
         raise TypeError(f"{name} must be left out: there is no such argument")
     instance("scene", scene, Scene)
     without_links("scene.packing", scene.packing)
+    refuse_misfits(scene)
     packing = scene.packing
     n, d = packing.particles, packing.dimension
     method = VelocityVerlet() if method is None else method
