@@ -20,7 +20,7 @@ __all__ = ["METADATA", "QuenchEnv"]
 METADATA: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": RENDER_FPS}
 
 
-class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
+class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPickle):
     """A packing that is compressed or expanded, sheared and relaxed, until it is jammed.
 
     **Action**, two float64 numbers between -1 and 1, both signed and on a logarithmic scale: sign(a) s (exp(|a| L) - 1)
@@ -57,10 +57,11 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
 
     **Start**: particles at independent uniform places, or clusters of linked ones placed and turned at random without
     deep overlaps, at a packing fraction drawn from `start_packing_fraction`, all from the environment's own generator;
-    with relax="full" relaxed. Nothing of an episode survives a reset.
+    with relax="full" relaxed. Nothing of an episode survives a reset. A copy, pickled or not, is made anew from the
+    same arguments and must be reset.
 
     **End**: terminated when jammed and verified: relaxed, with a pressure above zero and up to `largest_pressure`,
-    contacts enough by counting, and then `pm.classify_jamming`. Truncated after `step_budget` steps or
+    contacts enough by counting, and then `pm.classify_jamming` of the scene. Truncated after `step_budget` steps or
     `evaluation_budget` force evaluations.
 
     Parameters
@@ -136,6 +137,9 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
         reward: QuenchReward | None = None,
         render_mode: str | None = None,
     ) -> None:
+        # before any other local name
+        arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
+        gym.utils.EzPickle.__init__(self, **arguments)
         self.render_mode = render_mode
         self._screen = Screen(render_mode, "packmech/Quench-v0")
         self._core = QuenchCore(

@@ -168,6 +168,8 @@ class QuenchCore:
 
     def start(self, index_k: Sequence[int], rngs: Sequence[np.random.Generator], options: Any) -> None:
         """Start episodes anew, each with its own generator; nothing of what was before is left."""
+        if not isinstance(options, dict | None):
+            raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
         if options:
             raise ValueError(f"options must be empty, got {sorted(options)}")
         for b, rng in zip(index_k, rngs, strict=True):
@@ -234,7 +236,8 @@ class QuenchCore:
             maybe &= batch.excess_contacts_b >= 0
         self.jammed_b[index] = False
         for b in index[maybe[index]]:
-            answer = pm.classify_jamming(batch.packing(int(b)))
+            # the scene tells the law: at rest under one law is not at rest under another
+            answer = pm.classify_jamming(self.scene.replace(packing=batch.packing(int(b))))
             self.jammed_b[b] = (answer.collective if self.verdict == "collective" else answer.strict) == "jammed"
 
     def _observe(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:

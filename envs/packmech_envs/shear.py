@@ -72,7 +72,7 @@ class ShearEpisode:
         return self.stress_tdd[:, a, b]
 
 
-class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
+class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPickle):
     """A packing that is sheared frame by frame, as Newton's equations go, with a task.
 
     **Action**, float64, by the name of the control: "rate": the strain rate of the frame [1/time]; "strain": the strain
@@ -91,7 +91,7 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
                       stress, Cauchy, tension positive
     pressure          -trace/d of that                                               energy/length^d
     kinetic_energy    of peculiar velocities and spins                               energy
-    contacts          touching pairs                                                 1
+    contacts          touching pairs that no bond joins                              1
     sliding_fraction  part of them at Coulomb's cap                                  1
     ...               what the task adds, see its class                              see there
     ================  =============================================================  ===============
@@ -104,6 +104,7 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
 
     **Start**: the scene as it is prepared, at its energy minimum; or, by `start`, drawn from the environment's own
     generator alone. Nothing of an episode survives a reset. reset(options={"rate": r}) starts with a strain rate.
+    A copy, pickled or not, is made anew from the same arguments and must be reset.
 
     **End**: terminated by the task, truncated after `budget` frames.
 
@@ -179,6 +180,9 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
         units: str = "scene",
         render_mode: str | None = None,
     ) -> None:
+        # before any other local name
+        arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
+        gym.utils.EzPickle.__init__(self, **arguments)
         self.render_mode = render_mode
         self._screen = Screen(render_mode, "packmech/Shear-v0")
         self._core = ShearCore(
@@ -245,7 +249,7 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]]):
         return self._core.batch.packing(0)
 
     def contacts(self) -> pm.Contacts:
-        """Return who touches whom now."""
+        """Return who touches whom now, pairs that a bond joins among them."""
         return pm.find_contacts(self.packing)
 
     @property

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech_envs import shear_tasks as tasks
-from packmech_envs.scenes import scene_of, shearable
+from packmech_envs.scenes import LINKS, scene_of, shearable
 from packmech_envs.shear_tasks import judge, task_of
 
 CONTROLS = ("strain", "rate", "strain_and_rate")
@@ -128,6 +128,10 @@ class ShearCore:
         _one_of("units", units, UNITS)
         if not isinstance(relax, bool):
             raise TypeError(f"relax must be True or False, got {relax!r}")
+        _one_of("links", links, LINKS)
+        if link_stiffness is not None:
+            link_stiffness = _positive("link_stiffness", link_stiffness)
+        frame_skip = _count("frame_skip", frame_skip)
         self._how = Start(relax, links, link_stiffness)
         self._named = scene if not isinstance(scene, pm.Scene) else None
         self._choice = _choice(start, self._named)
@@ -209,9 +213,7 @@ class ShearCore:
         self._where = np.array([names.index(name) for name in where])
         self._pick_k = np.array([names.index(name) for name in figures])
         volume = scene.packing.box.volume
-        if budget is not None and (isinstance(budget, bool) or not isinstance(budget, int) or budget < 1):
-            raise ValueError(f"budget must be None or an integer at least 1, got {budget!r}")
-        self.budget = budget
+        self.budget = None if budget is None else _count("budget", budget, "None or an integer at least 1")
         leading = [task.weight_failure, float(budget or 0), fastest]
         self._number_k = np.array([*leading, *task.numbers(scene.pressure_unit, volume)])
         # what one unit of each kind is
@@ -293,6 +295,8 @@ def _extras(extra_actions: Any, scene: pm.Scene) -> tuple[str, ...]:
 
 
 def _options(options: dict[str, Any] | None) -> float:
+    if not isinstance(options, dict | None):
+        raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
     given = dict(options or {})
     rate = given.pop("rate", 0.0)
     if given:
@@ -303,6 +307,14 @@ def _options(options: dict[str, Any] | None) -> float:
 def _one_of(name: str, value: Any, allowed: tuple[str, ...]) -> None:
     if not isinstance(value, str) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r:.60}")
+
+
+def _count(name: str, value: Any, what: str = "an integer at least 1") -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise TypeError(f"{name} must be {what}, got {value!r:.60}")
+    if value < 1:
+        raise ValueError(f"{name} must be {what}, got {value}")
+    return int(value)
 
 
 def _positive(name: str, value: Any) -> float:

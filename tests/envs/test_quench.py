@@ -232,6 +232,20 @@ def test_an_episode_unjams_and_rejams():
     assert info["packing_fraction"] == pytest.approx(first, abs=0.01)
 
 
+@pytest.mark.parametrize("law", [pm.Harmonic(), pm.Hertz()], ids=["harmonic", "hertz"])
+def test_a_packing_is_judged_by_the_law_of_its_scene(law):
+    env = QuenchEnv(discs().replace(effects=(pm.Repulsion(law=law),)), step_budget=80, evaluation_budget=None)
+    env.reset(seed=1)
+    change, over = 0.02, False
+    while not over:
+        *_, terminated, truncated, info = env.step(env.action(change))
+        if (info["pressure"] > 1e-9) == (change > 0.0):
+            change *= -0.5
+        over = terminated or truncated
+    assert terminated and info["jammed"]
+    assert pm.classify_jamming(env.scene.replace(packing=env.packing)).collective == "jammed"
+
+
 def test_the_reward_is_the_sum_of_its_named_terms_and_weights_scale_them():
     env = QuenchEnv(discs(), reward=QuenchReward(0.5, 2.0, 7.0))
     env.reset(seed=1)

@@ -442,7 +442,10 @@ def test_rigid_links_are_refused_unless_they_may_become_bonds():
     [
         ({"control": "force"}, "control must be one of 'strain', 'rate', 'strain_and_rate', got 'force'"),
         ({"task": "win"}, "task must be one of 'follow_stress', 'dissipate_least', 'find_yield_strain'"),
-        ({"frame_skip": 0}, "steps must be an integer at least 1, got 0"),
+        ({"frame_skip": 0}, "frame_skip must be an integer at least 1, got 0"),
+        ({"frame_skip": 1.5}, "frame_skip must be an integer at least 1, got 1.5"),
+        ({"links": ["bonds"]}, "links must be one of 'refuse', 'bonds'"),
+        ({"link_stiffness": -1.0}, "link_stiffness must be a positive number, got -1.0"),
         ({"dt": 0.0}, "dt must be"),
         ({"largest_strain": -1.0}, "largest_strain must be a positive number, got -1.0"),
         ({"largest_rate": math.inf}, "largest_rate must be a positive number, got inf"),
@@ -482,6 +485,8 @@ def test_options_of_a_reset_are_known_or_refused():
     assert observation[env.observation_names.index("rate")] == 0.01
     with pytest.raises(ValueError, match="options must hold nothing but 'rate'"):
         env.reset(options={"speed": 1.0})
+    with pytest.raises(TypeError, match="options must be None or a dictionary, got 3"):
+        env.reset(options=3)
 
 
 def test_a_budget_truncates_and_does_not_terminate():

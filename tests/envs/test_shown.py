@@ -1,6 +1,8 @@
 """Facts about looking at the environments: pictures, texts and recordings change no bit of an episode."""
 
+import copy
 import os
+import pickle
 import sys
 import warnings
 
@@ -96,6 +98,17 @@ def test_render_without_a_mode_warns_and_returns_nothing(name, monkeypatch):
     assert env.render() is None and "render_mode" in said[0]
     with pytest.raises(ValueError, match="render_mode must be one of"):
         ONE[name](render_mode="video")
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_a_copy_is_made_anew_from_the_same_arguments(name):
+    env = ONE[name]()
+    seen = play(env)
+    for again in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
+        with pytest.raises(gym.error.ResetNeeded):
+            again.step(env.action_space.sample())
+        assert play(again) == seen
+    assert play(env) == seen
 
 
 def test_a_batch_draws_each_of_its_packings():
