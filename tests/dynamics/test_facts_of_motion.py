@@ -102,6 +102,41 @@ def test_a_slid_contact_feels_less_until_its_spring_is_as_long_as_the_cap_over_i
     assert [bool(one) for one in slips] == (run.trace.time_t >= reached).tolist()
 
 
+@DIMENSIONS
+def test_a_fast_slid_contact_with_a_strong_dashpot_stays_at_its_cap_and_winds_no_spring(dimension):
+    # the dashpot alone would bear two hundred times the cap, and weakens faster than the spring gains
+    coefficient, overlap, across, damping = 0.5, 0.1, 1.0, 10.0
+    scene = scene_of(
+        pair(dimension, (1.0 - overlap) * AXES[dimension]),
+        friction=coefficient,
+        across=across,
+        damping=0.3,
+        damping_across=damping,
+    )
+    velocity = np.zeros((2, dimension))
+    velocity[1] = ACROSS[dimension]
+    run = pm.simulate(
+        scene,
+        duration=0.1,
+        dt=0.002,
+        velocity_nd=velocity,
+        mass_n=[1e15, 1.0],
+        strain=STILL,
+        trace_every=1,
+        trace_positions=True,
+    )
+    trace = run.trace
+    assert len(trace.time_t) > 40
+    for t in range(len(trace.time_t)):
+        branch = trace.position_tnd[t, 1] - trace.position_tnd[t, 0]
+        normal = branch / np.linalg.norm(branch)
+        force = trace.touching_t[t].force_cd[0]
+        slid = force - (force @ normal) * normal
+        assert np.linalg.norm(slid) == pytest.approx(coefficient * (1.0 - np.linalg.norm(branch)), rel=1e-12)
+    # a spring holds no more than the cap stretches it by, and here only what a step adds
+    assert trace.tangential_t.max() <= 0.5 * across * 0.002**2
+
+
 def spun_pair(dimension, dt, duration, **kept):
     """An undamped bonded pair of two sizes, stretched, flying, sheared and spinning."""
     rng = np.random.default_rng(4)

@@ -52,9 +52,11 @@ def _rub_in_plane(friction, body, held_pk, p, i, j, nx, ny, ux, uy, r, sigma, no
     force = slide(friction, stretch, slip)
     cap = friction.coefficient * normal
     soft = 1.0 / friction.stiffness
-    # whether contacts slide is not to be foretold: without a branch, what the cap takes is taken off the spring too
+    # whether contacts slide is not to be foretold: without a branch, what the cap takes is taken off the spring too;
+    # never past rest nor beyond what it was, so that a strong dashpot does not wind it
     capped = min(max(force, -cap), cap)
-    stretch += (capped - force) * soft
+    less = stretch + (capped - force) * soft
+    stretch = min(max(less, min(stretch, 0.0)), max(stretch, 0.0))
     force = capped
     held_pk[p, 0] = stretch + pace.after * slip
     # along t = (-ny, nx); the moment n x t is one
@@ -72,13 +74,17 @@ def _rub_in_space(friction, body, held_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, s
     cap = friction.coefficient * normal
     soft = 1.0 / friction.stiffness
     if square > cap * cap:
-        scale = cap / math.sqrt(square)
+        size = math.sqrt(square)
+        # as in a plane: the spring gives way along the force, and no farther than to rest
+        along = (x * fx + y * fy + z * fz) / size
+        less = min((size - cap) * soft, max(along, 0.0)) / size
+        x -= less * fx
+        y -= less * fy
+        z -= less * fz
+        scale = cap / size
         fx *= scale
         fy *= scale
         fz *= scale
-        x = (fx - friction.damping * sx) * soft
-        y = (fy - friction.damping * sy) * soft
-        z = (fz - friction.damping * sz) * soft
     stretch_after(held_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
     return with_moment(nx, ny, nz, fx, fy, fz, ai, aj)
 
