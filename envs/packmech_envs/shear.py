@@ -102,8 +102,9 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPi
     "reason" where an episode is terminated: "strain_reached", "yielded", or "step_too_long" where something moved by
     the smallest diameter in one time step or a number overflowed: the observation is the last good one then.
 
-    **Start**: the scene as it is prepared, at its energy minimum; or, by `start`, drawn from the environment's own
-    generator alone. Nothing of an episode survives a reset. reset(options={"rate": r}) starts with a strain rate.
+    **Start**: the scene before its drive, at its energy minimum: one whose drive jams it may start far from jammed, so
+    shear the packing that came of it, in a Scene. By `start`, drawn from the environment's own generator alone. Nothing
+    of an episode survives a reset. reset(options={"rate": r}) starts with a strain rate.
     A copy, pickled or not, is made anew from the same arguments and must be reset.
 
     **End**: terminated by the task, truncated after `budget` frames.

@@ -86,7 +86,9 @@ class DissipateLeast:
     """Bring the strain to a goal and lose as little energy on the way as possible.
 
     What is dissipated is the work done by the shear less what elastic and kinetic energies gained, by the trapezoidal
-    rule over frames. An episode is over when the goal is reached. Observed beside the rest: "strain_to_go" [1] and
+    rule over frames. Its error, of either sign, goes as the square of frame_skip: for the scene "default" it is 0.7 %
+    of the stored energy in frames of 0.01 strain and 0.04 % in frames of 0.0025, so little of it wants short frames.
+    An episode is over when the goal is reached. Observed beside the rest: "strain_to_go" [1] and
     "dissipated_energy" so far [energy]; the latter is told in infos, too.
 
     Parameters
