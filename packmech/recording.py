@@ -218,7 +218,7 @@ def opened(
     try:
         stream.save(target, default_blueprint=layout)
         stream.send_recording_name(target.stem)
-        stream.send_property("packmech", rr.AnyValues(**properties_of(film, parameters, results)))
+        stream.send_property("packmech", property_values(properties_of(film, parameters, results)))
         for name, (step_t, value_t) in film.curves.items():
             path_of = f"series/{name.replace(' ', '_')}"
             stream.log(path_of, rr.SeriesLines(names=name, colors=drawing.CURVE, widths=2.0), static=True)
@@ -227,6 +227,18 @@ def opened(
     finally:
         stream.flush()
         stream.disconnect()
+
+
+def property_values(told: Mapping[str, Any]) -> rr.AnyValues:
+    """Return properties as Rerun takes them, each with the type that it has in this recording.
+
+    Rerun remembers the first type of a name for the whole process: a result that is a word in one recording and a
+    number in the next ("strain") would be left out of the second.
+    """
+    import pyarrow
+    import rerun as rr
+
+    return rr.AnyValues(**{name: pyarrow.array([value]) for name, value in told.items()})
 
 
 def _blocks(film: Film) -> list[range]:

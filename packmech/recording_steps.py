@@ -19,6 +19,7 @@ from packmech.dynamics.march.touching import Touching
 from packmech.frame import TOUCH, contact_forces, not_bonded
 from packmech.march_film import MarchFilm, Moment, particle_colors, shown_box
 from packmech.packing import Packing
+from packmech.recording import property_values
 from packmech.recording_film import Curve, Film, properties_of
 from packmech.recording_march import BLOCK_NUMBERS, log_loop, log_march, send_moments
 from packmech.scene import Scene
@@ -251,11 +252,9 @@ class _Writer:
 
     def tell(self, *, of_parameters: bool) -> None:
         """Write the parameters, or else the results, as properties."""
-        import rerun as rr
-
         told = properties_of(self.film([], {}), self.parameters, self.results)
         told = {name: value for name, value in told.items() if (name == "parameters_json") == of_parameters}
-        self.stream.send_property("packmech", rr.AnyValues(**told))
+        self.stream.send_property("packmech", property_values(told))
 
     def checked(self, packing: Any) -> Packing:
         """Return the packing, or say why it is none of the scene's particles."""

@@ -320,3 +320,12 @@ def test_the_recording_in_the_repository_ends_with_the_packing_that_its_properti
     assert back.property("rattlers") == int(pm.find_rattlers(packing).sum())
     assert results["strict"] == "jammed"
     assert results["contacts"] >= results["isostatic_contacts"]
+
+
+def test_a_result_may_be_a_word_in_one_recording_and_a_number_in_the_next(tmp_path):
+    packing = pm.lattice_packing("square", repeats=2)
+    told = [
+        ReadBack(pm.record_packing(packing, tmp_path / f"{n}.rrd", results={"told": value})).property("told")
+        for n, value in enumerate(("free", 0.25, True, 7))
+    ]
+    assert told == ["free", 0.25, True, 7]
