@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, positive_array
-from packmech.compiled import kernel
+from packmech.jit.compiled import kernel
 
 # images beyond this leave no digits of a position
 _FARTHEST = 2**31

@@ -3,17 +3,261 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar, TypeVar
 
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.effects import SIGNED, energy_scale_of, is_bound, is_effect, is_law
-from packmech.motion_drive import SimulateDrive
+from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
-from packmech.records import is_record
+
+D = TypeVar("D", bound=type)
 
 
+@dataclass(frozen=True)
+class DriveCode:
+    """What does as a drive says.
+
+    Attributes
+    ----------
+    run
+        A function of the drive and its scene that returns a run; of `frames` (how many packings to keep on the way),
+        `progress` and `checkpoint` it gets those that it has as parameters.
+    nested
+        For each field of the drive that holds a record, a function that returns the classes that may stand there.
+
+    """
+
+    run: Callable[..., Any]
+    nested: Mapping[str, Callable[[], Iterable[type]]] = field(default_factory=dict)
+
+
+# registered drives, each with its code; that of packmech's own stands in rooms above this one and is found by its name
+_DRIVES: dict[type, DriveCode | str] = {}
+
+
+def drive(cls: D) -> D:
+    """Return the class registered as a drive, which scenes take and scene files name.
+
+    Parameters
+    ----------
+    cls
+        A frozen dataclass of numbers, texts and tuples of them, with a method run(self, scene) that returns a Run.
+        Further parameters of `run` may be `frames` (how many packings to keep on the way), `progress` (called as
+        progress(stage, figures)) and `checkpoint` (a file to go on from, and to leave). An attribute `examined_strain`
+        ("isotropic" or "free": what the box may do) says that the run ends at rest, so that `packmech run` examines the
+        packing. In scene files its kind is the name of the class without "Drive": ``kind = "tap"`` for TapDrive.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no such class, or has the name of a drive of packmech's.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> @pm.drive
+    ... @dataclass(frozen=True)
+    ... class TapDrive:
+    ...     taps: int = 3
+    ...     def run(self, scene):
+    ...         return pm.quench(scene, force_tolerance=1e-6, check=False)
+    >>> scene = pm.Scene(pm.lattice_packing("square"), (pm.Repulsion(),), TapDrive(taps=2))
+    >>> scene.drive.taps
+    2
+
+    """
+    if not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
+        raise TypeError(f"drive must be a dataclass, got {cls!r}")
+    if not callable(getattr(cls, "run", None)):
+        raise TypeError(f"drive {cls.__name__} must define the method run(self, scene), got none")
+    known = registered_drives().get(drive_kind(cls))
+    if known is not None and known.__module__ == __name__:
+        raise ValueError(f"drive must have a name that none of packmech's has, got {cls.__name__}")
+    _DRIVES[cls] = DriveCode(cls.run)  # type: ignore[attr-defined]
+    return cls
+
+
+def drive_kind(cls: type) -> str:
+    """Return the name that scene files give to a class of drives."""
+    return kind_of(cls).removesuffix("-drive")
+
+
+def registered_drives() -> dict[str, type]:
+    """Return every registered class of drives by the name that scene files give it."""
+    return {drive_kind(cls): cls for cls in _DRIVES}
+
+
+def drive_code(cls: type) -> DriveCode:
+    """Return what does as drives of this class say."""
+    code = _DRIVES[cls]
+    if isinstance(code, str):
+        module, _, name = code.partition(":")
+        code = _DRIVES[cls] = getattr(importlib.import_module(module), name)
+    return code
+
+
+def _built_in(code: str) -> Callable[[D], D]:
+    """Return what registers a drive whose code is found by a name."""
+
+    def register(cls: D) -> D:
+        _DRIVES[cls] = code
+        return cls
+
+    return register
+
+
+def _tuple(name: str, value: Any, *, of: Callable[[str, Any], Any], words: str, empty: bool = True) -> None:
+    if not isinstance(value, tuple) or not (value or empty):
+        raise TypeError(f"{name} must be a tuple of {words}, got {value!r}")
+    for k, entry in enumerate(value):
+        of(f"{name}[{k}]", entry)
+
+
+def _axes(name: str, value: Any) -> None:
+    if not isinstance(value, tuple) or len(value) != 2:
+        raise TypeError(f"{name} must be two axes, got {value!r}")
+    for axis in value:
+        integer(name, axis, at_least=0, at_most=2)
+    if value[0] == value[1]:
+        raise ValueError(f"{name} must be two different axes, got {value}")
+
+
+def _not_zero(name: str, value: Any) -> None:
+    if real(name, value) == 0.0:
+        raise ValueError(f"{name} must not be zero, got 0.0")
+
+
+def _method(name: str, value: Any) -> None:
+    if not is_record(value):
+        raise TypeError(f"{name} must be a record of settings or None, got {value!r}")
+
+
+def _minimizer(name: str, value: Any) -> None:
+    _method(name, value)
+    if hasattr(value, "follow"):
+        raise TypeError(f"{name} must be a minimizer such as Fire() or None, got {value!r}")
+
+
+def _protocol(name: str, value: Any) -> None:
+    _method(name, value)
+    if not hasattr(value, "follow"):
+        raise TypeError(f"{name} must be a protocol such as HardVertex() or None, got {value!r}")
+
+
+def _plates(name: str, value: Any) -> None:
+    if isinstance(value, str):
+        one_of(name, value, ("crossing",))
+    else:
+        positive(name, value)
+
+
+_count = partial(integer, at_least=1)
+_not_negative = partial(real, at_least=0.0)
+_numbers = partial(_tuple, of=real, words="numbers")
+_rows = partial(_tuple, of=_numbers, words="tuples of numbers, one a particle")
+
+# what the fields of drives must be; None is let pass where it is the default
+_CHECKS: dict[str, Callable[[str, Any], Any]] = {
+    "amplitude": positive,
+    "axes": _axes,
+    "blocks": partial(integer, at_least=2),
+    "carried": partial(instance, kind=bool),
+    "density": positive,
+    "dt": positive,
+    "duration": positive,
+    "force_tolerance": positive,
+    "freeze": partial(one_of, choices=("angles", "clusters", "nothing")),
+    "frequency": positive,
+    "held": partial(_tuple, of=partial(integer, at_least=0), words="particle numbers"),
+    "hold": positive,
+    "inertia": positive,
+    "largest_oscillation": positive,
+    "masses": partial(_tuple, of=positive, words="masses, one a particle"),
+    "method": _method,
+    "mode": partial(one_of, choices=("shear", "uniaxial", "isotropic")),
+    "orders": _count,
+    "periods": positive,
+    "plates": _plates,
+    "post_periods": _not_negative,
+    "pre_periods": _not_negative,
+    "pressure": positive,
+    "rate": _not_zero,
+    "rates": partial(_tuple, of=positive, words="shear rates", empty=False),
+    "relative_frequency": positive,
+    "samples": _count,
+    "samples_per_period": partial(integer, at_least=8),
+    "seed": partial(integer, at_least=0),
+    "skip_periods": _not_negative,
+    "skip_strain": _not_negative,
+    "spins": _rows,
+    "step": positive,
+    "steps": _count,
+    "strain": positive,
+    "stress": _not_zero,
+    "velocities": _rows,
+    "viscosity": _not_negative,
+    "JamDrive.method": _protocol,
+    "JamDrive.strain": partial(one_of, choices=("isotropic", "free")),
+    "QuenchDrive.method": _minimizer,
+}
+
+
+def _check_fields(one: Any) -> None:
+    for each in dataclasses.fields(one):
+        value = getattr(one, each.name)
+        if value is not None or each.default is not None:
+            check = _CHECKS.get(f"{type(one).__name__}.{each.name}") or _CHECKS[each.name]
+            check(f"drive.{each.name}", value)
+
+
+def _check_either(one: Any, name: str, other: str) -> None:
+    if (getattr(one, name) is None) == (getattr(one, other) is None):
+        got = "neither" if getattr(one, name) is None else "both"
+        raise ValueError(f"drive.{name} must be given, or else {other}, got {got}")
+
+
+@_built_in("packmech.rheology.drives:SIMULATE")
+@dataclass(frozen=True)
+class SimulateDrive:
+    """Follow Newton's equations in the box as it is; `packmech run` prints stress, energy and momentum at the end.
+
+    Parameters
+    ----------
+    steps, duration, dt, method
+        What pm.simulate takes; exactly one of steps and duration.
+    velocities, spins
+        One row a particle: velocities, and one number (three in space) of spin; at rest unless given.
+    masses, density
+        One a particle, or else mass over area (over volume in space) of every one [mass/length^d]; those of pm.simulate
+        unless given.
+    held
+        Numbers of the particles that nothing pushes or turns.
+
+    """
+
+    steps: int | None = None
+    duration: float | None = None
+    dt: float | None = None
+    method: Any = None
+    velocities: tuple[tuple[float, ...], ...] | None = None
+    spins: tuple[tuple[float, ...], ...] | None = None
+    masses: tuple[float, ...] | None = None
+    density: float | None = None
+    held: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+        _check_either(self, "steps", "duration")
+        if self.masses is not None and self.density is not None:
+            raise ValueError(f"drive.density must be left out where masses are given, got {self.density:g}")
+
+
+@_built_in("packmech.protocols.drives:QUENCH")
 @dataclass(frozen=True)
 class QuenchDrive:
     """Minimize the energy in the box as it is, to `force_tolerance` times the mean contact force.
@@ -23,20 +267,19 @@ class QuenchDrive:
 
     force_tolerance: float = 1e-12
     method: Any = None
+    examined_strain: ClassVar[str] = "isotropic"
 
     def __post_init__(self) -> None:
-        positive("drive.force_tolerance", self.force_tolerance)
-        _record_or_none("drive.method", self.method)
-        if hasattr(self.method, "follow"):
-            raise TypeError(f"drive.method must be a minimizer such as Fire() or None, got {self.method!r}")
+        _check_fields(self)
 
 
+@_built_in("packmech.protocols.drives:JAM")
 @dataclass(frozen=True)
 class JamDrive:
     """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d].
 
     `packmech run` and `packmech jam` do so; pm.jam is told the same by its arguments, and reads no drive. `strain` says
-    whether the box keeps its shape ("fixed") or every strain is free. `pressure` and `method` are what
+    whether the box keeps its shape ("isotropic") or every strain is free. `pressure` and `method` are what
     pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
     """
 
@@ -45,18 +288,19 @@ class JamDrive:
     method: Any = None
 
     def __post_init__(self) -> None:
-        if self.pressure is not None:
-            positive("drive.pressure", self.pressure)
-        one_of("drive.strain", self.strain, ("fixed", "free"))
-        _record_or_none("drive.method", self.method)
-        if self.method is not None and not hasattr(self.method, "follow"):
-            raise TypeError(f"drive.method must be a protocol such as HardVertex() or None, got {self.method!r}")
+        _check_fields(self)
         if self.pressure is not None and hasattr(self.method, "energy_tolerance"):
             raise ValueError(
                 f"drive.pressure must be left out for a method that ends at an energy, got {self.pressure!r}"
             )
 
+    @property
+    def examined_strain(self) -> str:
+        """What the box may do, for the report on the packing at the end."""
+        return self.strain
 
+
+@_built_in("packmech.protocols.drives:SHEAR_STABILIZE")
 @dataclass(frozen=True)
 class ShearStabilizeDrive:
     """Relax positions and every strain together, to `force_tolerance` times the mean contact force and the pressure.
@@ -66,13 +310,13 @@ class ShearStabilizeDrive:
 
     pressure: float | None = None
     force_tolerance: float = 1e-10
+    examined_strain: ClassVar[str] = "free"
 
     def __post_init__(self) -> None:
-        if self.pressure is not None:
-            positive("drive.pressure", self.pressure)
-        positive("drive.force_tolerance", self.force_tolerance)
+        _check_fields(self)
 
 
+@_built_in("packmech.protocols.drives:CEMENT")
 @dataclass(frozen=True)
 class CementDrive:
     """Jam at `pressure` with every strain free, then cement random contacts and follow the moduli.
@@ -85,15 +329,13 @@ class CementDrive:
     seed: int = 0
     step: float = 0.05
     freeze: str = "angles"
+    examined_strain: ClassVar[str] = "free"
 
     def __post_init__(self) -> None:
-        positive("drive.pressure", self.pressure)
-        integer("drive.orders", self.orders, at_least=1)
-        integer("drive.seed", self.seed, at_least=0)
-        positive("drive.step", self.step)
-        one_of("drive.freeze", self.freeze, ("angles", "clusters", "nothing"))
+        _check_fields(self)
 
 
+@_built_in("packmech.rheology.drives:OSCILLATORY_SHEAR")
 @dataclass(frozen=True)
 class OscillatoryShearDrive:
     """Bring the scene to rest, shear it as a sine, and find the moduli of its stress.
@@ -134,30 +376,15 @@ class OscillatoryShearDrive:
     carried: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("amplitude", "periods"):
-            positive(f"drive.{name}", getattr(self, name))
-        for name in ("frequency", "relative_frequency", "dt", "density", "largest_oscillation"):
-            if getattr(self, name) is not None:
-                positive(f"drive.{name}", getattr(self, name))
-        if (self.frequency is None) == (self.relative_frequency is None):
-            got = "neither" if self.frequency is None else "both"
-            raise ValueError(f"drive.frequency must be given, or else relative_frequency, got {got}")
-        for name in ("pre_periods", "post_periods"):
-            real(f"drive.{name}", getattr(self, name), at_least=0.0)
+        _check_fields(self)
+        _check_either(self, "frequency", "relative_frequency")
         if self.skip_periods is not None:
             real("drive.skip_periods", self.skip_periods, at_least=0.0, below=self.periods)
-        integer("drive.samples_per_period", self.samples_per_period, at_least=8)
-        if isinstance(self.plates, str):
-            one_of("drive.plates", self.plates, ("crossing",))
-        elif self.plates is not None:
-            positive("drive.plates", self.plates)
-        instance("drive.carried", self.carried, bool)
         if not self.carried and self.plates is None:
             raise ValueError("drive.carried must be true where there are no plates, got False")
-        _record_or_none("drive.method", self.method)
-        _two_axes(self.axes)
 
 
+@_built_in("packmech.rheology.drives:STEADY_SHEAR")
 @dataclass(frozen=True)
 class SteadyShearDrive:
     """Shear the scene steadily at several rates, and find the mean stress at each.
@@ -182,16 +409,11 @@ class SteadyShearDrive:
     density: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.rates, tuple) or not self.rates:
-            raise TypeError(f"drive.rates must be a tuple of shear rates, got {self.rates!r}")
-        for k, rate in enumerate(self.rates):
-            positive(f"drive.rates[{k}]", rate)
-        real("drive.skip_strain", self.skip_strain, at_least=0.0, below=positive("drive.strain", self.strain))
-        integer("drive.blocks", self.blocks, at_least=2)
-        integer("drive.samples", self.samples, at_least=1)
-        _check_motion(self)
+        _check_fields(self)
+        real("drive.skip_strain", self.skip_strain, at_least=0.0, below=self.strain)
 
 
+@_built_in("packmech.rheology.drives:RAMP_STRAIN")
 @dataclass(frozen=True)
 class RampStrainDrive:
     """Deform the box at a constant rate: shear, or compress it.
@@ -215,14 +437,10 @@ class RampStrainDrive:
     density: float | None = None
 
     def __post_init__(self) -> None:
-        if real("drive.rate", self.rate) == 0.0:
-            raise ValueError("drive.rate must not be zero, got 0.0")
-        positive("drive.strain", self.strain)
-        one_of("drive.mode", self.mode, ("shear", "uniaxial", "isotropic"))
-        integer("drive.samples", self.samples, at_least=1)
-        _check_motion(self)
+        _check_fields(self)
 
 
+@_built_in("packmech.rheology.drives:CREEP")
 @dataclass(frozen=True)
 class CreepDrive:
     """Let the box shear under a constant stress.
@@ -247,52 +465,9 @@ class CreepDrive:
     density: float | None = None
 
     def __post_init__(self) -> None:
-        if real("drive.stress", self.stress) == 0.0:
-            raise ValueError("drive.stress must not be zero, got 0.0")
-        positive("drive.duration", self.duration)
+        _check_fields(self)
         if self.hold is not None:
             real("drive.hold", self.hold, above=0.0, at_most=self.duration)
-        if self.inertia is not None:
-            positive("drive.inertia", self.inertia)
-        if self.viscosity is not None:
-            real("drive.viscosity", self.viscosity, at_least=0.0)
-        _check_motion(self)
-
-
-Drive = (
-    QuenchDrive
-    | JamDrive
-    | ShearStabilizeDrive
-    | CementDrive
-    | OscillatoryShearDrive
-    | SteadyShearDrive
-    | RampStrainDrive
-    | CreepDrive
-    | SimulateDrive
-)
-
-
-def _check_motion(drive: Any) -> None:
-    """Check what drives that follow Newton's equations under strain share."""
-    for name in ("dt", "density"):
-        if getattr(drive, name) is not None:
-            positive(f"drive.{name}", getattr(drive, name))
-    _record_or_none("drive.method", drive.method)
-    _two_axes(drive.axes)
-
-
-def _two_axes(axes: Any) -> None:
-    if not isinstance(axes, tuple) or len(axes) != 2:
-        raise TypeError(f"drive.axes must be two axes, got {axes!r}")
-    for axis in axes:
-        integer("drive.axes", axis, at_least=0, at_most=2)
-    if axes[0] == axes[1]:
-        raise ValueError(f"drive.axes must be two different axes, got {axes}")
-
-
-def _record_or_none(name: str, value: Any) -> None:
-    if value is not None and not is_record(value):
-        raise TypeError(f"{name} must be a record of settings or None, got {value!r}")
 
 
 def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
@@ -316,10 +491,10 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
 
 def _check_bound(where: str, record: Any) -> None:
     """Check the laws of an effect that checked its arrays itself; its springs may have no stiffness."""
-    for field in dataclasses.fields(record):
-        value = getattr(record, field.name)
+    for each in dataclasses.fields(record):
+        value = getattr(record, each.name)
         if is_law(value):
-            _check_numbers(f"{where}.{field.name}", value, slack=True)
+            _check_numbers(f"{where}.{each.name}", value, slack=True)
 
 
 def _plain(record: Any) -> Any:
@@ -339,7 +514,8 @@ class Scene:
         Records such as Repulsion(law=Harmonic()); what is not named here costs nothing.
     drive
         What `packmech run` does with the scene: a QuenchDrive, a JamDrive, a ShearStabilizeDrive, a CementDrive, an
-        OscillatoryShearDrive, a SteadyShearDrive, a RampStrainDrive, a CreepDrive or a SimulateDrive.
+        OscillatoryShearDrive, a SteadyShearDrive, a RampStrainDrive, a CreepDrive, a SimulateDrive, or one of your own
+        (see `drive`).
 
     Raises
     ------
@@ -358,7 +534,7 @@ class Scene:
 
     packing: Packing
     effects: tuple[Any, ...]
-    drive: Drive | None = None
+    drive: Any = None
 
     def __post_init__(self) -> None:
         instance("packing", self.packing, Packing)
@@ -374,11 +550,9 @@ class Scene:
                 continue
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
-        if self.drive is not None and not isinstance(self.drive, Drive):
-            raise TypeError(
-                "drive must be a Quench-, Jam-, ShearStabilize-, Cement-, OscillatoryShear-, SteadyShear-, "
-                f"RampStrain-, Creep- or SimulateDrive or None, got {self.drive!r}"
-            )
+        if self.drive is not None and type(self.drive) not in _DRIVES:
+            known = ", ".join(cls.__name__ for cls in _DRIVES)
+            raise TypeError(f"drive must be one of {known} or None, got {self.drive!r}")
 
     @property
     def energy_scale(self) -> float:

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import packmech as pm
-from packmech.accuracy_figure import COLORS, STYLE
 from packmech.dynamics.material import contact_stiffness, layer_force
+from packmech.view.figures import COLORS, STYLE
 
 YOUNG_MODULUS, RADIUS = 8000.0, 10.0
 

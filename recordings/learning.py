@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from packmech_envs.quench_vector import QuenchVectorEnv
+from packmech_envs.batched import QuenchVectorEnv
 from packmech_envs.stable_baselines import as_vec_env
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback

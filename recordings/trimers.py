@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 import packmech as pm
-from packmech.recording_film import trace_of
-from packmech.report import examine
-from packmech.report_table import result_rows, summary_markdown
+from packmech.view.report import examine
+from packmech.view.trajectory import trace_of
 
 PRESSURES = 24
 # frames, thinned evenly
@@ -55,9 +54,7 @@ def record(name: str, target: Path) -> None:
         trace=trace_of(scene, step_t, packing_t),
     )  # fmt: skip
     kind = "discs" if scene.packing.dimension == 2 else "spheres"
-    summary = summary_markdown(
-        f"{name}: {scene.packing.particles} {kind}", result_rows(report.numbers, report.missing), report.stages
-    )
+    summary = report.summary().markdown(f"{name}: {scene.packing.particles} {kind}")
     pm.record_run(
         whole,
         target,

@@ -4,6 +4,7 @@ A new public name is covered as soon as it is public: the tests read its signatu
 by ``name.parameter`` first, then by the parameter's own name. What is missing there fails the test of completeness.
 """
 
+import dataclasses
 import inspect
 import re
 from typing import NamedTuple
@@ -26,7 +27,8 @@ RESULTS = {
     "PlayedMotion",
     "Rattling", "ReaffixedLinks",
     "Run",
-    "SelfStress", "Simulation", "Solve", "Stage", "StateDensity", "Table", "Trace", "Trial", "Verdict", "WeightedMean",
+    "SelfStress", "Simulation", "Solve", "Stage", "State", "StateDensity",
+    "Table", "Trace", "Trial", "Verdict", "WeightedMean",
     "WallModuli",
     "WorkPrecision",
 }  # fmt: skip
@@ -43,7 +45,30 @@ ANYTHING = {
 
 
 # decorators name what they decorate
-CALLED = {"law.cls": "law", "effect.cls": "effect"}
+CALLED = {"law.cls": "law", "effect.cls": "effect", "minimizer.cls": "minimizer", "drive.cls": "drive"}
+
+
+class Downhill(NamedTuple):
+    """A minimizer that only says where it stands."""
+
+    def start(self, program):
+        return program.progress(2, 0)
+
+    def advance(self, program, goal, progress, steps):
+        return program.judge(goal)[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class Idle:
+    """A drive that does nothing."""
+
+    def run(self, scene):
+        return None
+
+
+def lone_particle(radius: float = 0.5):
+    """Return a packing of one particle."""
+    return pm.Packing([[0.0, 0.0]], [radius], pm.Box.cubic(2.0, 2))
 
 
 class Toothless(NamedTuple):
@@ -256,6 +281,14 @@ BAD = {
     # files
     "path": FILE,
     "description": [3, None],
+    "kernel.function": [3, "half", None],
+    "kernel.contract": [3, "yes", None],
+    "observable.unit": [3, None],
+    "observable.shape": ["n", 3, None],
+    "observable.plot": ["log", 3, None],
+    "observable.label": [3, None],
+    "report_figure.unit": [3, None],
+    "report_figure.label": [3, None],
     "write_packing.law": ["harmonic", 3, pm.Harmonic, Toothless()],
     # scenes
     "scene": [None, "scene", 3, touching()],
@@ -264,6 +297,7 @@ BAD = {
         (Toothless(),),
     ],
     "drive": ["jam", pm.JamDrive, 3],
+    "recipe": [3, "row", None],
     "cls": [3, "law", dict, pm.Harmonic(), Toothless],
     "Repulsion.law": ["harmonic", 3, None, pm.Harmonic, Toothless()],
     "energy_scale": [NAN, INF, 0.0, -1.0, "1", None, True],
@@ -389,7 +423,7 @@ BAD = {
     "checkpoint_every": [*COUNT, 10],
     "resume.steps": [*COUNT, 1],
     "trace_every": COUNT,
-    "threads": [*COUNT, 2],
+    "threads": COUNT,
     "trace_positions": SWITCH,
     "time_limit": [NAN, 0.0, -1.0, "1"],
     "dt": POSITIVE,
@@ -587,6 +621,10 @@ def good(name, folder):
         "record_motion": {"played": pm.play_motion(touching(), np.eye(9, 2), steps=2), "path": folder / "m.rrd"},
         "law": {"cls": type(pm.Harmonic())},
         "effect": {"cls": type(pm.Repulsion())},
+        "minimizer": {"cls": Downhill},
+        "drive": {"cls": Idle},
+        "packing_kind": {"recipe": lone_particle},
+        "kernel": {"function": lone_particle},
     }
     if name in ones:
         return ones[name]

@@ -1,7 +1,7 @@
 """Gymnasium environments over packmech: packings that are quenched until they jam, and sheared, step by step.
 
-Importing this package registers ``"packmech/Quench-v0"`` and ``"packmech/Shear-v0"``, each with a twin that steps many
-packings in one compiled call; ``gymnasium.make("packmech_envs:packmech/Shear-v0")`` imports it by itself.
+Importing this package registers ``"packmech/Quench-v0"`` and ``"packmech/Shear-v0"``, each also as a batch that steps
+many packings in one compiled call; ``gymnasium.make("packmech_envs:packmech/Shear-v0")`` imports it by itself.
 """
 
 from __future__ import annotations
@@ -18,14 +18,10 @@ except ModuleNotFoundError as missing:
 
 __all__: list[str] = []
 
-# budgets are counted inside, in what an episode costs, so no TimeLimit is laid over them
-gymnasium.register(
-    id="packmech/Shear-v0",
-    entry_point="packmech_envs.shear:ShearEnv",
-    vector_entry_point="packmech_envs.shear_vector:ShearVectorEnv",
-)
-gymnasium.register(
-    id="packmech/Quench-v0",
-    entry_point="packmech_envs.quench:QuenchEnv",
-    vector_entry_point="packmech_envs.quench_vector:QuenchVectorEnv",
-)
+# budgets are counted by the environments themselves, in what an episode costs, so there is no TimeLimit
+for _name in ("Shear", "Quench"):
+    gymnasium.register(
+        id=f"packmech/{_name}-v0",
+        entry_point=f"packmech_envs.single:{_name}Env",
+        vector_entry_point=f"packmech_envs.batched:{_name}VectorEnv",
+    )

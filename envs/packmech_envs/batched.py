@@ -1,114 +1,122 @@
-"""What all natively batched environments share: seeds, autoreset in its three modes, masks, budgets and infos.
+"""Natively batched environments: Quench-v0 and Shear-v0 over episodes that one compiled call advances.
 
-The answers are those of Gymnasium's `SyncVectorEnv` over as many single environments, bit for bit.
+`BatchedEnv` has what both share: seeds, autoreset in its three modes, masks, budgets and infos. The answers are
+those of Gymnasium's `SyncVectorEnv` over as many single environments, bit for bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Generic, TypeVar
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from packmech_envs.actions import Actions
+import packmech as pm
+from packmech_envs.checks import count, task_of
+from packmech_envs.drawing import METADATA
+from packmech_envs.episodes import Actions, Episodes, Infos
+from packmech_envs.quench import QuenchEpisodes, QuenchTask
+from packmech_envs.shear import ShearEpisodes, ShearTask
 
-Infos = dict[str, NDArray[Any]]
+__all__ = ["BatchedEnv", "QuenchVectorEnv", "ShearVectorEnv"]
 
-
-class Advanced(NamedTuple):
-    """What a step did to each environment; rows of those that were not active mean nothing.
-
-    Attributes
-    ----------
-    reward_b, terminated_b, truncated_b
-        (B,) rewards, ends of episodes, and ends for want of budget beyond `max_episode_steps`.
-    infos
-        Arrays of B rows by name. In an array of objects None says that there is nothing to tell.
-
-    """
-
-    reward_b: NDArray[np.float64]
-    terminated_b: NDArray[np.bool_]
-    truncated_b: NDArray[np.bool_]
-    infos: Infos
+Kind = TypeVar("Kind", bound=Episodes)
 
 
-class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any]]):
-    """A batch of environments that one call advances; a subclass gives the five methods that start with `_`.
+class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any]], Generic[Kind]):
+    """A batch of environments that one call advances.
 
     Parameters
     ----------
-    num_envs
-        How many.
-    observation_space, action_space
-        Those of a single environment, float64.
+    episodes
+        What is advanced.
     autoreset_mode
         AutoresetMode.NEXT_STEP, SAME_STEP or DISABLED, or its name such as "SameStep".
     max_episode_steps
         Steps after which an episode is truncated; None: none.
-    metadata, render_mode
-        As those of the single environment.
+    render_mode
+        None or "rgb_array": `render` returns a picture of each packing.
 
     """
 
     def __init__(
         self,
-        num_envs: int,
+        episodes: Kind,
         *,
-        observation_space: Box,
-        action_space: Box,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
-        metadata: dict[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        self.num_envs = _count("num_envs", num_envs)
-        self.max_episode_steps = None if max_episode_steps is None else _count("max_episode_steps", max_episode_steps)
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r:.60}")
+        self._episodes, self.num_envs = episodes, len(episodes)
+        self.max_episode_steps = None if max_episode_steps is None else count("max_episode_steps", max_episode_steps)
         self.autoreset_mode = _mode(autoreset_mode)
-        self.metadata = {**(metadata or {}), "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
-        self.single_observation_space, self.single_action_space = observation_space, action_space
-        self.observation_space = batch_space(observation_space, num_envs)
-        self.action_space = batch_space(action_space, num_envs)
-        self.actions = Actions(action_space)
-        self._rng: list[np.random.Generator | None] = [None] * num_envs
-        self._rng_seed: list[int | None] = [None] * num_envs
-        self.elapsed_b = np.zeros(num_envs, dtype=np.int64)
+        self.single_observation_space, self.single_action_space = episodes.observation_space, episodes.action_space
+        self.observation_space = batch_space(episodes.observation_space, self.num_envs)
+        self.action_space = batch_space(episodes.action_space, self.num_envs)
+        self.actions = Actions(episodes.action_space)
+        self._rng: list[np.random.Generator | None] = [None] * self.num_envs
+        self._rng_seed: list[int | None] = [None] * self.num_envs
+        self.elapsed_b = np.zeros(self.num_envs, dtype=np.int64)
         # whose episode is over, and who never had one
-        self._done_b = np.zeros(num_envs, dtype=bool)
-        self._fresh_b = np.ones(num_envs, dtype=bool)
+        self._done_b = np.zeros(self.num_envs, dtype=bool)
+        self._fresh_b = np.ones(self.num_envs, dtype=bool)
 
-    # what a subclass gives
+    @property
+    def task(self) -> Any:
+        """The options."""
+        return self._episodes.task
 
-    def _reset_some(
-        self, index_k: NDArray[np.int64], rngs: Sequence[np.random.Generator], options: dict[str, Any]
-    ) -> None:
-        """Start new episodes in these environments, each with its own generator."""
-        raise NotImplementedError
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """The names of the numbers in an observation."""
+        return self._episodes.observation_names
 
-    def _observations(self) -> NDArray[np.float64]:
-        """Return the (B, K) observations of the present moment, in an array of its own."""
-        raise NotImplementedError
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The names of the numbers in an action."""
+        return self._episodes.action_names
 
-    def _starting_infos(self) -> Infos:
-        """Return what there is to tell of an episode that has just started, B rows each."""
-        raise NotImplementedError
+    def scene(self, index: int) -> pm.Scene:
+        """Return one scene as its episode started from it, with the effects that act in it.
 
-    def _advance(self, action_bk: NDArray[np.float64], active_b: NDArray[np.bool_]) -> Advanced:
-        """Advance the active environments by a step with these actions, which lie inside the bounds."""
-        raise NotImplementedError
+        Parameters
+        ----------
+        index
+            Which one.
 
-    def _frame(self, index: int) -> NDArray[np.uint8]:
-        """Return a picture of one environment."""
-        raise NotImplementedError
+        """
+        return self._episodes.scene(index)
 
-    # Gymnasium's side
+    def packing(self, index: int) -> pm.Packing:
+        """Return one packing as it is now.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        return self._episodes.packing(index)
+
+    def contacts(self, index: int) -> pm.Contacts:
+        """Return the contacts of one packing now.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        return pm.find_contacts(self.packing(index))
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -152,13 +160,14 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
             if one is not None and mask[b]:
                 self._rng[b], self._rng_seed[b] = seeding.np_random(one)
         self._restart(mask, rest)
-        told: dict[str, Any] = {}
-        _tell(told, self._starting_infos(), mask)
-        return self._observations(), told
+        infos: dict[str, Any] = {}
+        _add_infos(infos, self._episodes.infos(), mask)
+        return self._episodes.observation_bk.copy(), infos
 
     def _restart(self, mask_b: NDArray[np.bool_], options: dict[str, Any]) -> None:
-        index = np.flatnonzero(mask_b)
-        self._reset_some(index, [self._generator(int(b)) for b in index], options)
+        """Start new episodes in the environments of the mask."""
+        index = np.flatnonzero(mask_b).tolist()
+        self._episodes.start(index, [self._generator(b) for b in index], options)
         self.elapsed_b[mask_b] = 0
         self._done_b[mask_b] = False
         self._fresh_b[mask_b] = False
@@ -183,73 +192,176 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
         restart = over.copy()
         active = ~restart
         action_bk = self.actions.many(actions, active)
-        told: dict[str, Any] = {}
-        did = self._advance(action_bk, active)
+        episodes, infos = self._episodes, dict[str, Any]()
+        episodes.advance(action_bk, active)
         self.elapsed_b += active
-        reward = np.where(active, did.reward_b, 0.0)
-        terminated = did.terminated_b & active
-        truncated = did.truncated_b & active
+        reward = np.where(active, episodes.reward_b, 0.0)
+        terminated = episodes.terminated_b & active
+        truncated = episodes.truncated_b & active
         if self.max_episode_steps is not None:
             truncated |= active & (self.elapsed_b >= self.max_episode_steps)
         ended = terminated | truncated
+        of_step = episodes.infos()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            last = self._observations()
             final = np.full(self.num_envs, None, dtype=object)
             for b in np.flatnonzero(ended):
-                final[b] = last[b]
+                final[b] = episodes.observation_bk[b].copy()
             final_info: dict[str, Any] = {}
-            _tell(final_info, did.infos, ended)
-            told |= {"final_obs": final, "_final_obs": ended.copy()}
-            told |= {"final_info": final_info, "_final_info": ended.copy()}
-            _tell(told, did.infos, active & ~ended)
+            _add_infos(final_info, of_step, ended)
+            infos |= {"final_obs": final, "_final_obs": ended.copy()}
+            infos |= {"final_info": final_info, "_final_info": ended.copy()}
+            _add_infos(infos, of_step, active & ~ended)
             self._restart(ended, {})
-            _tell(told, self._starting_infos(), ended)
+            _add_infos(infos, episodes.infos(), ended)
         else:
-            _tell(told, did.infos, active)
+            _add_infos(infos, of_step, active)
             if restart.any():
                 self._restart(restart, {})
-                _tell(told, self._starting_infos(), restart)
+                _add_infos(infos, episodes.infos(), restart)
             self._done_b = ended
-        return self._observations(), reward, terminated, truncated, told
+        return episodes.observation_bk.copy(), reward, terminated, truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of each environment; None without a render_mode."""
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode: give render_mode='rgb_array' when making it")
             return None
-        return tuple(self._frame(b) for b in range(self.num_envs))
+        scenes = [self.scene(b) for b in range(self.num_envs)]
+        return tuple(pm.draw_frame(self.packing(b), effects=one.effects) for b, one in enumerate(scenes))
 
 
-def _tell(told: dict[str, Any], infos: Infos, mask_b: NDArray[np.bool_]) -> None:
-    """Add rows of infos, and under _name whose they are, as `SyncVectorEnv` does."""
+class QuenchVectorEnv(BatchedEnv[QuenchEpisodes]):
+    """A batch of Quench-v0, with the bits of single environments (`packmech_envs.single.QuenchEnv`) of the same seeds.
+
+    Parameters
+    ----------
+    num_envs
+        How many.
+    scene, task, options
+        As of `QuenchEnv`.
+    threads
+        How many of them are advanced at a time; the bits do not depend on it.
+    autoreset_mode
+        AutoresetMode.NEXT_STEP, SAME_STEP or DISABLED, or its name such as "SameStep".
+    max_episode_steps
+        A further budget of steps, beside step_budget.
+    render_mode
+        None or "rgb_array": `render` returns a picture of each.
+
+    Examples
+    --------
+    >>> envs = QuenchVectorEnv(3, autoreset_mode="SameStep")
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations, rewards, terminated, truncated, infos = envs.step(np.zeros((3, 2)))
+    >>> observations.shape, infos["pressure"].tolist()
+    ((3, 8), [0.0, 0.0, 0.0])
+
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scene: Any = None,
+        *,
+        task: QuenchTask | None = None,
+        threads: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        task = task_of(QuenchTask, task, options)
+        super().__init__(
+            QuenchEpisodes(count("num_envs", num_envs), scene, task, threads),
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=max_episode_steps,
+            render_mode=render_mode,
+        )
+
+    def action(self, packing_fraction_change: float = 0.0, shear_strain: float = 0.0) -> NDArray[np.float64]:
+        """Return the action of a single environment that asks for these changes, as `QuenchEnv.action` does."""
+        return self._episodes.action(packing_fraction_change, shear_strain)
+
+
+class ShearVectorEnv(BatchedEnv[ShearEpisodes]):
+    """A batch of Shear-v0, with the bits of single environments (`packmech_envs.single.ShearEnv`) of the same seeds.
+
+    Parameters
+    ----------
+    num_envs
+        How many.
+    scene, task, options
+        As of `ShearEnv`.
+    threads, autoreset_mode, max_episode_steps, render_mode
+        As of `QuenchVectorEnv`.
+
+    Examples
+    --------
+    >>> envs = ShearVectorEnv(3, "triangular", control="strain", frame_skip=10)
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations, rewards, terminated, truncated, infos = envs.step([[1e-3], [2e-3], [3e-3]])
+    >>> observations[:, envs.observation_names.index("strain")].tolist()
+    [0.001, 0.002, 0.003]
+
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scene: Any = "default",
+        *,
+        task: ShearTask | None = None,
+        threads: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        task = task_of(ShearTask, task, options)
+        super().__init__(
+            ShearEpisodes(count("num_envs", num_envs), scene, task, threads),
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=max_episode_steps,
+            render_mode=render_mode,
+        )
+
+    @property
+    def dt(self) -> float:
+        """The time step [time]."""
+        return self._episodes.dt
+
+    @property
+    def frame_time(self) -> float:
+        """The time of a frame: frame_skip steps [time]."""
+        return self._episodes.frame_time
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Shut down the threads."""
+        self._episodes.batch.close()
+
+
+def _add_infos(infos: dict[str, Any], found: Infos, mask_b: NDArray[np.bool_]) -> None:
+    """Add rows of what was found to infos, and under _name whose rows they are, as `SyncVectorEnv` does."""
     if not mask_b.any():
         return
-    whole = bool(mask_b.all())
-    for name, array in infos.items():
-        mine, all_of_it = mask_b, whole
+    all_set = bool(mask_b.all())
+    for name, array in found.items():
+        mine, complete = mask_b, all_set
         if array.dtype == object:
             mine = mask_b & np.array([one is not None for one in array])
-            all_of_it = bool(mine.all())
+            complete = bool(mine.all())
             if not mine.any():
                 continue
-        if name in told:
-            told[name][mine] = array[mine]
-            told["_" + name] |= mine
+        if name in infos:
+            infos[name][mine] = array[mine]
+            infos["_" + name] |= mine
             continue
-        if all_of_it:
-            told[name] = array.copy()
+        if complete:
+            infos[name] = array.copy()
         else:
-            told[name] = np.full(array.shape, None, dtype=object) if array.dtype == object else np.zeros_like(array)
-            told[name][mine] = array[mine]
-        told["_" + name] = mine.copy()
-
-
-def _count(name: str, value: Any) -> int:
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise TypeError(f"{name} must be an integer at least 1, got {value!r}")
-    if value < 1:
-        raise ValueError(f"{name} must be an integer at least 1, got {value}")
-    return int(value)
+            infos[name] = np.full(array.shape, None, dtype=object) if array.dtype == object else np.zeros_like(array)
+            infos[name][mine] = array[mine]
+        infos["_" + name] = mine.copy()
 
 
 def _mode(value: Any) -> AutoresetMode:

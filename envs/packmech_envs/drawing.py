@@ -1,7 +1,8 @@
-"""What environments show of themselves: pictures as arrays, a window, or a line of text."""
+"""What environments show: a window, a picture as an array, or a line of text."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,59 +10,23 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import packmech as pm
-from packmech_envs.window import Window
+__all__ = ["METADATA", "Screen", "Window"]
 
-__all__ = ["RENDER_FPS", "RENDER_MODES", "Screen", "draw"]
-
-RENDER_MODES = ["human", "rgb_array", "ansi"]
-RENDER_FPS = 30
-
-
-def draw(
-    packing: pm.Packing,
-    *,
-    contacts: pm.Contacts | None = None,
-    force_c: Any = None,
-    size: tuple[int, int] = (480, 480),
-    **more: Any,
-) -> NDArray[np.uint8]:
-    """Return a picture (height, width, 3) of a packing and the forces of its contacts; the same bytes every time.
-
-    Parameters
-    ----------
-    packing, contacts, force_c, size
-        As of `pm.draw_frame`.
-    more
-        Its other arguments: `effects`, `sliding_c`, `rattler_n`, `beads`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Naming the argument that is wrong.
-
-    Examples
-    --------
-    >>> draw(pm.lattice_packing("kagome", repeats=(2, 2)), size=(60, 40)).shape
-    (40, 60, 3)
-
-    """
-    picture: NDArray[np.uint8] = pm.draw_frame(packing, contacts=contacts, force_c=force_c, size=size, **more)
-    return picture
+METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 30}
 
 
 class Screen:
     """What an environment's `render` does in each of its modes.
 
     An environment makes one with its render_mode, calls `refresh` at the end of `reset` and `step`, `render` in
-    `render`, and `close` in `close`. Nothing is drawn that is not asked for.
+    `render`, and `close` in `close`. Pictures are drawn only where they are shown.
 
     Parameters
     ----------
     render_mode
         "rgb_array", "human" (a window), "ansi" (text), or None.
     title
-        What stands above the window.
+        Title of the window.
     fps
         Largest number of pictures in a second in the window.
 
@@ -73,26 +38,27 @@ class Screen:
     Examples
     --------
     >>> screen = Screen("ansi", "packmech")
-    >>> screen.render(lambda: draw(pm.lattice_packing("square")), lambda: "strain 0.1")
+    >>> screen.render(lambda: np.zeros((48, 64, 3), dtype=np.uint8), lambda: "strain 0.1")
     'strain 0.1'
 
     """
 
-    def __init__(self, render_mode: str | None, title: str, fps: float = RENDER_FPS) -> None:
-        if render_mode is not None and render_mode not in RENDER_MODES:
-            raise ValueError(f"render_mode must be one of {', '.join(RENDER_MODES)} or None, got {render_mode!r}")
+    def __init__(self, render_mode: str | None, title: str, fps: float = METADATA["render_fps"]) -> None:
+        modes = METADATA["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise ValueError(f"render_mode must be one of {', '.join(modes)} or None, got {render_mode!r}")
         self.render_mode = render_mode
         self.window = Window(title, fps) if render_mode == "human" else None
 
     def refresh(self, picture: Callable[[], NDArray[np.uint8]]) -> None:
-        """Show the present moment in the window, if that is the mode."""
+        """Show the picture of now in the window, if that is the mode."""
         if self.window is not None and self.window.open():
             self.window.show(picture())
 
     def render(
         self, picture: Callable[[], NDArray[np.uint8]], text: Callable[[], str]
     ) -> NDArray[np.uint8] | str | None:
-        """Return what the mode says: a picture, a text, or None, with a warning where no mode was chosen."""
+        """Return what the mode asks for: a picture, a text, or None, with a warning where no mode was chosen."""
         if self.render_mode is None:
             gym.logger.warn(
                 "render() was called without a render_mode: choose one when making the environment, "
@@ -110,3 +76,93 @@ class Screen:
         """Close the window, if there is one."""
         if self.window is not None:
             self.window.close()
+
+
+class Window:
+    """A plain window of Python's own tkinter that shows pictures one after the other, no faster than asked for.
+
+    It opens with its first picture. A window that its user has closed stays closed, and the episode goes on. So it does
+    where no window can open, without a display or without tkinter: one warning says what is needed.
+
+    Parameters
+    ----------
+    title
+        Title of the window.
+    fps
+        Largest number of pictures in a second.
+
+    """
+
+    def __init__(self, title: str, fps: float) -> None:
+        self.title, self.fps = title, fps
+        self.shown = 0
+        self._tried = False
+        self._root: Any = None
+        self._label: Any = None
+        self._photo: Any = None
+        self._next = 0.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a window."""
+        return self._root is not None
+
+    def open(self) -> bool:
+        """Return whether there is a window, after it was opened where that has not been tried yet."""
+        if not self._tried:
+            self._tried = True
+            self._open()
+        return self.is_open
+
+    def show(self, pixels: NDArray[np.uint8]) -> None:
+        """Show a picture (height, width, 3), after a wait where the last one has just been shown."""
+        if not self.open():
+            return
+        import tkinter
+
+        wait = self._next - time.monotonic()
+        if wait > 0.0:
+            time.sleep(wait)
+        self._next = time.monotonic() + 1.0 / self.fps
+        height, width, _ = pixels.shape
+        data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(pixels).tobytes()
+        try:
+            # the label does not keep its picture alive
+            self._photo = tkinter.PhotoImage(master=self._root, data=data, format="PPM")
+            self._label.configure(image=self._photo)
+            self._root.update()
+        except tkinter.TclError:  # closed while it was painted
+            self._root = None
+        self.shown += 1
+
+    def _open(self) -> None:
+        # an episode goes on without a window
+        try:
+            import tkinter
+        except ImportError:
+            gym.logger.warn(
+                'render_mode="human" needs tkinter, a part of Python that some systems package apart '
+                '(Debian: apt-get install python3-tk); nothing is shown. "rgb_array" needs nothing'
+            )
+            return
+        try:
+            root = tkinter.Tk()
+        except tkinter.TclError as missing:
+            gym.logger.warn(
+                f'render_mode="human" needs a display ({missing}); nothing is shown. "rgb_array" draws without one, '
+                "and RerunRecorder writes files to open elsewhere"
+            )
+            return
+        root.title(self.title)
+        root.resizable(False, False)
+        root.protocol("WM_DELETE_WINDOW", self.close)
+        self._label = tkinter.Label(root, borderwidth=0)
+        self._label.pack()
+        self._root = root
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        root, self._root = self._root, None
+        self._photo = self._label = None
+        if root is not None:
+            root.destroy()

@@ -1,79 +1,115 @@
-"""Quench-v0: from a random start to a jammed packing, by compression, shear and relaxation."""
+"""Quench-v0: its options, its reward, and episodes of many packings, from a random start to a jammed packing.
+
+A single environment is a batch of one: all numbers are those of arrays of B rows, so that both agree to the bit.
+"""
 
 from __future__ import annotations
 
-import time
-from typing import Any
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.actions import Actions
-from packmech_envs.drawing import RENDER_FPS, RENDER_MODES, Screen, draw
-from packmech_envs.quench_core import QuenchCore
-from packmech_envs.quench_reward import QuenchReward
+from packmech_envs.checks import boolean, budget, one_of, positive, real
+from packmech_envs.episodes import Infos
+from packmech_envs.scenes import BONDS, quenchable, scene_of
 
-__all__ = ["METADATA", "QuenchEnv"]
+__all__ = ["TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 
-METADATA: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": RENDER_FPS}
+TERMS = ("reward_distance", "reward_evaluations", "reward_stability")
+INFOS = (
+    "packing_fraction", "energy", "pressure", "shear_strain", "force_evaluations", "relaxed", "jammed", *TERMS,
+)  # fmt: skip
+
+# decades that a packing whose pressure is zero is away from the target: how far it really is, is not known
+_UNJAMMED = 4.0
+# force evaluations that cost one weight
+_EVALUATIONS = 1000.0
+# pressures that rounding alone can make [energy_scale / reference_diameter^d]
+_ROUNDING_PRESSURE = 1e-12
+# bounds of observations: logarithms above, and below by so many decades less than those of a jammed packing
+_HIGHEST_LOG, _DECADES_BELOW, _LOWEST_LOG_FORCE = 4.0, 2.0, -16.0
+_LARGEST_STRESS, _LARGEST_EXCESS = 1e4, 50.0
+# packing fractions between which starts are drawn, by dimension and whether there are links: well below jamming;
+# clusters do not overlap there
+_STARTS = {(2, False): (0.7, 0.8), (3, False): (0.5, 0.6), (2, True): (0.4, 0.5), (3, True): (0.3, 0.4)}
 
 
-class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPickle):
-    """A packing that is compressed or expanded, sheared and relaxed, until it is jammed.
-
-    **Action**, two float64 numbers between -1 and 1, both signed and on a logarithmic scale: sign(a) s (exp(|a| L) - 1)
-    with L = log(1 + c / s), s `smallest_change`, up to which the scale is linear. The first is the change of the
-    packing fraction, c `largest_change`; the second a simple shear of the box along x with its gradient along y, c
-    `largest_strain`. `action` gives the numbers for a change and a strain. Particles, or clusters of linked ones, go
-    along with the box and then relax. An action outside the space is an error.
-
-    **Observation**, float64, after the relaxation, clipped to its bounds:
-
-    ========================  ===========================================================  =========================
-    name                      what                                                         unit, bounds
-    ========================  ===========================================================  =========================
-    packing_fraction          volumes of the particles over that of the box                1, `packing_fraction_limits`
-    log_energy                log10 of the energy per particle                             energy_scale, 2 b to 4
-    log_pressure              log10 of the pressure; b = log10(largest_pressure) - 2       pressure unit, b to 4
-                              where nothing presses
-    log_max_force             log10 of the largest net force on a particle                 energy_scale / d, -16 to 4
-    excess_contacts           contacts beyond those of one state of self stress, a         1, -dimension to 50
-                              particle (see `pm.QuenchBatch.step`)
-    stress_xx, _yy, _xy       stress, Cauchy, tension positive                             pressure unit, -1e4 to 1e4
-    (_xx, _yy, _zz, _yz, _xz, _xy in space)
-    shear_modulus             relaxed; by option, as it costs a factorization; 0 where     pressure unit, -1e4 to 1e4
-                              nothing is held at rest
-    ========================  ===========================================================  =========================
-
-    d is the reference diameter and energy_scale / d^dimension the pressure unit.
-
-    **Reward**: the sum of three terms, see `QuenchReward`, each in info under its name: "reward_distance" from jamming,
-    "reward_evaluations", the force evaluations spent, and "reward_stability" of the result.
-
-    **Infos**, in the scene's units: packing_fraction, energy, pressure, shear_strain (since the start),
-    force_evaluations (of the step), relaxed, jammed, and the reward's terms.
-
-    **Start**: particles at independent uniform places, or clusters of linked ones placed and turned at random without
-    deep overlaps, at a packing fraction drawn from `start_packing_fraction`, all from the environment's own generator;
-    with relax="full" relaxed. Nothing of an episode survives a reset. A copy, pickled or not, is made anew from the
-    same arguments and must be reset.
-
-    **End**: terminated when jammed and verified: relaxed, with a pressure above zero and up to `largest_pressure`,
-    contacts enough by counting, and then `pm.classify_jamming` of the scene. Truncated after `step_budget` steps or
-    `evaluation_budget` force evaluations.
+class QuenchReward(NamedTuple):
+    """Weights of the terms of the reward of Quench-v0; the reward is their sum.
 
     Parameters
     ----------
-    scene
-        A shipped scene by name (`pm.list_scenes()`), a scene file, or a pm.Scene; None: 32 bidisperse harmonic discs.
-        Effects without an energy (friction, dashpots) have no part, as in pm.quench; gravity and walls are refused.
+    distance_weight
+        On the decades from jamming after the step, which count against: those of the pressure above the largest that
+        counts as jammed, 4 at pressure zero. They count step by step, so that it pays to get there soon.
+    evaluation_weight
+        On every thousand force evaluations spent, which count against.
+    stability_weight
+        On a result that was verified to be jammed, which ends the episode.
+
+    Examples
+    --------
+    >>> QuenchReward(stability_weight=10.0).distance(np.array([0.0, 1e-3, 1e-5]), 1e-4).round(12).tolist()
+    [4.0, 1.0, 0.0]
+
+    """
+
+    distance_weight: float = 0.25
+    evaluation_weight: float = 0.1
+    stability_weight: float = 5.0
+
+    @staticmethod
+    def distance(pressure_b: NDArray[np.float64], largest_pressure: float) -> NDArray[np.float64]:
+        """Return the decades from jamming, by pressures and the largest pressure that counts as jammed."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            decades = np.maximum(np.log10(pressure_b / largest_pressure), 0.0)
+        return np.where(pressure_b > 0.0, decades, _UNJAMMED)
+
+    def terms(
+        self,
+        distance_b: NDArray[np.float64],
+        evaluations_b: NDArray[np.int64],
+        jammed_b: NDArray[np.bool_],
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the terms of a step, weighted, by name.
+
+        Parameters
+        ----------
+        distance_b
+            (B,) distances after the step.
+        evaluations_b
+            (B,) force evaluations of the step.
+        jammed_b
+            (B,) whether the packing was verified to be jammed.
+
+        """
+        values = (
+            self.distance_weight * -distance_b,
+            self.evaluation_weight * -(evaluations_b / _EVALUATIONS),
+            self.stability_weight * jammed_b.astype(np.float64),
+        )
+        return dict(zip(TERMS, values, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuenchTask:
+    """The options of Quench-v0, alone and batched, which take them as keywords or as this one record.
+
+    d is the reference diameter of the scene, and energy_scale / d^dimension the pressure unit.
+
+    Parameters
+    ----------
     bonds
-        What becomes of bonds, which no minimizer knows: "refuse" or "leave out".
+        What becomes of bonds, which minimizers do not know: "refuse" or "leave out".
     relax
         "full": each step relaxes to the tolerance. A number k: each takes k steps of the minimizer, which goes on where
-        it was, so that the quench itself is watched; it then starts from overlaps as they were drawn.
+        it was, so that the quench itself can be observed; it then starts from overlaps as they were drawn.
     force_tolerance
         Largest net force over mean contact force that counts as relaxed [1].
     force_floor
@@ -87,7 +123,8 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
     packing_fraction_limits
         (low, high) between which steps keep the packing fraction; None: those of `pm.QuenchBatch`.
     largest_change, largest_strain, smallest_change
-        c and s of the action; s unless given a tenth of largest_pressure.
+        Largest change of the packing fraction and largest shear strain of an action, and the size up to which actions
+        are on a linear scale; the latter unless given a tenth of largest_pressure.
     largest_pressure
         Up to which a packing may count as jammed [pressure unit]; None: 0.1 / N^2, where pressure closes few gaps yet.
     verdict
@@ -97,230 +134,300 @@ class QuenchEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
     step_budget, evaluation_budget
         Steps and force evaluations of an episode; None: no end.
     reward
-        The weights: QuenchReward(distance_weight=0.25, evaluation_weight=0.1, stability_weight=5).
-    render_mode
-        None, "rgb_array", "human" (a window) or "ansi" (a line of text).
+        The weights of the reward.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the option that is wrong.
 
     Examples
     --------
-    >>> env = QuenchEnv()
-    >>> observation, info = env.reset(seed=1)
-    >>> observation, reward, terminated, truncated, info = env.step(env.action(packing_fraction_change=0.05))
-    >>> change = env.run.report["packing_fraction_t"]
-    >>> (change[1] - change[0]).round(12).item(), info["relaxed"]
-    (0.05, True)
+    >>> QuenchTask(relax=5).step_budget
+    40
 
     """
 
-    metadata = METADATA
+    bonds: str = "refuse"
+    relax: str | int = "full"
+    force_tolerance: float = 1e-8
+    force_floor: float = 0.0
+    method: Any = None
+    start: str = "random"
+    start_packing_fraction: float | tuple[float, float] | None = None
+    packing_fraction_limits: tuple[float, float] | None = None
+    largest_change: float = 0.05
+    smallest_change: float | None = None
+    largest_strain: float = 0.05
+    largest_pressure: float | None = None
+    verdict: str = "collective"
+    shear_modulus: bool = False
+    step_budget: int | None = 40
+    evaluation_budget: int | None = 50_000
+    reward: QuenchReward = QuenchReward()
 
-    def __init__(
-        self,
-        scene: Any = None,
-        *,
-        bonds: str = "refuse",
-        relax: str | int = "full",
-        force_tolerance: float = 1e-8,
-        force_floor: float = 0.0,
-        method: Any = None,
-        start: str = "random",
-        start_packing_fraction: Any = None,
-        packing_fraction_limits: Any = None,
-        largest_change: float = 0.05,
-        smallest_change: float | None = None,
-        largest_strain: float = 0.05,
-        largest_pressure: float | None = None,
-        verdict: str = "collective",
-        shear_modulus: bool = False,
-        step_budget: int | None = 40,
-        evaluation_budget: int | None = 50_000,
-        reward: QuenchReward | None = None,
-        render_mode: str | None = None,
-    ) -> None:
-        # before any other local name
-        arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
-        gym.utils.EzPickle.__init__(self, **arguments)
-        self.render_mode = render_mode
-        self._screen = Screen(render_mode, "packmech/Quench-v0")
-        self._core = QuenchCore(
-            1,
-            scene=scene,
-            bonds=bonds,
-            relax=relax,
-            force_tolerance=force_tolerance,
-            force_floor=force_floor,
-            method=method,
-            start=start,
-            start_packing_fraction=start_packing_fraction,
-            packing_fraction_limits=packing_fraction_limits,
-            largest_change=largest_change,
-            smallest_change=smallest_change,
-            largest_strain=largest_strain,
-            largest_pressure=largest_pressure,
-            verdict=verdict,
-            shear_modulus=shear_modulus,
-            step_budget=step_budget,
-            evaluation_budget=evaluation_budget,
-            reward=reward,
-            threads=1,
-        )
-        self.observation_space, self.action_space = self._core.observation_space, self._core.action_space
-        self._actions = Actions(self._core.action_space)
-        self._ready = False
-        self._active = np.ones(1, dtype=bool)
-        self._rows: list[tuple[float, float, float, int, float]] = []
-        self._counts = (0, 0)
-        self._seconds = 0.0
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an observation."""
-        return self._core.observation_names
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an action."""
-        return self._core.action_names
-
-    @property
-    def scene(self) -> pm.Scene:
-        """The scene, with the effects that are minimized."""
-        return self._core.scene
-
-    @property
-    def largest_pressure(self) -> float:
-        """The largest pressure that counts as jammed [energy_scale / reference_diameter^d]."""
-        return self._core.largest_pressure
-
-    @property
-    def packing(self) -> pm.Packing:
-        """The packing as it is now."""
-        return self._core.batch.packing(0)
-
-    def contacts(self) -> pm.Contacts:
-        """Return who touches whom now."""
-        return pm.find_contacts(self.packing)
-
-    @property
-    def run(self) -> pm.Run:
-        """The episode so far: its packing, outcome of the last relaxation, counts, and a trace with a row per step.
-
-        Its report holds packing_fraction, pressure [energy_scale / reference_diameter^d], shear_strain, rattlers,
-        excess_contacts, jammed, and packing_fraction_t.
-        """
-        batch, rows = self._core.batch, self._rows
-        mean, most = float(batch.mean_force_b[0]), float(batch.max_force_b[0])
-        columns = [np.array([row[k] for row in rows]) for k in range(5)]
-        return pm.Run(
-            packing=self.packing,
-            outcome=batch.outcome(0),
-            residual=most / mean if mean > 0.0 else 0.0,
-            steps=self._counts[0],
-            force_evaluations=self._counts[1],
-            seconds=self._seconds,
-            trace=pm.Trace(
-                step_t=np.arange(len(rows)),
-                energy_t=columns[0],
-                pressure_t=columns[1],
-                contacts_t=columns[3].astype(np.int64),
-                max_force_t=columns[2],
-            ),
-            report={
-                "packing_fraction": float(batch.packing_fraction_b[0]),
-                "pressure": float(batch.pressure_b[0]) / self.scene.pressure_unit,
-                "shear_strain": float(batch.strain_b[0]),
-                "rattlers": int(batch.rattlers_b[0]),
-                "excess_contacts": int(batch.excess_contacts_b[0]),
-                "jammed": bool(self._core.jammed_b[0]),
-                "packing_fraction_t": columns[4],
-            },
-        )
-
-    def action(self, packing_fraction_change: float = 0.0, shear_strain: float = 0.0) -> NDArray[np.float64]:
-        """Return the action that asks for these changes.
-
-        Parameters
-        ----------
-        packing_fraction_change
-            Of the packing fraction, at most largest_change [1].
-        shear_strain
-            Of the box, at most largest_strain [1].
-
-        """
-        return self._core.action_of(packing_fraction_change, shear_strain)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode anew; return its first observation and info.
-
-        Parameters
-        ----------
-        seed
-            Of the environment's generator; None: it goes on.
-        options
-            None: there are none.
-
-        """
-        super().reset(seed=seed)
-        began = time.process_time()
-        self._core.start([0], [self.np_random], options)
-        self._ready = True
-        self._rows, self._counts = [], (0, 0)
-        self._keep(began)
-        self._screen.refresh(self._picture)
-        return self._core.observation_bk[0].copy(), self._info()
-
-    def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
-        """Strain and relax; return observation, reward, terminated, truncated and info.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If the action is outside the space.
-        gymnasium.error.ResetNeeded
-            Before the first reset.
-
-        """
-        if not self._ready:
-            raise gym.error.ResetNeeded("the environment must be reset before it can be stepped")
-        core = self._core
-        began = time.process_time()
-        core.advance(self._actions.one(action), self._active)
-        self._keep(began)
-        self._screen.refresh(self._picture)
-        ended = bool(core.jammed_b[0]), bool(core.truncated_b[0])
-        return core.observation_bk[0].copy(), float(core.reward_b[0]), *ended, self._info()
-
-    def _keep(self, began: float) -> None:
-        batch = self._core.batch
-        self._seconds = time.process_time() - began + (self._seconds if self._rows else 0.0)
-        steps, evaluations = self._counts
-        self._counts = steps + int(batch.steps_b[0]), evaluations + int(batch.force_evaluations_b[0])
-        self._rows.append(
-            (
-                float(batch.energy_b[0]),
-                float(batch.pressure_b[0]),
-                float(batch.max_force_b[0]),
-                int(batch.contacts_b[0]),
-                float(batch.packing_fraction_b[0]),
+    def __post_init__(self) -> None:
+        one_of("bonds", self.bonds, BONDS)
+        one_of("start", self.start, ("random", "scene"))
+        one_of("verdict", self.verdict, ("collective", "strict"))
+        boolean("shear_modulus", self.shear_modulus)
+        for name in ("largest_change", "largest_strain", "largest_pressure", "smallest_change"):
+            if getattr(self, name) is not None or name in ("largest_change", "largest_strain"):
+                positive(name, getattr(self, name))
+        if self.largest_change > 0.2 or self.largest_strain > 1.0:
+            raise ValueError(
+                "largest_change must be at most 0.2 and largest_strain at most 1, "
+                f"got {self.largest_change:g} and {self.largest_strain:g}"
             )
+        budget("step_budget", self.step_budget)
+        budget("evaluation_budget", self.evaluation_budget)
+        if not isinstance(self.reward, QuenchReward):
+            raise TypeError(f"reward must be a QuenchReward, got {self.reward!r:.60}")
+        for name, weight in self.reward._asdict().items():
+            real(f"reward.{name}", weight)
+        given = self.start_packing_fraction
+        if isinstance(given, tuple | list):
+            if len(given) != 2:
+                raise ValueError(f"start_packing_fraction must be a number or a pair of numbers, got {given!r:.60}")
+            if positive("start_packing_fraction", given[0]) > positive("start_packing_fraction", given[1]):
+                raise ValueError(f"start_packing_fraction must be a pair that rises, got {given!r:.60}")
+        elif given is not None:
+            positive("start_packing_fraction", given)
+
+
+def default_scene() -> pm.Scene:
+    """Return 32 bidisperse harmonic discs: small enough that an agent learns in minutes."""
+    packing = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=0)
+    return pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
+
+
+class QuenchEpisodes:
+    """B episodes of Quench-v0.
+
+    Parameters
+    ----------
+    count
+        B.
+    scene
+        As of `QuenchEnv`.
+    task
+        The options.
+    threads
+        How many packings are stepped at a time.
+
+    """
+
+    def __init__(self, count: int, scene: Any, task: QuenchTask, threads: int = 1) -> None:
+        self.task = task
+        self._scene = quenchable(default_scene() if scene is None else scene_of(scene), bonds=task.bonds)
+        packing = self._scene.packing
+        self.largest_pressure = (
+            0.1 / packing.particles**2 if task.largest_pressure is None else float(task.largest_pressure)
         )
+        self.smallest_change = (
+            min(0.1 * self.largest_pressure, task.largest_change)
+            if task.smallest_change is None
+            else float(task.smallest_change)
+        )
+        self._start_range = self._starts(task)
+        self.batch = pm.QuenchBatch(
+            self._scene, count, relax=task.relax, force_tolerance=task.force_tolerance, force_floor=task.force_floor,
+            method=task.method, packing_fraction_limits=task.packing_fraction_limits, threads=threads,
+        )  # fmt: skip
+        low, high = self.batch.packing_fraction_limits
+        if not low <= self._start_range[0] <= self._start_range[1] <= high:
+            raise ValueError(
+                f"start_packing_fraction must lie inside the limits ({low:g}, {high:g}), got {self._start_range}"
+            )
+        d = packing.dimension
+        self._components = [(a, a) for a in range(d)] + ([(0, 1)] if d == 2 else [(1, 2), (0, 2), (0, 1)])
+        stresses = ["stress_" + "xyz"[a] + "xyz"[b] for a, b in self._components]
+        names = ["packing_fraction", "log_energy", "log_pressure", "log_max_force", "excess_contacts", *stresses]
+        lowest = math.log10(self.largest_pressure) - _DECADES_BELOW
+        bounds = [
+            (low, high), (2.0 * lowest, _HIGHEST_LOG), (lowest, _HIGHEST_LOG), (_LOWEST_LOG_FORCE, _HIGHEST_LOG),
+            (-float(d), _LARGEST_EXCESS),
+        ]  # fmt: skip
+        bounds += [(-_LARGEST_STRESS, _LARGEST_STRESS)] * len(stresses)
+        if task.shear_modulus:
+            names.append("shear_modulus")
+            bounds.append((-_LARGEST_STRESS, _LARGEST_STRESS))
+        self.observation_names = tuple(names)
+        self.action_names: tuple[str, ...] = ("packing_fraction_change", "shear_strain")
+        self._low_k, self._high_k = np.array(bounds).T.copy()
+        self.observation_space: gym.spaces.Box[np.float64] = gym.spaces.Box(self._low_k, self._high_k, dtype=np.float64)
+        self.action_space: gym.spaces.Box[np.float64] = gym.spaces.Box(-1.0, 1.0, (2,), dtype=np.float64)
+        self.observation_bk = np.zeros((count, len(names)))
+        self.reward_b = np.zeros(count)
+        self.terminated_b = np.zeros(count, dtype=bool)
+        self.truncated_b = np.zeros(count, dtype=bool)
+        self._steps_b = np.zeros(count, dtype=np.int64)
+        self._evaluations_b = np.zeros(count, dtype=np.int64)
+        self._terms = dict.fromkeys(TERMS, np.zeros(count))
 
-    def _info(self) -> dict[str, Any]:
-        return {name: array[0].item() for name, array in self._core.infos().items()}
+    def __len__(self) -> int:
+        return len(self.reward_b)
 
-    def render(self) -> NDArray[np.uint8] | str | None:
-        """Return a picture of the packing, (H, W, 3) bytes, or a line of text; or show it in a window."""
-        return self._screen.render(self._picture, self._text)
+    def _starts(self, task: QuenchTask) -> tuple[float, float]:
+        """Return the packing fractions between which starts are drawn."""
+        given, packing = task.start_packing_fraction, self._scene.packing
+        if given is None:
+            if task.start == "scene":
+                given = float(pm.packing_fraction(packing))
+            else:
+                given = _STARTS[packing.dimension, packing.links is not None]
+        low, high = given if isinstance(given, tuple | list) else (given, given)
+        return float(low), float(high)
 
-    def _picture(self) -> NDArray[np.uint8]:
-        return draw(self.packing, effects=self.scene.effects)
+    # actions
 
-    def _text(self) -> str:
-        now = dict(zip(self.observation_names, self._core.observation_bk[0].tolist(), strict=True))
-        return ", ".join(f"{name} {value:.4g}" for name, value in now.items())
+    def _size(self, action_b: NDArray[np.float64], largest: float) -> NDArray[np.float64]:
+        """Return what numbers between -1 and 1 stand for: sign(a) s (exp(|a| L) - 1), L = log(1 + c / s)."""
+        folds = math.log1p(largest / self.smallest_change)
+        return np.asarray(np.sign(action_b) * self.smallest_change * np.expm1(np.abs(action_b) * folds))
 
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self._screen.close()
+    def action(self, packing_fraction_change: Any, shear_strain: Any) -> NDArray[np.float64]:
+        """Return the action that asks for a change of the packing fraction and a shear strain."""
+        asked = (
+            ("packing_fraction_change", packing_fraction_change, self.task.largest_change),
+            ("shear_strain", shear_strain, self.task.largest_strain),
+        )
+        action = np.empty(2)
+        for k, (name, value, largest) in enumerate(asked):
+            number = real(name, value)
+            if abs(number) > largest * (1.0 + 1e-12):
+                raise ValueError(f"{name} must be within {largest:g}, got {number:g}")
+            size = math.log1p(abs(number) / self.smallest_change) / math.log1p(largest / self.smallest_change)
+            action[k] = math.copysign(min(size, 1.0), number)
+        return action
+
+    # episodes
+
+    def start(self, index_k: Sequence[int], rngs: Sequence[np.random.Generator], options: Any) -> None:
+        """Start new episodes of these packings, each with its own generator; nothing of the old ones is left."""
+        if not isinstance(options, dict | None):
+            raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
+        if options:
+            raise ValueError(f"options must be empty, got {sorted(options)}")
+        for b, rng in zip(index_k, rngs, strict=True):
+            self.batch.restart(int(b), self._drawn(rng), relax=self.batch.relax == "full")
+        index = np.asarray(index_k, dtype=np.int64)
+        pressure = self._pressure()
+        self._observe(index, pressure)
+        self._steps_b[index] = 0
+        self._evaluations_b[index] = self.batch.force_evaluations_b[index]
+        self.truncated_b[index] = False
+        self._verify(index, pressure)
+        self._terms = {name: np.where(np.isin(np.arange(len(term)), index), 0.0, term)
+                       for name, term in self._terms.items()}  # fmt: skip
+
+    def _drawn(self, rng: np.random.Generator) -> pm.Packing:
+        """Return the packing that an episode starts from."""
+        low, high = self._start_range
+        fraction = low if low == high else float(rng.uniform(low, high))
+        packing = self._scene.packing
+        if self.task.start == "random":
+            return pm.scattered_packing(packing, packing_fraction=fraction, rng=rng)
+        now = float(pm.packing_fraction(packing))
+        if fraction == now:
+            return packing
+        if packing.links is not None:
+            raise ValueError("start_packing_fraction must be left out for start='scene' and a scene with links")
+        factor = (now / fraction) ** (1.0 / packing.dimension)
+        return packing.replace(position_nd=packing.position_nd * factor, box=packing.box.scaled(factor))
+
+    def advance(self, action_bk: NDArray[np.float64], active_b: NDArray[np.bool_]) -> None:
+        """Strain and relax the active packings, observe them, and verify those that may be jammed."""
+        batch = self.batch
+        change = self._size(action_bk[:, 0], self.task.largest_change)
+        strain = self._size(action_bk[:, 1], self.task.largest_strain)
+        batch.step(change, strain, active_b=active_b)
+        index = np.flatnonzero(active_b)
+        pressure = self._pressure()
+        self._observe(index, pressure)
+        self._verify(index, pressure)
+        reward = self.task.reward
+        distance = reward.distance(pressure, self.largest_pressure)
+        self._terms = reward.terms(distance, batch.force_evaluations_b, self.terminated_b)
+        self.reward_b = np.sum(list(self._terms.values()), axis=0)
+        self._steps_b[index] += 1
+        self._evaluations_b[index] += batch.force_evaluations_b[index]
+        self.truncated_b[index] = self._spent()[index]
+
+    def _spent(self) -> NDArray[np.bool_]:
+        """Return whose budget is spent."""
+        spent = np.zeros(len(self), dtype=bool)
+        if self.task.step_budget is not None:
+            spent |= self._steps_b >= self.task.step_budget
+        if self.task.evaluation_budget is not None:
+            spent |= self._evaluations_b >= self.task.evaluation_budget
+        return spent
+
+    def _pressure(self) -> NDArray[np.float64]:
+        """Return the pressures [energy_scale / reference_diameter^d], zero where rounding alone may have made them."""
+        pressure = self.batch.pressure_b / self._scene.pressure_unit
+        return np.where(np.abs(pressure) > _ROUNDING_PRESSURE, pressure, 0.0)
+
+    def _verify(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
+        """Set which of these packings are jammed: by cheap figures first, then by the verdict."""
+        batch = self.batch
+        maybe = (pressure_b > 0.0) & (pressure_b <= self.largest_pressure) & batch.relaxed_b
+        if self._scene.packing.links is None:
+            maybe &= batch.excess_contacts_b >= 0
+        self.terminated_b[index] = False
+        for b in index[maybe[index]]:
+            # with the scene's law: in equilibrium under one law is not in equilibrium under another
+            answer = pm.classify_jamming(self._scene.replace(packing=batch.packing(int(b))))
+            self.terminated_b[b] = getattr(answer, self.task.verdict) == "jammed"
+
+    def _observe(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
+        batch, scene = self.batch, self._scene
+        packing, unit = scene.packing, scene.energy_scale
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = [
+                np.log10(batch.energy_b / (packing.particles * unit)),
+                np.log10(pressure_b),
+                np.log10(batch.max_force_b * packing.reference_diameter / unit),
+            ]
+        stress = batch.stress_bdd / scene.pressure_unit
+        columns = [
+            batch.packing_fraction_b,
+            *logs,
+            batch.excess_contacts_b / packing.particles,
+            *[stress[:, a, b] for a, b in self._components],
+        ]
+        if self.task.shear_modulus:
+            modulus = self.observation_bk[:, -1].copy()
+            for b in index:
+                modulus[b] = self._shear_modulus(int(b), pressure_b)
+            columns.append(modulus)
+        observation = np.stack(columns, axis=1)
+        # the logarithm of zero, or of a negative number, is the lower bound
+        observation = np.where(np.isnan(observation), self._low_k, np.clip(observation, self._low_k, self._high_k))
+        self.observation_bk[index] = observation[index]
+
+    def _shear_modulus(self, b: int, pressure_b: NDArray[np.float64]) -> float:
+        """Return the relaxed shear modulus [energy_scale / reference_diameter^d]; 0 where nothing is rigid."""
+        batch, scene = self.batch, self._scene
+        rigid = scene.packing.links is not None or batch.excess_contacts_b[b] >= 0
+        if not (pressure_b[b] > 0.0 and batch.relaxed_b[b] and rigid):
+            return 0.0
+        moduli = pm.elastic_moduli(scene.replace(packing=batch.packing(b)))
+        return float(moduli.shear_modulus / scene.pressure_unit)
+
+    def infos(self) -> Infos:
+        """Return the infos by name, B rows each, in the scene's units."""
+        batch = self.batch
+        values = (
+            batch.packing_fraction_b, batch.energy_b, batch.pressure_b, batch.strain_b, batch.force_evaluations_b,
+            batch.relaxed_b, self.terminated_b, *self._terms.values(),
+        )  # fmt: skip
+        return dict(zip(INFOS, values, strict=True))
+
+    def scene(self, index: int) -> pm.Scene:
+        """Return the scene, with the effects that are minimized; all packings share it."""
+        return self._scene
+
+    def packing(self, index: int) -> pm.Packing:
+        """Return one packing as it is now."""
+        return self.batch.packing(index)

@@ -1,4 +1,4 @@
-"""Which scene an environment runs: a shipped one by name, a file, or a Scene; and what each environment takes of it."""
+"""The scene of an environment: a shipped one by name, a file, or a Scene; and what each environment takes of it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import packmech as pm
+from packmech_envs.checks import one_of, positive
 
 __all__ = ["bonds_for_links", "quenchable", "scene_of", "shearable"]
 
@@ -64,8 +63,8 @@ def shearable(scene: pm.Scene, *, links: str = "refuse", link_stiffness: float |
     scene
         The scene.
     links
-        What to do with rigid links, which the march under strain does not hold: "refuse", or "bonds": each becomes a
-        permanent bond of its length.
+        What to do with rigid links, which time stepping in a sheared box does not hold: "refuse", or "bonds": each
+        becomes a permanent bond of its length.
     link_stiffness
         Of these bonds [energy/length^2]; ten times energy_scale / reference_diameter^2 unless given.
 
@@ -82,7 +81,7 @@ def shearable(scene: pm.Scene, *, links: str = "refuse", link_stiffness: float |
     (150, 150, None)
 
     """
-    _one_of("links", links, LINKS)
+    one_of("links", links, LINKS)
     if scene.packing.links is None:
         return scene
     if links == "refuse":
@@ -124,20 +123,11 @@ def bonds_for_links(scene: pm.Scene, stiffness: float | None = None) -> pm.Scene
         return scene
     if stiffness is None:
         stiffness = 10.0 * scene.energy_scale / packing.reference_diameter**2
-    if isinstance(stiffness, bool) or not isinstance(stiffness, int | float):
-        raise TypeError(f"link_stiffness must be a positive number, got {stiffness!r}")
-    if not (np.isfinite(stiffness) and stiffness > 0.0):
-        raise ValueError(f"link_stiffness must be a positive number, got {stiffness!r}")
-    spring = pm.LinearSpring(float(stiffness))
+    spring = pm.LinearSpring(positive("link_stiffness", stiffness))
     bonds = pm.Bonds(
-        links.i_l,
-        links.j_l,
-        links.image_ld,
-        links.length_l,
-        compression=spring,
-        tension=spring,
-        tangential_stiffness=0.0,
-    )
+        links.i_l, links.j_l, links.image_ld, links.length_l,
+        compression=spring, tension=spring, tangential_stiffness=0.0,
+    )  # fmt: skip
     if any(isinstance(one, pm.Bonds) for one in scene.effects):
         raise ValueError("scene must not have bonds beside rigid links that are to become bonds, got both")
     return scene.replace(packing=packing.replace(links=None), effects=(*scene.effects, bonds))
@@ -167,7 +157,7 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse") -> pm.Scene:
     ['Repulsion']
 
     """
-    _one_of("bonds", bonds, BONDS)
+    one_of("bonds", bonds, BONDS)
     kept = []
     for k, one in enumerate(scene.effects):
         if isinstance(one, pm.Bonds):
@@ -185,8 +175,3 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse") -> pm.Scene:
     if not kept:
         raise ValueError("scene must have an effect with an energy, such as Repulsion(), got none")
     return scene if len(kept) == len(scene.effects) else scene.replace(effects=tuple(kept))
-
-
-def _one_of(name: str, value: Any, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")

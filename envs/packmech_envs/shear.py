@@ -1,9 +1,10 @@
-"""Shear-v0: time-stepped shear of a packing, for scripts that step physics and for agents that learn."""
+"""Shear-v0: its options, and episodes of many packings that are sheared frame by frame with a goal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
@@ -11,114 +12,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.actions import Actions
-from packmech_envs.drawing import RENDER_FPS, RENDER_MODES, Screen, draw
-from packmech_envs.shear_core import ShearCore
-from packmech_envs.shear_tasks import FAILED, GOING, REASONS, Task
+from packmech_envs import shear_goals as goals
+from packmech_envs.checks import boolean, budget, count, one_of, positive
+from packmech_envs.episodes import Infos
+from packmech_envs.scenes import LINKS, scene_of, shearable
+from packmech_envs.shear_goals import GOING, REASONS, Goal, goal_of, score_frames
 
-METADATA: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": RENDER_FPS}
+__all__ = ["ShearEpisodes", "ShearTask"]
 
-
-@dataclass(frozen=True, eq=False)
-class ShearEpisode:
-    """An episode so far, frame by frame, its start included: (T,) figures in the scene's units.
-
-    Attributes
-    ----------
-    names, figure_tk
-        Names of the figures, and (T, K) their values: those of `pm.ShearBatch`.
-    reward_t
-        (T,) rewards; 0 at the start.
-    dimension
-        2 or 3.
-    axes
-        The component of the stress that answers to the strain.
-
-    """
-
-    names: tuple[str, ...]
-    figure_tk: NDArray[np.float64]
-    reward_t: NDArray[np.float64]
-    dimension: int
-    axes: tuple[int, int]
-
-    def __getitem__(self, name: str) -> NDArray[np.float64]:
-        """Return the (T,) values of one figure, such as "time", "strain", "pressure" or "work"."""
-        if name not in self.names:
-            raise KeyError(f"name must be one of {', '.join(map(repr, self.names))}, got {name!r}")
-        return self.figure_tk[:, self.names.index(name)]
-
-    @property
-    def time_t(self) -> NDArray[np.float64]:
-        """The (T,) times [time]."""
-        return self["time"]
-
-    @property
-    def strain_t(self) -> NDArray[np.float64]:
-        """The (T,) strains [1]."""
-        return self["strain"]
-
-    @property
-    def stress_tdd(self) -> NDArray[np.float64]:
-        """The (T, d, d) overall stress, Cauchy, tension positive [energy/length^d]."""
-        letters = "xyz"[: self.dimension]
-        rows = [[self["stress_" + "".join(sorted(a + b))] for b in letters] for a in letters]
-        return np.moveaxis(np.array(rows), 2, 0)
-
-    @property
-    def shear_stress_t(self) -> NDArray[np.float64]:
-        """The (T,) component of the stress that answers to the strain [energy/length^d]."""
-        a, b = self.axes
-        return self.stress_tdd[:, a, b]
+CONTROLS = ("strain", "rate", "strain_and_rate")
+UNITS = ("scene", "reduced")
+# figures that are observed, in this order, with the stress between them; those that are in infos
+_BEFORE, _AFTER = ("strain", "rate"), ("pressure", "kinetic_energy", "contacts", "sliding_fraction")
+_INFOS = ("time", "elastic_energy", "work")
+_REASONS = np.array(REASONS, dtype=object)
+# the largest rate, unless given: this strain in a frame
+_FRAME_STRAIN = 0.01
 
 
-class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPickle):
-    """A packing that is sheared frame by frame, as Newton's equations go, with a task.
-
-    **Action**, float64, by the name of the control: "rate": the strain rate of the frame [1/time]; "strain": the strain
-    at its end [1]; both are applied as equal strain increments in all its time steps. "strain_and_rate": both at its
-    end, and the strain follows a cubic from those before. With `extra_actions=("friction",)` the last number is
-    Coulomb's coefficient of the frame, from 0 to the scene's. An action outside the space is an error.
-
-    **Observation**, float64, at the end of the frame:
-
-    ================  =============================================================  ===============
-    name              what                                                           unit
-    ================  =============================================================  ===============
-    strain            of the box, along `axes`                                       1
-    rate              of the strain                                                  1/time
-    stress_xx ...     xx, yy, xy (in space xx, yy, zz, yz, xz, xy) of the overall    energy/length^d
-                      stress, Cauchy, tension positive
-    pressure          -trace/d of that                                               energy/length^d
-    kinetic_energy    of peculiar velocities and spins                               energy
-    contacts          touching pairs that no bond joins                              1
-    sliding_fraction  part of them at Coulomb's cap                                  1
-    ...               what the task adds, see its class                              see there
-    ================  =============================================================  ===============
-
-    **Reward**: the sum of the task's terms, each of which is in info under its name.
-
-    **Infos**: time [time], elastic_energy and work of the shear [energy], the reward's terms, what the task tells, and
-    "reason" where an episode is terminated: "strain_reached", "yielded", or "step_too_long" where something moved by
-    the smallest diameter in one time step or a number overflowed: the observation is the last good one then.
-
-    **Start**: the scene before its drive, at its energy minimum: one whose drive jams it may start far from jammed, so
-    shear the packing that came of it, in a Scene. By `start`, drawn from the environment's own generator alone. Nothing
-    of an episode survives a reset. reset(options={"rate": r}) starts with a strain rate.
-    A copy, pickled or not, is made anew from the same arguments and must be reset.
-
-    **End**: terminated by the task, truncated after `budget` frames.
+@dataclass(frozen=True, kw_only=True)
+class ShearTask:
+    """The options of Shear-v0, alone and batched, which take them as keywords or as this one record.
 
     Parameters
     ----------
-    scene
-        A shipped scene by name (`pm.list_scenes()`), a scene file, or a pm.Scene; its effects are what is simulated.
-    task
-        "follow_stress", "dissipate_least", "find_yield_strain", or one of their records with weights of your own.
+    goal
+        "follow_stress", "dissipate_least", "find_yield_strain", or one of their records with numbers of your own:
+        `FollowStress`, `DissipateLeast`, `FindYieldStrain` in `packmech_envs.shear_goals`.
     control
-        "rate", "strain" or "strain_and_rate".
+        "rate", "strain" or "strain_and_rate": what an action sets.
     frame_skip
-        Time steps of a frame; `frame_time` is what they take together.
+        Time steps of a frame.
     dt
         Time step. Unless given: that of the scene's drive, or the method's fraction of the shortest of
         sqrt(m / stiffness) and m / damping.
@@ -134,9 +58,9 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPi
         ("friction",) or (): further numbers of an action.
     start
         "as_prepared"; "random": every episode starts from a packing of its own, made by the scene's recipe with a seed
-        drawn from the generator, which may take a second; or a whole number K: drawn among K of them, each made once.
+        drawn from the generator, which may take a second; or an integer K: drawn among K of them, each made once.
     relax
-        Whether the start is brought to its energy minimum first, where a minimizer knows the scene's energy.
+        Whether the start is brought to its energy minimum first, where minimizers know the scene's energy.
     links, link_stiffness
         What becomes of rigid links: "refuse", or "bonds": each a permanent bond of this stiffness (ten times
         energy_scale / reference_diameter^2 unless given).
@@ -145,190 +69,307 @@ class ShearEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPi
     units
         Of observations: "scene": those of the scene; "reduced": energies in its energy_scale, stresses in energy_scale
         / reference_diameter^d, rates in the largest rate, contacts per degree of freedom of the particles.
-    render_mode
-        None, "rgb_array", "human" (a window) or "ansi" (a line of text).
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the option that is wrong.
 
     Examples
     --------
-    >>> env = ShearEnv("triangular", control="strain", frame_skip=10)
-    >>> observation, info = env.reset(seed=1)
-    >>> observation, reward, terminated, truncated, info = env.step([1e-3])
-    >>> dict(zip(env.observation_names, observation))["strain"].item()
-    0.001
+    >>> ShearTask(goal="dissipate_least", control="strain").frame_skip
+    20
 
     """
 
-    metadata = METADATA
+    goal: str | Goal = "follow_stress"
+    control: str = "rate"
+    frame_skip: int = 20
+    dt: float | None = None
+    axes: tuple[int, int] | None = None
+    method: Any = None
+    largest_strain: float = 0.2
+    largest_rate: float | None = None
+    extra_actions: Sequence[str] = ()
+    start: str | int = "as_prepared"
+    relax: bool = True
+    links: str = "refuse"
+    link_stiffness: float | None = None
+    budget: int | None = 200
+    units: str = "scene"
 
-    def __init__(
-        self,
-        scene: Any = "default",
-        *,
-        task: str | Task = "follow_stress",
-        control: str = "rate",
-        frame_skip: int = 20,
-        dt: float | None = None,
-        axes: tuple[int, int] | None = None,
-        method: Any = None,
-        largest_strain: float = 0.2,
-        largest_rate: float | None = None,
-        extra_actions: Sequence[str] = (),
-        start: str | int = "as_prepared",
-        relax: bool = True,
-        links: str = "refuse",
-        link_stiffness: float | None = None,
-        budget: int | None = 200,
-        units: str = "scene",
-        render_mode: str | None = None,
-    ) -> None:
-        # before any other local name
-        arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
-        gym.utils.EzPickle.__init__(self, **arguments)
-        self.render_mode = render_mode
-        self._screen = Screen(render_mode, "packmech/Shear-v0")
-        self._core = ShearCore(
-            1,
-            scene=scene,
-            task=task,
-            control=control,
-            frame_skip=frame_skip,
-            dt=dt,
-            axes=axes,
-            method=method,
-            largest_strain=largest_strain,
-            largest_rate=largest_rate,
-            extra_actions=extra_actions,
-            start=start,
-            relax=relax,
-            links=links,
-            link_stiffness=link_stiffness,
-            budget=budget,
-            units=units,
+    def __post_init__(self) -> None:
+        goal_of(self.goal)
+        one_of("control", self.control, CONTROLS)
+        count("frame_skip", self.frame_skip)
+        positive("largest_strain", self.largest_strain)
+        if self.largest_rate is not None:
+            positive("largest_rate", self.largest_rate)
+        _check_extra_actions(self.extra_actions)
+        _check_start(self.start)
+        boolean("relax", self.relax)
+        one_of("links", self.links, LINKS)
+        if self.link_stiffness is not None:
+            positive("link_stiffness", self.link_stiffness)
+        budget("budget", self.budget)
+        one_of("units", self.units, UNITS)
+
+
+def _check_extra_actions(extra_actions: Any) -> None:
+    if isinstance(extra_actions, str) or not isinstance(extra_actions, Sequence):
+        raise TypeError(f"extra_actions must be a tuple of names such as ('friction',), got {extra_actions!r:.60}")
+    for name in extra_actions:
+        if name != "friction":
+            raise ValueError(f"extra_actions must hold 'friction' or nothing, got {name!r:.60}")
+
+
+def _check_start(start: Any) -> None:
+    number = isinstance(start, int | np.integer) and not isinstance(start, bool) and start >= 1
+    if not number and start not in ("as_prepared", "random"):
+        raise ValueError(f"start must be 'as_prepared', 'random' or how many packings to draw from, got {start!r:.60}")
+
+
+# scenes and starts
+
+
+def prepared(scene: pm.Scene, relax: bool, links: str, link_stiffness: float | None) -> pm.Scene:
+    """Return the scene as an episode starts from it."""
+    if relax and _has_minimum(scene):
+        scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-8, check=False).packing)
+    return shearable(scene, links=links, link_stiffness=link_stiffness)
+
+
+@cache
+def _prepared_by_name(name: str, *options: Any) -> pm.Scene:
+    return prepared(scene_of(name), *options)
+
+
+def _has_minimum(scene: pm.Scene) -> bool:
+    """Whether minimizers know the energy of a scene, and nothing says how it moves at the start."""
+    if getattr(scene.drive, "velocities", None) is not None or getattr(scene.drive, "held", None):
+        return False
+    other = any(isinstance(one, pm.Bonds | pm.Gravity | pm.Walls) for one in scene.effects)
+    return not other and any(isinstance(one, pm.Repulsion) for one in scene.effects)
+
+
+def motion_of(scene: pm.Scene) -> dict[str, Any]:
+    """Return what the drive of a scene says of its motion, as arguments of `pm.ShearBatch`; None where it says nothing.
+
+    Examples
+    --------
+    >>> motion_of(scene_of("frictionless"))["density"]
+    1e-09
+
+    """
+    drive = scene.drive
+    method = getattr(drive, "method", None)
+    velocities, spins, held = (getattr(drive, name, None) for name in ("velocities", "spins", "held"))
+    held_n = None
+    if held:
+        held_n = np.zeros(scene.packing.particles, dtype=bool)
+        held_n[list(held)] = True
+    return {
+        "dt": getattr(drive, "dt", None),
+        "method": method if isinstance(method, pm.VelocityVerlet | pm.SemiImplicitEuler) else None,
+        "axes": getattr(drive, "axes", (0, 1)),
+        "density": getattr(drive, "density", None),
+        "mass_n": getattr(drive, "masses", None),
+        "velocity_nd": None if velocities is None else np.array(velocities),
+        "spin_nk": None if spins is None else np.array(spins),
+        "held_n": held_n,
+    }
+
+
+class ShearEpisodes:
+    """B episodes of Shear-v0, over arrays with a row for each packing.
+
+    Parameters
+    ----------
+    count
+        B.
+    scene
+        As of `ShearEnv`.
+    task
+        The options.
+    threads
+        How many packings are stepped at a time.
+
+    """
+
+    def __init__(self, count: int, scene: Any, task: ShearTask, threads: int = 1) -> None:
+        self.task, self.goal = task, goal_of(task.goal)
+        self.budget = task.budget
+        self._named = scene if not isinstance(scene, pm.Scene) else None
+        self._how = (task.relax, task.links, task.link_stiffness)
+        self._drawn: dict[int, pm.Scene] = {}
+        if task.start != "as_prepared" and self._named is None:
+            raise ValueError(f"start must be 'as_prepared' for a scene that is given as a Scene, got {task.start!r}")
+        if isinstance(scene, str) and scene in pm.list_scenes():
+            first = _prepared_by_name(scene, *self._how)
+        else:
+            first = prepared(scene_of(scene), *self._how)
+        if task.start != "as_prepared":
+            # refuses recipes without a seed
+            first = self._random(0)
+        self._first = first
+        extras = tuple(dict.fromkeys(task.extra_actions))
+        friction = [one.coefficient for one in first.effects if isinstance(one, pm.Friction)]
+        if extras and not friction:
+            raise ValueError("extra_actions must be left out for a scene without friction, got 'friction'")
+        given = {name: getattr(task, name) for name in ("dt", "axes", "method")}
+        motion = motion_of(first) | {name: value for name, value in given.items() if value is not None}
+        self.batch = pm.ShearBatch(
+            [first] * count, control=task.control, steps=task.frame_skip, switched_friction=bool(extras),
+            threads=threads, **motion,
+        )  # fmt: skip
+        self.dt = float(self.batch.dt)
+        self.frame_time = self.dt * int(self.batch.steps)
+        fastest = _FRAME_STRAIN / self.frame_time if task.largest_rate is None else float(task.largest_rate)
+        largest = {"strain": float(task.largest_strain), "rate": fastest}
+        asked = ("strain", "rate") if task.control == "strain_and_rate" else (task.control,)
+        low = [-largest[name] for name in asked] + [0.0] * len(extras)
+        high = [largest[name] for name in asked] + friction[: len(extras)]
+        self.action_names = (*asked, *extras)
+        self.action_space = gym.spaces.Box(np.array(low), np.array(high), dtype=np.float64)
+        figures = self._figures()
+        self.observation_names = (*figures, *self.goal.observed)
+        self.info_names = (*_INFOS, *self.goal.terms, *self.goal.infos)
+        self.observation_space = self._space()
+        self._memory_bk = np.zeros((count, goals.MEMORY))
+        self.observation_bk = np.zeros((count, len(self.observation_names)))
+        # infos, then the reward and the number of the reason
+        self.result_bk = np.zeros((count, len(self.info_names) + 2))
+        self._info_bk = self.result_bk[:, :-2]
+        self.reward_b, self.reason_b = self.result_bk[:, -2], self.result_bk[:, -1]
+        self._all_b = np.ones(count, dtype=bool)
+        self._unlimited_b = np.zeros(count, dtype=bool)
+        # those of the first packing
+        self.figure_k, self.observation_k = self.batch.figure_bk[0], self.observation_bk[0]
+        self.result_k = self.result_bk[0]
+        volume = first.packing.box.volume
+        self._scored = (
+            self.goal.kind,
+            np.array([self.goal.weight_failure, fastest, *self.goal.numbers(first.pressure_unit, volume)]),
+            self._where(),
+            np.array([self.batch.names.index(name) for name in figures]),
+            self._scales(fastest),
+            self.batch.figure_bk,
+            np.zeros_like(self.batch.figure_bk),
+            self._memory_bk,
+            self.observation_bk,
+            self._info_bk,
+            self.reward_b,
+            self.reason_b,
         )
-        self.observation_space, self.action_space = self._core.observation_space, self._core.action_space
-        self._actions = Actions(self._core.action_space)
-        self._info_names = self._core.info_names
-        # the figures of the start of an episode and of its frames, and rewards; room for more
-        self._figure_tk = np.zeros((256, len(self._core.batch.names)))
-        self._reward_t = np.zeros(256)
-        self._frames = 0
-        self._must_reset = True
+
+    def __len__(self) -> int:
+        return len(self._all_b)
+
+    # observations
+
+    def _figures(self) -> tuple[str, ...]:
+        """Return the names of the figures that are observed."""
+        return (*_BEFORE, *(name for name in self.batch.names if name.startswith("stress_")), *_AFTER)
+
+    def _where(self) -> NDArray[np.int64]:
+        """Return the columns of the figures that goals need."""
+        plane = "".join(sorted("xyz"[axis] for axis in self.batch.axes))
+        names = (f"stress_{plane}", "kinetic_energy", "elastic_energy", "work")
+        return np.array([self.batch.names.index(name) for name in names])
+
+    def _scales(self, fastest: float) -> NDArray[np.float64]:
+        """Return the factors that bring observations into the units asked for."""
+        scene = self._first
+        freedom = scene.packing.dimension * scene.packing.particles
+        unit = {"energy": scene.energy_scale, "stress": scene.pressure_unit, "rate": fastest, "contacts": freedom}
+        if self.task.units == "scene":
+            unit = dict.fromkeys(unit, 1.0)
+        return np.array([1.0 / unit.get(_kind(name), 1.0) for name in self.observation_names])
+
+    def _space(self) -> gym.spaces.Box[np.float64]:
+        low = [0.0 if name in ("kinetic_energy", "contacts", "sliding_fraction") else -np.inf
+               for name in self.observation_names]  # fmt: skip
+        high = [1.0 if name == "sliding_fraction" else np.inf for name in self.observation_names]
+        return gym.spaces.Box(np.array(low), np.array(high), dtype=np.float64)
+
+    # episodes
+
+    def _random(self, seed: int) -> pm.Scene:
+        """Return a scene made by its recipe."""
+        assert self._named is not None
+        return prepared(pm.read_scene(self._named, seed=seed), *self._how)
+
+    def _begin(self, rng: np.random.Generator) -> pm.Scene:
+        """Return the scene that an episode starts from."""
+        start = self.task.start
+        if start == "as_prepared":
+            return self._first
+        if isinstance(start, str):
+            return self._random(int(rng.integers(2**31)))
+        seed = int(rng.integers(start))
+        if seed not in self._drawn:
+            self._drawn[seed] = self._random(seed)
+        return self._drawn[seed]
+
+    def start(self, index_k: Sequence[int], rngs: Sequence[np.random.Generator], options: Any) -> None:
+        """Start new episodes of these packings, each with its own generator; nothing of the old ones is left."""
+        rate = _rate(options)
+        started_b = np.zeros(len(self), dtype=bool)
+        for b, rng in zip(index_k, rngs, strict=True):
+            self.batch.restart(int(b), self._begin(rng), rate=rate)
+            self._memory_bk[b] = 0.0
+            self.goal.draw(rng, self._memory_bk[b], self._first.pressure_unit)
+            started_b[b] = True
+        score_frames(True, started_b, self._all_b, *self._scored)
+
+    def advance(self, action_bk: NDArray[np.float64], active_b: NDArray[np.bool_] | None = None) -> None:
+        """Advance the active packings by a frame and score it; None: all of them."""
+        good_b = self.batch.advance(action_bk, active_b)
+        score_frames(False, self._all_b if active_b is None else active_b, good_b, *self._scored)
 
     @property
-    def observation_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an observation."""
-        return self._core.observation_names
+    def terminated_b(self) -> NDArray[np.bool_]:
+        """Whether the last frame ended the task of each packing."""
+        return np.asarray(self.reason_b != GOING)
 
     @property
-    def action_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an action."""
-        return self._core.action_names
+    def truncated_b(self) -> NDArray[np.bool_]:
+        """Whether the budget of each episode is spent."""
+        if self.budget is None:
+            return self._unlimited_b
+        return np.asarray(self._memory_bk[:, goals.ELAPSED] >= self.budget)
 
-    @property
-    def dt(self) -> float:
-        """The time step [time]."""
-        return self._core.dt
+    def infos(self) -> Infos:
+        """Return the infos by name, B rows each, with the reasons of those that are over."""
+        infos: Infos = {name: self._info_bk[:, k] for k, name in enumerate(self.info_names)}
+        if self.reason_b.any():
+            infos["reason"] = _REASONS[self.reason_b.astype(np.int64)]
+        return infos
 
-    @property
-    def frame_time(self) -> float:
-        """The time of a frame: frame_skip steps [time]."""
-        return self._core.frame_time
+    def scene(self, index: int) -> pm.Scene:
+        """Return the scene of one packing as its episode started from it."""
+        return self.batch.scenes[index]
 
-    @property
-    def task(self) -> Task:
-        """The task."""
-        return self._core.task
+    def packing(self, index: int) -> pm.Packing:
+        """Return one packing as it is now."""
+        return self.batch.packing(index)
 
-    @property
-    def scene(self) -> pm.Scene:
-        """The scene as this episode started from it."""
-        return self._core.batch.scenes[0]
 
-    @property
-    def packing(self) -> pm.Packing:
-        """The packing as it is now."""
-        return self._core.batch.packing(0)
+def _kind(name: str) -> str:
+    """Return the kind of quantity that an observation is."""
+    if name.endswith("energy"):
+        return "energy"
+    if name in ("pressure", "target_stress", "yield_stress") or name.startswith("stress_"):
+        return "stress"
+    return name
 
-    def contacts(self) -> pm.Contacts:
-        """Return who touches whom now, pairs that a bond joins among them."""
-        return pm.find_contacts(self.packing)
 
-    @property
-    def run(self) -> ShearEpisode:
-        """The figures of the episode so far."""
-        batch = self._core.batch
-        return ShearEpisode(
-            batch.names,
-            self._figure_tk[: self._frames + 1].copy(),
-            self._reward_t[: self._frames + 1].copy(),
-            self.scene.packing.dimension,
-            batch.axes,
-        )
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode anew; return its first observation and info.
-
-        Parameters
-        ----------
-        seed
-            Of the environment's generator; None: it goes on.
-        options
-            {"rate": r} for a strain rate at the start.
-
-        """
-        super().reset(seed=seed)
-        core = self._core
-        core.start([0], [self.np_random], options)
-        self._frames = 0
-        self._figure_tk[0] = core.batch.figure_bk[0]
-        self._must_reset = False
-        self._screen.refresh(self._picture)
-        return core.observation_bk[0].copy(), dict(zip(self._info_names, core.info_bk[0].tolist(), strict=True))
-
-    def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
-        """Shear for a frame; return observation, reward, terminated, truncated and info.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If the action is outside the space.
-        gymnasium.error.ResetNeeded
-            Before the first reset, or after a step that was too long.
-
-        """
-        if self._must_reset:
-            raise gym.error.ResetNeeded("the environment must be reset before it can be stepped")
-        core = self._core
-        core.advance(self._actions.one(action))
-        *infos, reward, reason = core.answer_k.tolist()
-        frames = self._frames = self._frames + 1
-        if frames == len(self._reward_t):
-            self._figure_tk = np.concatenate([self._figure_tk, np.zeros_like(self._figure_tk)])
-            self._reward_t = np.concatenate([self._reward_t, np.zeros_like(self._reward_t)])
-        self._figure_tk[frames] = core.figure_k
-        self._reward_t[frames] = reward
-        info = dict(zip(self._info_names, infos, strict=True))
-        if reason != GOING:
-            info["reason"] = REASONS[int(reason)]
-            self._must_reset = reason == FAILED
-        truncated = core.budget is not None and frames >= core.budget
-        if self.render_mode == "human":
-            self._screen.refresh(self._picture)
-        return core.observation_k.copy(), reward, reason != GOING, truncated, info
-
-    def render(self) -> NDArray[np.uint8] | str | None:
-        """Return a picture of the packing, (H, W, 3) bytes, or a line of text; or show it in a window."""
-        return self._screen.render(self._picture, self._text)
-
-    def _picture(self) -> NDArray[np.uint8]:
-        return draw(self.packing, effects=self.scene.effects)
-
-    def _text(self) -> str:
-        now = dict(zip(self.observation_names, self._core.observation_bk[0].tolist(), strict=True))
-        return ", ".join(f"{name} {value:.4g}" for name, value in now.items())
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self._screen.close()
+def _rate(options: Any) -> float:
+    """Return the strain rate at the start, from the options of a reset."""
+    if not isinstance(options, dict | None):
+        raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
+    given = dict(options or {})
+    rate: float = given.pop("rate", 0.0)
+    if given:
+        raise ValueError(f"options must hold nothing but 'rate', the strain rate at the start, got {sorted(given)}")
+    return rate

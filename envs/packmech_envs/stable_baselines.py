@@ -18,7 +18,7 @@ def as_vec_env(envs: VectorEnv[Any, Any, Any]) -> Any:
     """Return a stable-baselines3 VecEnv over a batch of environments, to give to PPO and its like.
 
     Observations become float32, in which learners compute. An observation that ends an episode is in
-    infos["terminal_observation"], and infos["TimeLimit.truncated"] tells whether a budget ended it, as they ask for.
+    infos["terminal_observation"], and infos["TimeLimit.truncated"] says whether a budget ended it, as learners expect.
 
     Parameters
     ----------
@@ -57,27 +57,27 @@ def _adapter(base: Any) -> Any:
 
         def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
             self.envs = envs
-            self._asked: Any = None
+            self._actions: Any = None
             self.render_mode = envs.render_mode
             super().__init__(envs.num_envs, _single(envs.single_observation_space), _single(envs.single_action_space))
 
         def reset(self) -> Any:
             seeds: Any = None if all(one is None for one in self._seeds) else list(self._seeds)
-            observation, told = self.envs.reset(seed=seeds)
-            self.reset_infos = _rows(told, self.num_envs)
+            observation, found = self.envs.reset(seed=seeds)
+            self.reset_infos = _rows(found, self.num_envs)
             self._reset_seeds()
             return observation.astype(np.float32)
 
         def step_async(self, actions: Any) -> None:
-            self._asked = np.asarray(actions, dtype=np.float64)
+            self._actions = np.asarray(actions, dtype=np.float64)
 
         def step_wait(self) -> Any:
-            observation, reward, terminated, truncated, told = self.envs.step(self._asked)
+            observation, reward, terminated, truncated, found = self.envs.step(self._actions)
             done = terminated | truncated
-            last, final = told.pop("final_obs", None), told.pop("final_info", {})
-            told.pop("_final_obs", None)
-            told.pop("_final_info", None)
-            infos = _rows(told, self.num_envs)
+            last, final = found.pop("final_obs", None), found.pop("final_info", {})
+            found.pop("_final_obs", None)
+            found.pop("_final_info", None)
+            infos = _rows(found, self.num_envs)
             ends = _rows(final, self.num_envs)
             for b in np.flatnonzero(done):
                 infos[b] = {
@@ -117,13 +117,13 @@ def _single(space: Any) -> Any:
     return type(space)(space.low.astype(np.float32), space.high.astype(np.float32), dtype=np.float32)
 
 
-def _rows(told: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Return a dictionary for each environment, of what is told of it."""
+def _rows(found: dict[str, Any], count: int) -> list[dict[str, Any]]:
+    """Return a dictionary for each environment, of its infos."""
     rows: list[dict[str, Any]] = [{} for _ in range(count)]
-    for name, values in told.items():
+    for name, values in found.items():
         if name.startswith("_"):
             continue
-        given = told.get("_" + name, np.ones(count, dtype=bool))
+        given = found.get("_" + name, np.ones(count, dtype=bool))
         for b in np.flatnonzero(given):
             value = values[b]
             rows[b][name] = value.item() if isinstance(value, np.generic) else value

@@ -1,6 +1,9 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """The cell search, compiled: pairs near enough to test, in two flat lists sorted by (i, j, image).
 
+Arrays come from `np.empty` alone: each other way to make one, and each other type and number of axes, would be compiled
+by itself.
+
 Particles are sorted into levels of size, a factor of two apart, each with its own grid of cells; a particle looks into
 the grid of its own level and of every coarser one, so a few large particles do not make the cells of the small ones
 large.
@@ -18,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.compiled import device, kernel
+from packmech.jit.compiled import device, inner_kernel
 
 # a particle more than 2^16 times smaller than the largest shares the last level
 _MAX_LEVELS = 16
@@ -86,7 +89,7 @@ def frame_of(box: Box) -> Frame:
 
 
 @device
-def _sort_row(value, low, high):
+def sort_row(value, low, high):
     """Sort value[low:high] in place: insertion for short rows, Shell's gaps for the long rows of large particles."""
     gap = 1
     while gap < (high - low) // 9:
@@ -107,12 +110,17 @@ def _wrap(axes, row, frame):
     """Return fractions in [0, 1), wrapped points with radius, whole lattice steps taken away, and their spread."""
     d = len(axes)
     n = row.shape[0]
-    fraction = np.zeros((n, 3))
-    point = np.zeros((n, 4))
-    step = np.zeros((n, 3), np.int32)
-    least = np.zeros(3, np.int64)
-    most = np.zeros(3, np.int64)
+    fraction = np.empty((n, 3))
+    point = np.empty((n, 4))
+    step = np.empty((n, 3), np.int32)
+    least = np.empty(3, np.int64)
+    most = np.empty(3, np.int64)
+    for k in range(3):
+        least[k] = most[k] = 0
     for i in range(n):
+        for k in range(d, 3):
+            fraction[i, k] = point[i, k] = 0.0
+            step[i, k] = 0
         for k in range(d):
             raw = 0.0
             for m in range(d):
@@ -140,8 +148,10 @@ def _grids(axes, sizes, frame, scale, skin):
     """Return the cells of each level's grid along each lattice vector, as wide as its pairs reach."""
     d = len(axes)
     levels = sizes.count_a.shape[0]
-    cells = np.ones((levels, 3), np.int64)
+    cells = np.empty((levels, 3), np.int64)
     for a in range(levels):
+        for k in range(3):
+            cells[a, k] = 1
         if sizes.count_a[a] > 0:
             width = scale * 2.0 * sizes.largest_a[a] + skin
             product = 1.0
@@ -162,11 +172,14 @@ def _fill(sizes, cells, fraction, point):
     """
     n = fraction.shape[0]
     levels = cells.shape[0]
-    first = np.zeros(levels + 1, np.int64)
+    first = np.empty(levels + 1, np.int64)
+    first[0] = 0
     for a in range(levels):
         first[a + 1] = first[a] + cells[a, 0] * cells[a, 1] * cells[a, 2]
     home = np.empty(n, np.int32)
-    start = np.zeros(first[levels] + 2, np.int32)
+    start = np.empty(first[levels] + 2, np.int32)
+    for c in range(start.shape[0]):
+        start[c] = 0
     for i in range(n):
         a = sizes.level_n[i]
         c0 = min(int(fraction[i, 0] * cells[a, 0]), cells[a, 0] - 1)
@@ -194,7 +207,9 @@ def _images(axes, sizes, frame, scale, skin, spread):
     for a in range(sizes.largest_a.shape[0]):
         widest = max(widest, sizes.largest_a[a])
     reach = scale * 2.0 * widest + skin
-    most = np.zeros(3, np.int64)
+    most = np.empty(3, np.int64)
+    for k in range(3):
+        most[k] = 0
     for k in range(len(axes)):
         most[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
     return most
@@ -219,8 +234,10 @@ def _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p):
     n2 = 2 * most[2] + 1
     found = 0
     hit = np.empty(n + 1, np.int32)
-    low = np.zeros(3, np.int64)
-    high = np.zeros(3, np.int64)
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    for k in range(3):
+        low[k] = high[k] = 0
     for i in range(n):
         begin = found
         xi, yi, zi, ri = point[i, 0], point[i, 1], point[i, 2], point[i, 3]
@@ -270,11 +287,11 @@ def _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p):
                                 i_p[found] = i
                                 code_p[found] = (j << bits) | (((most[0] + z0) * n1 + most[1] + z1) * n2 + most[2] + z2)
                             found += 1
-        _sort_row(code_p, begin, min(found, i_p.shape[0]))
+        sort_row(code_p, begin, min(found, i_p.shape[0]))
     return found
 
 
-@kernel
+@inner_kernel
 def find_pairs(axes, row, sizes, frame, scale, skin):
     """Return the PairTable of all pairs, over all images, with distance <= scale * (radius_i + radius_j) + skin.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.compiled import kernel
+from packmech.jit.compiled import kernel
 from packmech.links import image_offsets
 from packmech.packing import Packing
 
@@ -22,15 +22,19 @@ def _ranks(matrix_bij: NDArray[np.float64]) -> NDArray[np.int64]:
     return ranks
 
 
-def _are_rigid(place_bnd: NDArray[np.float64], i_bl: NDArray[np.int64], j_bl: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (B,) whether links (numbered within each cluster) leave only translations and rotations of the places."""
-    clusters, count, d = place_bnd.shape
-    centered = place_bnd - place_bnd.mean(axis=1, keepdims=True)
+def _are_rigid(
+    position_bnd: NDArray[np.float64], i_bl: NDArray[np.int64], j_bl: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return (B,) whether links (numbered within each cluster) leave a cluster only translations and rotations."""
+    clusters, count, d = position_bnd.shape
+    centered = position_bnd - position_bnd.mean(axis=1, keepdims=True)
     axes = np.eye(d)
-    turns = [centered[..., a, None] * axes[b] - centered[..., b, None] * axes[a] for a in range(d) for b in range(a)]
-    trivial = d + _ranks(np.stack(turns, axis=1).reshape(clusters, len(turns), count * d))
+    rotations = [
+        centered[..., a, None] * axes[b] - centered[..., b, None] * axes[a] for a in range(d) for b in range(a)
+    ]
+    trivial = d + _ranks(np.stack(rotations, axis=1).reshape(clusters, len(rotations), count * d))
     own, link = np.arange(clusters)[:, None], np.arange(i_bl.shape[1])
-    vector = place_bnd[own, j_bl] - place_bnd[own, i_bl]
+    vector = position_bnd[own, j_bl] - position_bnd[own, i_bl]
     normal = vector / np.sqrt((vector**2).sum(axis=2))[..., None]
     jacobian = np.zeros((clusters, i_bl.shape[1], count, d))
     jacobian[own, link, j_bl] += normal
@@ -50,7 +54,7 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
         return rigid
     d = packing.dimension
     offset, winding = image_offsets(links, packing.particles)
-    place = packing.position_nd + offset @ packing.box.lattice_dd.T
+    unwrapped_nd = packing.position_nd + offset @ packing.box.lattice_dd.T
     cluster = links.clusters(packing.particles)
     size, bonds = np.bincount(cluster), np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
     order, link_order = np.argsort(cluster, kind="stable"), np.argsort(cluster[links.i_l], kind="stable")
@@ -58,21 +62,21 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
     number = np.empty(packing.particles, dtype=np.int64)
     number[order] = np.arange(packing.particles) - start[cluster[order]]
     # fewer links than this never suffice, nor do links around the box
-    look = (size > 1) & (bonds >= size * d - d * (d + 1) // 2)
-    look[cluster[winding]] = False
-    if not look.any():
+    candidate = (size > 1) & (bonds >= size * d - d * (d + 1) // 2)
+    candidate[cluster[winding]] = False
+    if not candidate.any():
         return rigid
     # two beads and a link: nothing but translations and rotations is left
-    rigid[look[cluster] & (size[cluster] == 2)] = True
-    look &= size > 2
-    for beads, links_each in np.unique(np.stack([size[look], bonds[look]], axis=1), axis=0).tolist():
-        alike = np.flatnonzero(look & (size == beads) & (bonds == links_each))
+    rigid[candidate[cluster] & (size[cluster] == 2)] = True
+    candidate &= size > 2
+    for beads, links_each in np.unique(np.stack([size[candidate], bonds[candidate]], axis=1), axis=0).tolist():
+        alike = np.flatnonzero(candidate & (size == beads) & (bonds == links_each))
         at_once = max(1, _ENTRIES // (beads * d * max(links_each, 1)))
         for first in range(0, len(alike), at_once):
             some = alike[first : first + at_once, None]
             member = order[start[some] + np.arange(beads)]
             own = link_order[link_start[some] + np.arange(links_each)]
-            found = _are_rigid(place[member], number[links.i_l[own]], number[links.j_l[own]])
+            found = _are_rigid(unwrapped_nd[member], number[links.i_l[own]], number[links.j_l[own]])
             rigid[member] = found[:, None]
     return rigid
 

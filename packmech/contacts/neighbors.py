@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.compiled import kernel
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
+from packmech.jit.compiled import kernel
 
 
 class Candidates(NamedTuple):
@@ -28,8 +28,9 @@ class Candidates(NamedTuple):
 
 
 @kernel
-def _as_given(i_p, code_p, image_kd, bits, step_nd, change_dd):  # type: ignore[no-untyped-def]
+def _pairs_as_given(axes, row, sizes, frame, scale, skin, step_nd, change_dd):  # type: ignore[no-untyped-def]
     """Return the pairs with images for the positions and vectors as given, and whether some pair has several."""
+    i_p, code_p, image_kd, bits = find_pairs(axes, row, sizes, frame, scale, skin)
     count, d = i_p.shape[0], change_dd.shape[0]
     i_c, j_c, image_cd = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, d), np.int64)
     several = False
@@ -82,8 +83,9 @@ def candidate_pairs(
     row = np.zeros((len(radius_n), 4))
     row[:, :d] = wrapped
     row[:, 3] = radius_n
-    table = find_pairs((0,) * d, row, size_levels(radius_n), frame_of(small), float(scale), float(skin))
-    i_c, j_c, image_cd, several = _as_given(table.i_p, table.code_p, table.image_kd, table.bits, step, change)
+    i_c, j_c, image_cd, several = _pairs_as_given(
+        (0,) * d, row, size_levels(radius_n), frame_of(small), float(scale), float(skin), step, change
+    )
     # the search sorts by (i, j) already; only the images of one pair may want sorting along the given vectors
     if several:
         sort = np.lexsort((*image_cd.T[::-1], j_c, i_c))

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance, real
-from packmech.compiled import kernel
+from packmech.contacts.excluded import Excluded
 from packmech.contacts.neighbors import candidate_pairs
+from packmech.jit.compiled import kernel
 from packmech.packing import Packing
 
 
@@ -77,6 +78,33 @@ class Contacts:
         """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
         ends = np.concatenate([self.i_c, self.j_c])
         return np.bincount(ends, minlength=self.particles)
+
+
+def distinct_pairs(
+    i_c: NDArray[np.int64], j_c: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of different particles, each once, and the number of each contact's pair.
+
+    Parameters
+    ----------
+    i_c, j_c
+        (C,) particles of the contacts, sorted by (i, j), so that the images of a pair stand together. The number of a
+        contact with an own image is another pair's.
+
+    Examples
+    --------
+    >>> i, j, number = distinct_pairs(np.array([0, 0, 0, 1]), np.array([0, 1, 1, 2]))
+    >>> i.tolist(), j.tolist(), number.tolist()
+    ([0, 1], [1, 2], [-1, 0, 0, 1])
+
+    """
+    apart = np.flatnonzero(i_c != j_c)
+    i, j = i_c[apart], j_c[apart]
+    new = np.ones(len(apart), dtype=bool)
+    new[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
+    first = np.zeros(len(i_c), dtype=np.int64)
+    first[apart[new]] = 1
+    return i[new], j[new], np.cumsum(first) - 1
 
 
 @kernel
@@ -180,7 +208,5 @@ def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
     if packing.links is not None:
-        from packmech.contacts.excluded import Excluded
-
         touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
     return contacts.select(touching)

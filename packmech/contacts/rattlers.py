@@ -1,21 +1,14 @@
-"""Loose particles: those that their contacts do not hold, found again and again until none is left.
-
-A particle can move freely, to first order, when there is a direction u != 0 along which it approaches no neighbor:
-n . u <= 0 for all its contact normals n (pointing outwards). It is held exactly when there is none, that is when the
-normals span the space and admit a strictly positive balance, sum of s n = 0 with every s > 0. Fewer than d + 1 contacts
-never do.
-"""
+"""Particles that their contacts do not hold, found again and again until none is left; contacts that a user gives."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
-from packmech.compiled import device, kernel
-from packmech.contacts.network import Contacts
+from packmech.contacts.cells import sort_row
+from packmech.contacts.network import Contacts, pair_contacts
+from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 
 # Two contacts opposite to within this angle [rad] count as exactly opposite, as in crystals: a third contact between
@@ -52,11 +45,10 @@ def _surely_around(x: NDArray[np.float64], y: NDArray[np.float64], count: int) -
 
 
 @device
-def _within_half_plane(x: NDArray[np.float64], y: NDArray[np.float64], count: int) -> bool:
+def _within_half_plane(x: NDArray[np.float64], y: NDArray[np.float64], angle: NDArray[np.float64], count: int) -> bool:
     """Return whether some direction of the plane makes no acute angle with the first `count` vectors (x, y)."""
     if count >= 3 and _surely_around(x, y, count):
         return False
-    angle = np.empty(count)
     used = 0
     for k in range(count):
         # a vector this short puts no bound on motions within the plane
@@ -65,7 +57,7 @@ def _within_half_plane(x: NDArray[np.float64], y: NDArray[np.float64], count: in
             used += 1
     if used < 3:
         return True
-    angle = np.sort(angle[:used])
+    sort_row(angle, 0, used)  # type: ignore[no-untyped-call]
     widest = angle[0] + 2.0 * np.pi - angle[used - 1]
     for k in range(1, used):
         widest = max(widest, angle[k] - angle[k - 1])
@@ -107,18 +99,28 @@ def _surely_balanced(normal: NDArray[np.float64], count: int) -> bool:
 
 
 @device
-def _is_free(normal: NDArray[np.float64], count: int) -> bool:
-    """Return whether a particle with the first `count` rows of `normal` as its contact normals can move."""
+def _is_free(
+    normal: NDArray[np.float64],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    count: int,
+) -> bool:
+    """Return whether a particle with the first `count` rows of `normal` as its contact normals can move.
+
+    x, y and angle are room for as many numbers.
+    """
     d = normal.shape[1]
     if count < d + 1:
         return True
     if d == 2:
-        return _within_half_plane(normal[:, 0], normal[:, 1], count)
+        for k in range(count):
+            x[k] = normal[k, 0]
+            y[k] = normal[k, 1]
+        return _within_half_plane(x, y, angle, count)
     if _surely_balanced(normal, count):
         return False
     # If any motion is free, one is that slides along some contact a: look for it in the plane across each normal.
-    x = np.empty(count)
-    y = np.empty(count)
     for a in range(count):
         n0, n1, n2 = normal[a, 0], normal[a, 1], normal[a, 2]
         # e, f: an orthonormal basis of that plane, e across the smallest component of the normal
@@ -134,28 +136,33 @@ def _is_free(normal: NDArray[np.float64], count: int) -> bool:
         for k in range(count):
             x[k] = normal[k, 0] * e0 + normal[k, 1] * e1 + normal[k, 2] * e2
             y[k] = normal[k, 0] * f0 + normal[k, 1] * f1 + normal[k, 2] * f2
-        if _within_half_plane(x, y, count):
+        if _within_half_plane(x, y, angle, count):
             return True
     return False
 
 
 @kernel
-def _find_loose(
-    start: NDArray[np.int64], neighbor: NDArray[np.int64], outward: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Return who is loose; outward[start[i]:start[i+1]] are the normals of particle i, towards `neighbor`."""
+def _find_rattling(
+    start: NDArray[np.int64],
+    neighbor: NDArray[np.int64],
+    outward: NDArray[np.float64],
+    queue: NDArray[np.int64],
+    waiting: NDArray[np.bool_],
+    rattling: NDArray[np.bool_],
+    normal: NDArray[np.float64],
+) -> None:
+    """Mark the bodies that rattle; outward[start[i]:start[i+1]] are the normals of particle i, towards `neighbor`.
+
+    All particles are in the queue, first in, first out: a large one with many neighbors is looked at once a round, not
+    once for each that it loses. `normal` is room for the largest number of contacts.
+    """
     particles = start.shape[0] - 1
     d = outward.shape[1]
-    loose = np.zeros(particles, np.bool_)
-    # first in, first out: a large particle with many neighbors is looked at once a round, not once for each it loses
-    waiting = np.ones(particles, np.bool_)
-    queue = np.arange(particles)
     length = particles
     head = 0
-    most = 0
-    for i in range(particles):
-        most = max(most, start[i + 1] - start[i])
-    normal = np.empty((most, d))
+    x = np.empty(normal.shape[0])
+    y = np.empty(normal.shape[0])
+    angle = np.empty(normal.shape[0])
     while length > 0:
         i = queue[head]
         head = (head + 1) % particles
@@ -163,53 +170,38 @@ def _find_loose(
         waiting[i] = False
         count = 0
         for h in range(start[i], start[i + 1]):
-            if not loose[neighbor[h]]:
+            if not rattling[neighbor[h]]:
                 for k in range(d):
                     normal[count, k] = outward[h, k]
                 count += 1
-        if not _is_free(normal, count):
+        if not _is_free(normal, x, y, angle, count):
             continue
-        loose[i] = True
+        rattling[i] = True
         for h in range(start[i], start[i + 1]):
             j = neighbor[h]
-            if not loose[j] and not waiting[j]:
+            if not rattling[j] and not waiting[j]:
                 waiting[j] = True
                 queue[(head + length) % particles] = j
                 length += 1
-    return loose
 
 
-@kernel
-def _outward(i_c: NDArray[np.int64], j_c: NDArray[np.int64], normal_cd: NDArray[np.float64], particles: int) -> Any:
-    """Return where each particle's contacts start, its neighbors, and the normals towards these."""
-    count, d = normal_cd.shape
-    start = np.zeros(particles + 2, np.int64)
-    for c in range(count):
-        start[i_c[c] + 2] += 1
-        start[j_c[c] + 2] += 1
-    for n in range(particles):
-        start[n + 2] += start[n + 1]
-    neighbor, outward = np.empty(2 * count, np.int64), np.empty((2 * count, d))
-    for side in range(2):
-        for c in range(count):
-            own, other = (i_c[c], j_c[c]) if side == 0 else (j_c[c], i_c[c])
-            at = start[own + 1]
-            start[own + 1] += 1
-            neighbor[at] = other
-            for a in range(d):
-                outward[at, a] = normal_cd[c, a] if side == 0 else -normal_cd[c, a]
-    return start[: particles + 1], neighbor, outward
-
-
-def loose_ends(
+def rattling_bodies(
     i_c: NDArray[np.int64], j_c: NDArray[np.int64], normal_cd: NDArray[np.float64], particles: int
 ) -> NDArray[np.bool_]:
     """Return, for each of so many bodies, whether contacts with these normals from i to j leave it free to move."""
-    loose: NDArray[np.bool_] = _find_loose(*_outward(i_c, j_c, normal_cd, particles))
-    return loose
+    own = np.concatenate([i_c, j_c])
+    order = np.argsort(own, kind="stable")
+    contacts = np.bincount(own, minlength=particles)
+    start = np.concatenate([[0], np.cumsum(contacts)])
+    neighbor = np.concatenate([j_c, i_c])[order]
+    outward = np.concatenate([normal_cd, -normal_cd])[order]
+    rattling = np.zeros(particles, dtype=bool)
+    room = np.empty((contacts.max(initial=0), normal_cd.shape[1]))
+    _find_rattling(start, neighbor, outward, np.arange(particles), np.ones(particles, dtype=bool), rattling, room)
+    return rattling
 
 
-def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
+def rattlers_of(contacts: Contacts) -> NDArray[np.bool_]:
     """Return, for each particle, whether the given contacts leave it free, the free ones removed first.
 
     Parameters
@@ -218,7 +210,7 @@ def loose_particles(contacts: Contacts) -> NDArray[np.bool_]:
         The contacts; one with the particle's own image holds it from both sides.
 
     """
-    return loose_ends(contacts.i_c, contacts.j_c, contacts.normal_cd, contacts.particles)
+    return rattling_bodies(contacts.i_c, contacts.j_c, contacts.normal_cd, contacts.particles)
 
 
 def check_contacts(packing: Packing, contacts: Contacts) -> None:
@@ -236,3 +228,78 @@ def check_contacts(packing: Packing, contacts: Contacts) -> None:
             f"contacts must belong to {packing.particles} particles in {packing.dimension} dimensions,"
             f" got {contacts.particles} in {contacts.dimension}"
         )
+
+
+# distances of another packing or image differ by more than this, of themselves; particles that moved by less since the
+# contacts were found may be judged by them
+_SAME = 1e-6
+
+
+def check_given(packing: Packing, contacts: Contacts) -> None:
+    """Check that the contacts are pairs of the packing as it stands, each once.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    contacts
+        What was given as its contacts.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are of the wrong kind, made for another number of particles or axes, name particles that are not there,
+        a particle and itself, or a pair and image twice, if a vector is not the packing's, or if a contact distance is
+        neither the sum of the radii nor the distance itself, which says that the pair touches whatever its radii are.
+
+    """
+    check_contacts(packing, contacts)
+    if not len(contacts):
+        return
+    i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
+    for c in np.flatnonzero((np.minimum(i, j) < 0) | (np.maximum(i, j) >= packing.particles)):
+        raise ValueError(
+            f"contacts must be between particles 0 to {packing.particles - 1}, got {i[c]} and {j[c]} for contact {c}"
+        )
+    for c in np.flatnonzero((i == j) & ~image.any(axis=1)):
+        raise ValueError(f"contacts must be between two particles or images, got {i[c]} and itself for contact {c}")
+    twice = _twice(contacts)
+    if twice is not None:
+        one, two = twice
+        raise ValueError(
+            f"contacts must name each pair once, got particles {i[two]} and {j[two]}, image {image[two].tolist()},"
+            f" for contacts {one} and {two}"
+        )
+    here = pair_contacts(packing, i, j, image)
+    off = np.sqrt(((contacts.vector_cd - here.vector_cd) ** 2).sum(axis=1))
+    # what is no number is not within it either
+    within = _SAME * np.maximum(here.contact_distance_c, here.distance_c)
+    for c in np.flatnonzero(~(off <= within)):
+        raise ValueError(
+            f"contacts must have the packing's vectors from center to center, got {contacts.vector_cd[c].tolist()}"
+            f" instead of {here.vector_cd[c].tolist()} for contact {c} (particles {i[c]} and {j[c]},"
+            f" image {image[c].tolist()})"
+        )
+    given = contacts.contact_distance_c
+    known = (np.abs(given - here.contact_distance_c) <= within) | (np.abs(given - here.distance_c) <= within)
+    for c in np.flatnonzero(~known):
+        raise ValueError(
+            f"contacts must have the packing's sums of radii or its distances, got {given[c]:.9g} instead of"
+            f" {here.contact_distance_c[c]:.9g} or {here.distance_c[c]:.9g} for contact {c}"
+            f" (particles {i[c]} and {j[c]})"
+        )
+
+
+def _twice(contacts: Contacts) -> tuple[int, int] | None:
+    """Return the numbers of two contacts that are the same pair and image, seen from either side, or None."""
+    i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
+    rows = np.arange(len(contacts))
+    first: NDArray[np.int64] = image[rows, (image != 0).argmax(axis=1)]
+    turned = (i > j) | ((i == j) & (first < 0))
+    pair = np.column_stack([np.minimum(i, j), np.maximum(i, j), np.where(turned[:, None], -image, image)])
+    order = np.lexsort(pair.T)
+    again = np.flatnonzero((pair[order[1:]] == pair[order[:-1]]).all(axis=1))
+    if not len(again):
+        return None
+    one, two = sorted((int(order[again[0]]), int(order[again[0] + 1])))
+    return one, two

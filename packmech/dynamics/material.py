@@ -146,11 +146,11 @@ class MaterialConstants:
 
     def effects(self, *, divergence: float = 1.0) -> tuple[Any, ...]:
         """Return what acts between particles and on them, without bonds; `divergence` is that of the repulsion."""
-        rubbing = Friction(self.friction_coefficient, self.tangential_stiffness, self.tangential_damping)
+        frictional = Friction(self.friction_coefficient, self.tangential_stiffness, self.tangential_damping)
         return (
             Repulsion(DivergentRepulsion(self.stiffness, divergence)),
             ContactDamping(self.damping),
-            *((rubbing,) if self.friction_coefficient > 0.0 else ()),
+            *((frictional,) if self.friction_coefficient > 0.0 else ()),
             BackgroundDamping(self.background_damping),
         )
 

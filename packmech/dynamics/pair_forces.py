@@ -1,23 +1,22 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Who pushes whom in a march, contacts and bonds alike, with force and branch vector; looking changes no bit."""
+"""The forces of single pairs at one moment: of contacts and bonds, and which contacts slide."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from packmech.compiled import compiled_form, device, kernel
-from packmech.dynamics.march.bonding import bond_first, bond_vector
-from packmech.dynamics.march.flow import rates, relative
-from packmech.dynamics.march.inlined import lean
-from packmech.dynamics.march.look import along_contact, seen_pair, slip_of, stretch_now, touch
-
-if TYPE_CHECKING:
-    from packmech.dynamics.march.state import March
+from packmech.dynamics.bonds import bond_first, bond_vector
+from packmech.dynamics.deformation import rates, relative
+from packmech.dynamics.engine import Engine
+from packmech.dynamics.observables import along_contact, is_touching, measure_pair, slip_of, stretch_now
+from packmech.dynamics.pair_lists import listed_pairs
+from packmech.jit.compiled import compiled_form, device, kernel, lean
 
 
 class PairForces(NamedTuple):
@@ -41,27 +40,27 @@ class PairForces(NamedTuple):
         return total
 
 
-def pair_forces(march: March) -> PairForces:
-    """Return the forces of contacts and bonds of a march at the present moment.
+def pair_forces(engine: Engine) -> PairForces:
+    """Return the forces of contacts and bonds at the present moment.
 
-    Their sum of force times branch vector, over the volume, is the contact stress that a march reports; which of them
+    Their sum of force times branch vector, over the volume, is the contact stress that `observe` reports; which of them
     reach a wall, or a particle, is for the caller to choose.
     """
-    if not march.started:
-        march.begin()
-    d = len(march.axes)
-    bonds = 0 if march.space.bonds is None else len(march.space.bonds.i_b)
-    most = len(march.pairs.i_p) + bonds
+    if not engine.started:
+        engine.begin()
+    d = len(engine.axes)
+    bonds = 0 if engine.space.bonds is None else len(engine.space.bonds.i_b)
+    most = len(engine.pairs.i_p) + bonds
     row_k2 = np.zeros((most, 2), dtype=np.int64)
     force, branch = np.zeros((most, 3)), np.zeros((most, 3))
     count = 0
-    if march.acting.pairs is not None:
+    if engine.acting.pairs is not None:
         count = _list_contacts(
-            *(march.acting, march.axes, march.state, march.space, march.pairs, march.track, march.pace),
+            *(engine.acting, engine.axes, engine.state, engine.space, engine.pairs, engine.track, engine.pace),
             *(row_k2, force, branch),
         )
-    whole = _list_all_bonds(march.axes, march.state, march.space, march.pace, count, row_k2, force, branch)
-    order = march.order_n
+    whole = _list_all_bonds(engine.axes, engine.state, engine.space, engine.pace, count, row_k2, force, branch)
+    order = engine.order_n
     return PairForces(
         order[row_k2[:whole, 0]],
         order[row_k2[:whole, 1]],
@@ -83,7 +82,7 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, row_k2, force
     """Write the touching pairs; return how many there are."""
     flowing = rates(space.flow)
     body = state.body
-    held_pk = None if track is None else track.inner_pk
+    stretch_pk = None if track is None else track.inner_pk
     count = 0
     for s in range(pairs.start_s.shape[0] - 1):
         for p in range(pairs.start_s[s], pairs.start_s[s + 1]):
@@ -98,10 +97,10 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, row_k2, force
                 dz += pairs.shift_kd[k, 2]
             square = dx * dx + dy * dy + dz * dz
             # coincident centers push along no branch vector
-            if square == 0.0 or not touch(body, i, j, dx, dy, dz):
+            if square == 0.0 or not is_touching(body, i, j, dx, dy, dz):
                 continue
-            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _, _ = seen_pair(
-                acting.pairs, acting.friction, flowing, axes, body, held_pk, p, i, j, dx, dy, dz, pace
+            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _, _ = measure_pair(
+                acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
             )
             _write(row_k2, force_k3, branch_k3, count, i, j, gx + fx, gy + fy, gz + fz, dx, dy, dz)
             count += 1
@@ -144,7 +143,7 @@ def list_bonds(
     branch_k3: Any,
 ) -> int:
     """Write the bonds behind what is there; return how many there are in all."""
-    raise NotImplementedError("a march is looked at in compiled loops")
+    raise NotImplementedError("observables are measured in compiled loops")
 
 
 @compiled_form(list_bonds)
@@ -173,3 +172,94 @@ def _list_all_bonds(axes, state, space, pace, first_k, row_k2, force_k3, branch_
     return list_bonds(
         space.bonds, flowing, axes, state.body, space.frame.lattice_dd, pace, first_k, row_k2, force_k3, branch_k3
     )
+
+
+class Touching(NamedTuple):
+    """Pairs that touch, bonded ones not among them, sorted by (i, j, image).
+
+    i_c, j_c are particles, image_cd (C, d) vectors of the scene's box, for positions as they are: the branch vector is
+    x_j - x_i + lattice @ image. normal_c are elastic normal forces, force_cd (C, d) the whole forces on i, dashpots and
+    friction included [force]; sliding_c marks those at Coulomb's cap.
+    """
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    image_cd: NDArray[np.int64]
+    normal_c: NDArray[np.float64]
+    force_cd: NDArray[np.float64]
+    sliding_c: NDArray[np.bool_]
+
+
+@lean
+def _measure_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, stretch_pk, seen_p, figure_pk):
+    """Mark the pairs that touch; write normal force, sliding and force on i of each."""
+    flowing = rates(space.flow)
+    body, lattice = state.body, space.frame.lattice_dd
+    for p in range(i_p.shape[0]):
+        i, j = i_p[p], j_p[p]
+        x, y, z = image_pd[p, 0], image_pd[p, 1], image_pd[p, 2]
+        dx = body[j, 0] - body[i, 0] + (lattice[0, 0] * x + lattice[0, 1] * y + lattice[0, 2] * z)
+        dy = body[j, 1] - body[i, 1] + (lattice[1, 0] * x + lattice[1, 1] * y + lattice[1, 2] * z)
+        dz = body[j, 2] - body[i, 2] + (lattice[2, 0] * x + lattice[2, 1] * y + lattice[2, 2] * z)
+        seen_p[p] = is_touching(body, i, j, dx, dy, dz)
+        if not seen_p[p]:
+            continue
+        _, _, sliding, normal, (gx, gy, gz), (fx, fy, fz), _, _ = measure_pair(
+            acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+        )
+        figure_pk[p, 0] = normal
+        figure_pk[p, 1] = sliding
+        # coincident centers have no direction
+        away = 1.0 if dx * dx + dy * dy + dz * dz > 0.0 else 0.0
+        figure_pk[p, 2] = away * (gx + fx)
+        figure_pk[p, 3] = away * (gy + fy)
+        figure_pk[p, 4] = away * (gz + fz)
+
+
+def _keys(i_p: Any, j_p: Any, image_pd: Any) -> Iterator[tuple[Any, ...]]:
+    return zip(i_p.tolist(), j_p.tolist(), map(tuple, image_pd.tolist()), strict=True)
+
+
+def _held(engine: Engine, i_p: Any, j_p: Any, image_pd: Any) -> NDArray[np.float64]:
+    """Return the (P, 1 or 3) stretches of listed pairs, zero where there is none."""
+    held = engine.stretches()
+    stretch = np.zeros((len(i_p), held.stretch_ck.shape[1]))
+    if len(held.i_c):
+        place = {key: p for p, key in enumerate(_keys(i_p, j_p, image_pd))}
+        stretch[[place[key] for key in _keys(held.i_c, held.j_c, held.image_cd)]] = held.stretch_ck
+    return stretch
+
+
+def touching_of(engine: Engine) -> Touching:
+    """Return the contacts at the present moment."""
+    if not engine.started:
+        engine.begin()
+    d = len(engine.axes)
+    i, j, image = listed_pairs(engine.pairs)
+    seen, figure = np.zeros(len(i), dtype=np.bool_), np.zeros((len(i), 5))
+    if len(i) and engine.acting.pairs is not None:
+        held = None if engine.track is None else _held(engine, i, j, image)
+        _measure_contacts(
+            engine.acting,
+            engine.axes,
+            engine.state,
+            engine.space,
+            engine.pace,
+            i,
+            j,
+            image.astype(float),
+            held,
+            seen,
+            figure,
+        )
+    i, j, image, figure = engine.order_n[i[seen]], engine.order_n[j[seen]], image[seen, :d], figure[seen]
+    # from rows and images of the loops' lattice to particles, their places and the scene's box
+    whole = image @ engine.change_dd.T - engine.home_nd[j] + engine.home_nd[i]
+    force = figure[:, 2 : 2 + d]
+    # each pair once with i < j; of a particle and its own image the one whose first nonzero number is positive
+    first = np.take_along_axis(whole, np.argmax(whole != 0, axis=1)[:, None], axis=1)[:, 0] if len(whole) else i
+    flip = (i > j) | ((i == j) & (first < 0))
+    i, j = np.where(flip, j, i), np.where(flip, i, j)
+    whole, force = np.where(flip[:, None], -whole, whole), np.where(flip[:, None], -force, force)
+    order = np.lexsort((*whole.T[::-1], j, i))
+    return Touching(i[order], j[order], whole[order], figure[order, 0], force[order], figure[order, 1] > 0.0)

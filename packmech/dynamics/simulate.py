@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, positive, positive_array
-from packmech.compiled import compile_clock
-from packmech.dynamics.checkpoint import check_path, check_scene, read_checkpoint
-from packmech.dynamics.journey import Journey, Plan, Progress, plan_of
-from packmech.dynamics.motion import choose_time_step
-from packmech.dynamics.settings import check_manner
-from packmech.dynamics.simulation import Simulation
-from packmech.dynamics.strain import OscillatoryStrain, SteadyStrain
-from packmech.dynamics.verlet import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
-from packmech.interrupts import safe_interrupts
-from packmech.outcome import NotConverged, Outcome
+from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
+from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet, choose_time_step
+from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
+from packmech.loop.checkpoint import check_scene, read_checkpoint, restore_from
+from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.scene import Scene
 
 
@@ -83,17 +77,18 @@ def simulate(
     held_n
         (N,) True for particles that nothing pushes or turns; they follow the box.
     threads
-        Number of threads, for scenes with friction, bonds, body forces, strain or held particles; it changes no bit and
-        pays from some thousand particles on. Time limits and `seconds` count the time of all of them.
+        Number of threads; it changes no bit and pays from some thousand particles on. Time limits and `seconds` count
+        the time of all of them.
     trace_every
         Keep figures every so many steps, in `trace`; the first and last step always.
     trace_positions
         Keep positions and velocities with them.
     checkpoint
-        A .npz file to which the full state goes, whole or not at all: at the end, at an interrupt (Ctrl-C, time_limit)
-        and every checkpoint_every steps. `pm.resume` goes on from it with the same bits; writing it changes none.
+        A .npz file to which the full state goes, whole or not at all: at the end, at an interrupt (Ctrl-C, SIGTERM,
+        time_limit) and now and then on the way. `pm.resume` goes on from it with the same bits; writing it changes
+        none. One that cannot be written on the way is a warning; at the end an OSError whose `.run` is the run.
     checkpoint_every
-        So many steps; only at the end unless given.
+        Write it every so many steps too, whatever the clock says.
     time_limit
         Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress
@@ -115,7 +110,7 @@ def simulate(
     NotConverged
         If the end was not reached and `check` is set; its `.run` holds what was.
     KeyboardInterrupt
-        Passed on with `.run` set to what was reached.
+        Passed on, and raised at SIGTERM, with `.run` set to what was reached.
 
     Examples
     --------
@@ -152,13 +147,20 @@ def simulate(
         if seed is None:
             raise ValueError("seed must be an integer where a temperature is given, got None")
     instance("trace_positions", trace_positions, bool)
-    check_manner(progress, check)
+    limits = run_settings(
+        time_limit=time_limit,
+        checkpoint=checkpoint,
+        checkpoint_every=checkpoint_every,
+        threads=threads,
+        progress=progress,
+        check=check,
+    )
     spin = None
     if spin_nk is not None:
         spin = finite_array("spin_nk", spin_nk, shape=(shape[0], 1 if shape[1] == 2 else 3))
     if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
         raise TypeError(f"strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
-    plan = Plan(
+    settings = SimulationSettings(
         scene,
         mass,
         step,
@@ -168,20 +170,16 @@ def simulate(
         _held(held_n, shape[0]),
         None if trace_every is None else integer("trace_every", trace_every, at_least=1),
         trace_positions,
-        None if checkpoint is None else check_path(checkpoint),
-        _checkpoint_every(checkpoint, checkpoint_every),
-        integer("threads", threads, at_least=1),
     )
-    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
-    journey = Journey(plan, spin_nk=spin, time_limit=limit, progress=progress)
+    task = SimulationTask(settings, RunLoop(limits), spin)
 
     def begin() -> None:
         start = velocity
         if temperature is not None:
-            start = journey.motion.thermal_velocities(temperature, np.random.default_rng(seed))
-        journey.begin(start)
+            start = task.engine.thermal_velocities(temperature, np.random.default_rng(seed))
+        task.begin(start)
 
-    return _travel(journey, begin, check)
+    return task.run(begin)
 
 
 def resume(
@@ -231,45 +229,21 @@ def resume(
     True
 
     """
-    found = read_checkpoint(path)
-    if "scene" not in found.told:
-        raise ValueError(
-            f"path must name a checkpoint of pm.simulate, got {os.fspath(path)!r}; a strained run goes on when it is "
-            "called again with the same checkpoint"
-        )
+    found = read_checkpoint(path, KIND)
     instance("scene", scene, Scene)
-    check_scene(scene, found.told["scene"])
-    check_manner(progress, check)
-    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
-    reached = int(found.told["reached"])
-    end = int(found.told["steps"]) if steps is None else integer("steps", steps, at_least=reached)
-    workers = integer("threads", threads, at_least=1)
-    journey = Journey(plan_of(found, scene, path, end, workers), time_limit=limit, progress=progress)
-    return _travel(journey, lambda: journey.restore(found.told, found.arrays), check)
-
-
-def _travel(journey: Journey, begin: Callable[[], None], check: bool) -> Simulation:
-    """Return where a simulation gets to."""
-    try:
-        with safe_interrupts(), compile_clock() as journey.compiling:
-            begin()
-            outcome = journey.go()
-    except KeyboardInterrupt as stop:
-        stop.run = journey.finish(Outcome.INTERRUPTED)  # type: ignore[attr-defined]
-        raise
-    run = journey.finish(outcome)
-    if check and not run.ok:
-        raise NotConverged(run)
-    return run
-
-
-def _checkpoint_every(checkpoint: Any, every: Any) -> int | None:
-    if every is None:
-        return None
-    count = integer("checkpoint_every", every, at_least=1)
-    if checkpoint is None:
-        raise ValueError(f"checkpoint_every must be left out where no checkpoint is given, got {every!r}")
-    return count
+    check_scene(scene, found.settings["scene"])
+    limits = run_settings(
+        time_limit=time_limit,
+        checkpoint=path,
+        checkpoint_every=found.settings["checkpoint_every"],
+        threads=threads,
+        progress=progress,
+        check=check,
+    )
+    reached = int(found.settings["reached"])
+    end = int(found.settings["steps"]) if steps is None else integer("steps", steps, at_least=reached)
+    task = SimulationTask(saved_settings(found, scene, end), RunLoop(limits))
+    return task.run(lambda: restore_from(found.arrays, task, "path", path))
 
 
 def _held(held_n: Any, particles: int) -> NDArray[np.bool_] | None:

@@ -1,14 +1,66 @@
-"""What a simulation returns, and what it keeps on the way."""
+"""What a simulation returns, what it keeps on the way, and the simulation as a task that is stepped."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.march.touching import Touching
-from packmech.outcome import Run, Trace
+from packmech.box import Box
+from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
+from packmech.dynamics.energy_drift import Moment, moments_of, steps_between_observations, watch_of
+from packmech.dynamics.engine import Engine, build_engine
+from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
+from packmech.dynamics.observables import (
+    ANGULAR,
+    BONDED,
+    COLUMNS,
+    CONTACTS,
+    IMPULSE,
+    KINETIC,
+    LINK_ERROR,
+    MOMENTUM,
+    MOST,
+    POTENTIAL,
+    RATE,
+    ROTATIONAL,
+    SLIDING,
+    STRAIN,
+    TANGENTIAL,
+    TIME,
+    TOTAL,
+    link_stress,
+    tensors,
+)
+from packmech.dynamics.pair_forces import Touching, touching_of
+from packmech.files.records import from_table, kinds_of, to_table
+from packmech.jit.compiled import compiling_noted
+from packmech.jit.interrupts import held_interrupts
+from packmech.loop.checkpoint import (
+    Arrays,
+    Checkpoint,
+    IndexBounds,
+    check_indices,
+    scene_fingerprints,
+    write_checkpoint,
+)
+from packmech.loop.run_loop import RunLoop
+from packmech.measure import packing_fraction
+from packmech.minimize.kernels import RUNNING
+from packmech.observables import State, added_arrays, added_rows, measure_added
+from packmech.packing import Packing
+from packmech.result import Outcome, Row, Run, Stage, Trace
+from packmech.scene import Scene
+
+Method = VelocityVerlet | SemiImplicitEuler
+# what its checkpoints say they are of
+KIND = "pm.simulate"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,17 +92,16 @@ class MotionTrace(Trace):
     sliding_t
         (T,) number of contacts at Coulomb's cap.
     torque_stress_tdd, spin_stress_tdd, bond_stress_tdd
-        (T, d, d) the parts of the overall stress by torques and by spins, and the part of stress_tdd that bonds bear;
-        None without friction, bonds, body forces and strain.
+        (T, d, d) the parts of the overall stress by torques and by spins, and the part of stress_tdd that bonds bear.
     tangential_t, rotational_t
         (T,) the parts of energy_t in tangential springs and of kinetic_t in spins.
     angular_momentum_tk
-        (T, 1 or 3) total angular momenta about the origin, spins included; None as above.
+        (T, 1 or 3) total angular momenta about the origin, spins included.
     spin_tnk
         (T, N, 1 or 3) spins, None where particles do not turn or positions were not asked for.
     touching_t
-        Who touches whom at each saved time, with which force and which of them slide; None where positions were not
-        asked for, or as above.
+        The contacts at each saved time, with which force and which of them slide; None where positions were not asked
+        for.
 
     """
 
@@ -74,8 +125,29 @@ class MotionTrace(Trace):
     spin_tnk: NDArray[np.float64] | None = None
     touching_t: tuple[Touching, ...] | None = None
 
+    @property
+    def stress(self) -> dict[str, NDArray[np.float64]]:
+        """The (T, d, d) tensors by name, Cauchy, tension positive; parts that nothing has are zero."""
+        none = np.zeros_like(self.stress_tdd)
+        parts = {"torque": self.torque_stress_tdd, "spin": self.spin_stress_tdd, "bond": self.bond_stress_tdd}
+        return {
+            "overall": self.overall_stress_tdd,
+            "contact": self.stress_tdd,
+            **{name: none if part is None else part for name, part in parts.items()},
+            "kinetic": self.kinetic_stress_tdd,
+        }
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+
+_STRESS_NOTES = {
+    "overall": "forces, torques and spins together; tension positive",
+    "contact": "forces of contacts and bonds times branch vectors",
+    "torque": "what torques add",
+    "spin": "what rotation stretches particles by",
+    "kinetic": "of the velocities; in no other",
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Simulation(Run):
     """A run through time: where it ended, what it kept on the way, and how well energy and momentum held.
 
@@ -113,3 +185,470 @@ class Simulation(Run):
     spin_nk: NDArray[np.float64] | None = None
     strain: float = 0.0
     held_n: NDArray[np.bool_] | None = None
+
+    def about(self) -> dict[str, Any]:
+        """Return what a table of this run says of it."""
+        return {**super().about(), "dt": self.dt, "energy_drift": self.energy_drift}
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return f"{super().title} through a time of {self._time:.6g}"
+
+    @property
+    def _time(self) -> float:
+        """The time that was simulated [time]."""
+        return float(self.trace.time_t[-1]) if isinstance(self.trace, MotionTrace) else self.steps * self.dt
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the run reached by name, as plain values; what stands in a trace only where there is one.
+
+        Stresses are in the scene's own units of energy/length^d, tension positive.
+        """
+        told = {
+            **super().to_dict(),
+            "packing_fraction": packing_fraction(self.packing),
+            "time": self._time,
+            "time_step": self.dt,
+            "energy_drift": self.energy_drift,
+            "momentum_error": self.momentum_error,
+            "link_error": self.link_error,
+            "strain": self.strain,
+        }
+        trace = self.trace
+        if isinstance(trace, MotionTrace):
+            told |= {
+                "potential_energy": float(trace.energy_t[-1]),
+                "kinetic_energy": float(trace.kinetic_t[-1]),
+                "momentum": trace.momentum_td[-1].tolist(),
+                "contacts": int(trace.contacts_t[-1]),
+                "sliding": int(trace.sliding_t[-1]),
+                "stress": {name: tensor[-1].tolist() for name, tensor in trace.stress.items()},
+            }
+        return told
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        told = self.to_dict()
+        unit = f"energy / length^{told['dimension']} of the scene"
+        rows: list[Row] = []
+        if "momentum" in told:
+            energy = f"{told['potential_energy']:.6g} + {told['kinetic_energy']:.6g}"
+            momentum = "  ".join(f"{entry:.6g}" for entry in told["momentum"])
+            rows += [
+                ("energy", energy, f"potential + kinetic; changed by {told['energy_drift']:.2g} of itself"),
+                ("momentum", momentum, f"changed by {told['momentum_error']:.1e} of the sum of m |v|"),
+                ("contacts", str(told["contacts"]), f"{told['sliding']} of them slide; bonds are not among them"),
+            ]
+        else:
+            rows += [
+                ("energy drift", f"{told['energy_drift']:.2g}", "of the largest |potential| + kinetic energy"),
+                ("momentum error", f"{told['momentum_error']:.1e}", "of the sum of m |v|"),
+            ]
+        if self.packing.links is not None:
+            rows.append(("link error", f"{told['link_error']:.1e}", "largest, over the length of the link"))
+        rows.append(("packing fraction", f"{told['packing_fraction']:.8f}", "overlaps counted in full"))
+        for name, note in _STRESS_NOTES.items() if "stress" in told else ():
+            lines = ["  ".join(f"{entry + 0.0:12.5g}" for entry in row) for row in told["stress"][name]]
+            for k, line in enumerate(lines):
+                rows.append((f"{name} stress" if k == 0 else "", line, note if k == 0 else unit if k == 1 else ""))
+        return [*super().rows()[:1], *rows]
+
+
+class Snapshot(NamedTuple):
+    """What is kept with positions: (d, d) lattice vectors, (N, k) spins (None where nothing turns), contacts."""
+
+    lattice_dd: NDArray[np.float64]
+    spin_nk: NDArray[np.float64] | None
+    touching: Touching
+
+
+def snapshot_arrays(kept: Sequence[Snapshot]) -> Arrays:
+    """Return what was kept at several steps, contacts one step after the other, by name."""
+    if not kept:
+        return {}
+    arrays: Arrays = {"snapshot_lattice_tdd": np.array([one.lattice_dd for one in kept])}
+    if kept[0].spin_nk is not None:
+        arrays["snapshot_spin_tnk"] = np.array([one.spin_nk for one in kept])
+    arrays["snapshot_count_t"] = np.array([len(one.touching.i_c) for one in kept], dtype=np.int64)
+    for name in Touching._fields:
+        arrays[f"snapshot_{name}"] = np.concatenate([getattr(one.touching, name) for one in kept])
+    return arrays
+
+
+def snapshot_bounds(particles: int, dimension: int) -> dict[str, IndexBounds]:
+    """Return what the integers in `snapshot_arrays` may be."""
+    return {
+        "snapshot_count_t": IndexBounds(0, 1 << 31, (None,)),
+        "snapshot_i_c": IndexBounds(0, particles, (None,)),
+        "snapshot_j_c": IndexBounds(0, particles, (None,)),
+        "snapshot_image_cd": IndexBounds(-(1 << 31), 1 << 31, (None, dimension)),
+    }
+
+
+def snapshots_of(arrays: Mapping[str, Any]) -> list[Snapshot]:
+    """Return what `snapshot_arrays` took, step by step."""
+    if "snapshot_count_t" not in arrays:
+        return []
+    ends = np.cumsum(arrays["snapshot_count_t"])[:-1]
+    parts = [np.split(arrays[f"snapshot_{name}"], ends) for name in Touching._fields]
+    spin = arrays.get("snapshot_spin_tnk")
+    return [
+        Snapshot(lattice, None if spin is None else spin[t], Touching(*(part[t] for part in parts)))
+        for t, lattice in enumerate(arrays["snapshot_lattice_tdd"])
+    ]
+
+
+def trace_of_rows(
+    step_t: Sequence[int],
+    rows: Sequence[NDArray[np.float64]],
+    added: Sequence[Mapping[str, NDArray[np.float64]]],
+    engine: Engine,
+    position_t: list[NDArray[np.float64]] | None,
+    velocity_t: list[NDArray[np.float64]],
+    snapshots: Sequence[Snapshot],
+) -> MotionTrace:
+    """Return rows of observables, at least one, as columns.
+
+    Parameters
+    ----------
+    step_t, rows, added
+        Steps, what was observed there, and observables that were added by `pm.observable`.
+    engine
+        Which observed it.
+    position_t, velocity_t, snapshots
+        (N, d) arrays and snapshots at each of the steps; no positions where they were not asked for.
+
+    """
+    d, free = len(engine.axes), engine.free_mass
+    named: list[dict[str, Any]] = []
+    for step, row, further in zip(step_t, rows, added, strict=True):
+        volume = engine.box(step).volume
+        parts = tensors(row, d, volume)
+        momentum = row[MOMENTUM : MOMENTUM + d].copy()
+        # what is held has no velocity of its own, and no part in the mean
+        kinetic = parts["kinetic"] + np.outer(momentum, momentum) / (free * volume) if free else np.zeros((d, d))
+        stress, overall = parts["contact"], parts["overall"]
+        if engine.links is not None:
+            linked = link_stress(row, d, volume)
+            stress, overall = stress + linked, overall + linked
+        found = {
+            "step": step,
+            "energy": row[POTENTIAL] + row[TANGENTIAL],
+            "pressure": (0.0 - float(np.trace(stress))) / d,
+            "contacts": int(row[CONTACTS]),
+            "max_force": row[MOST],
+            "time": row[TIME],
+            "kinetic": row[KINETIC] + row[ROTATIONAL],
+            "momentum": momentum,
+            "stress": stress,
+            "kinetic_stress": kinetic,
+            "link_error": row[LINK_ERROR],
+            "overall_stress": overall,
+            "strain": row[STRAIN],
+            "strain_rate": row[RATE],
+            "sliding": int(row[SLIDING]),
+            "torque_stress": parts["torque"],
+            "spin_stress": parts["spin"],
+            "bond_stress": row[BONDED : BONDED + 9].reshape(3, 3)[:d, :d] / volume,
+            "tangential": row[TANGENTIAL],
+            "rotational": row[ROTATIONAL],
+            # in a plane only the last component is anything
+            "angular_momentum": row[ANGULAR + (0 if d == 3 else 2) : ANGULAR + 3],
+        }
+        named.append({**found, **further})
+    turning = bool(snapshots) and snapshots[0].spin_nk is not None
+    return MotionTrace.of_rows(
+        named,
+        position_tnd=None if position_t is None else np.array(position_t),
+        lattice_tdd=np.array([one.lattice_dd for one in snapshots]) if snapshots else None,
+        velocity_tnd=None if position_t is None else np.array(velocity_t),
+        spin_tnk=np.array([one.spin_nk for one in snapshots]) if turning else None,
+        touching_t=tuple(one.touching for one in snapshots) if snapshots else None,
+    )
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """Checked settings of a simulation; a checkpoint keeps all but the scene."""
+
+    scene: Scene
+    mass_n: NDArray[np.float64]
+    dt: float
+    steps: int
+    method: Method
+    strain: Strain | None = None
+    held_n: NDArray[np.bool_] | None = None
+    trace_every: int | None = None
+    trace_positions: bool = False
+
+    def to_table(self) -> dict[str, Any]:
+        """Return the settings that are no arrays, as JSON knows them."""
+        return {
+            "dt": self.dt,
+            "steps": self.steps,
+            "method": to_table(self.method),
+            "strain": None if self.strain is None else to_table(self.strain),
+            "trace_every": self.trace_every,
+            "trace_positions": self.trace_positions,
+            "scene": scene_fingerprints(self.scene),
+        }
+
+
+def saved_settings(found: Checkpoint, scene: Scene, steps: int) -> SimulationSettings:
+    """Return the settings in a checkpoint, for the scene it was made of, to another end."""
+    table, arrays = found
+    strain = table["strain"]
+    if strain is not None:
+        strain = from_table(strain, "strain", kinds_of((SteadyStrain, OscillatoryStrain)))
+    return SimulationSettings(
+        scene,
+        arrays["mass_n"],
+        float(table["dt"]),
+        steps,
+        from_table(table["method"], "method", kinds_of(INTEGRATORS)),
+        strain,
+        arrays.get("held_n"),
+        table["trace_every"],
+        bool(table["trace_positions"]),
+    )
+
+
+class SimulationTask:
+    """One simulation as the run loop steps it: its engine, what was kept, and its checkpoint."""
+
+    def __init__(
+        self,
+        settings: SimulationSettings,
+        loop: RunLoop,
+        spin_nk: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.began = time.process_time()
+        self.settings, self.scene, self.loop = settings, settings.scene, loop
+        scene, strain, d = settings.scene, settings.strain, settings.scene.packing.dimension
+        self.engine: Engine = build_engine(
+            scene,
+            dt=settings.dt,
+            mass_n=settings.mass_n,
+            velocity_nd=np.zeros_like(scene.packing.position_nd),
+            spin_nk=spin_nk,
+            profile=None if strain is None else strain.profile(),
+            direction_dd=None if strain is None else strain.direction(d),
+            held_n=settings.held_n,
+            second_order=isinstance(settings.method, VelocityVerlet),
+            threads=loop.settings.threads,
+        )
+        self.direction_dd = np.zeros((d, d)) if strain is None else strain.direction(d)
+        self.build_seconds = time.process_time() - self.began
+        self.seconds_before = 0.0
+        self.kept: list[tuple[int, NDArray[np.float64]]] = []
+        self.added: list[dict[str, NDArray[np.float64]]] = []
+        self.position_t: list[NDArray[np.float64]] | None = [] if settings.trace_positions else None
+        self.velocity_t: list[NDArray[np.float64]] = []
+        self.snapshots: list[Snapshot] = []
+        self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
+        self.watch = watch_of(scene, strain, settings.dt)
+        # at least so often is what happens observed: often enough that an interrupt is seen
+        often = steps_between_observations(strain, settings.dt, scene.packing.particles)
+        self.observe_every = min(max(1, 1_000_000 // self.engine.state.body.size), often)
+        self.start = self.last = np.zeros(COLUMNS)
+        self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))
+        self.reached = 0
+        # the step that is observed next: checkpoints in between change none of them
+        self.end = 0
+        self.box: Box = scene.packing.box
+        self.spin_nk: NDArray[np.float64] | None = None
+        self.tension_l = np.zeros(0 if scene.packing.links is None else len(scene.packing.links))
+
+    def begin(self, velocity_nd: NDArray[np.float64]) -> None:
+        """Start with (N, d) velocities."""
+        with held_interrupts():
+            self.engine.set_velocities(velocity_nd)
+            self.start = self.engine.observe()
+            self.watch.remember(self._moment(self.start), 0)
+            self._keep(self.start)
+
+    def run(self, begin: Callable[[], None]) -> Simulation:
+        """Return where the simulation gets to from where `begin` puts it."""
+        save = None if self.loop.settings.checkpoint is None else self.save
+
+        def work() -> Outcome:
+            begin()
+            return self.loop.advance(self, save)
+
+        return self.loop.run(work, self.finish)
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return self.engine.steps
+
+    def next_stop(self) -> int | Outcome:
+        """Return the step that is to be observed next."""
+        steps, every = self.engine.steps, self.settings.trace_every
+        if steps >= self.settings.steps:
+            return Outcome.FINISHED
+        if steps >= self.end:
+            due = self.settings.steps - steps
+            if every is not None:
+                due = min(due, every - steps % every)
+            self.end = steps + int(min(due, self.observe_every))
+        return self.end
+
+    def advance(self, steps: int) -> Outcome | None:
+        """Take so many steps."""
+        return None if self.engine.advance(steps) == RUNNING else Outcome.STEP_TOO_LONG
+
+    def observe(self) -> Outcome | None:
+        """Keep what is to be kept of this step; end the run where energy came from nowhere."""
+        now = self.engine.observe()
+        last, start = self._moment(self.last), self._moment(self.start)
+        if not self.watch.is_calm(self._moment(now), last, start, self.engine.steps):
+            return Outcome.STEP_TOO_LONG
+        self._keep(now)
+        return None
+
+    def figures(self) -> tuple[str, dict[str, Any]]:
+        """Return the stage and what the progress callback gets."""
+        last, engine = self.last, self.engine
+        total = float(last[POTENTIAL] + last[TANGENTIAL] + last[KINETIC] + last[ROTATIONAL])
+        figures = {"steps": engine.steps, "time": engine.time, "energy": total, "strain": float(last[STRAIN])}
+        return type(self.settings.method).__name__, {**figures, "engine": engine}
+
+    def _moment(self, row: NDArray[np.float64]) -> Moment:
+        return moments_of(row[None], self.direction_dd)[0]
+
+    def _keep(self, now: NDArray[np.float64]) -> None:
+        engine, largest, d = self.engine, self.largest, len(self.engine.axes)
+        self.last, self.reached = now, engine.steps
+        self.state = engine.positions(), engine.velocities()
+        self.box, self.spin_nk, self.tension_l = engine.box(), engine.spins(), engine.tensions()
+        moved = float(np.abs(now[MOMENTUM : MOMENTUM + d] - self.start[MOMENTUM : MOMENTUM + d]).max())
+        potential, kinetic = float(now[POTENTIAL] + now[TANGENTIAL]), float(now[KINETIC] + now[ROTATIONAL])
+        seen = {"energy": abs(potential) + kinetic, "impulse": float(now[IMPULSE]), "momentum": moved}
+        for name, value in {**seen, "link": float(now[LINK_ERROR])}.items():
+            largest[name] = max(largest[name], value)
+        every = self.settings.trace_every
+        if every is not None and (engine.steps % every == 0 or engine.steps == self.settings.steps):
+            self.kept.append((engine.steps, now))
+            self.added.append(measure_added(self._measured))
+            if self.position_t is not None:
+                self.position_t.append(self.state[0])
+                self.velocity_t.append(self.state[1])
+                self.snapshots.append(Snapshot(self.box.lattice_dd, self.spin_nk, touching_of(engine)))
+
+    def _measured(self) -> State:
+        """Return what added observables are measured of."""
+        now = (self.reached, self.engine.time, self.state[1].copy(), self.spin_nk)
+        return State(self._packing(), self.scene.effects, *now)
+
+    def save(self) -> None:
+        """Write the checkpoint."""
+        path, arrays = self.loop.settings.checkpoint, self.arrays()
+        assert path is not None
+        check_indices(arrays, self.index_bounds())
+        every = self.loop.settings.checkpoint_every
+        table = {**self.settings.to_table(), "checkpoint_every": every, "reached": self.reached}
+        write_checkpoint(path, KIND, table, arrays)
+
+    def index_bounds(self) -> dict[str, IndexBounds]:
+        """Return what the saved arrays of integers may hold."""
+        kept = {"kept_step_t": IndexBounds(0, 1 << 62, (None,))}
+        return self.engine.index_bounds() | kept | snapshot_bounds(*self.scene.packing.position_nd.shape)
+
+    def arrays(self) -> Arrays:
+        """Return what a checkpoint keeps, by name."""
+        settings = self.settings
+        arrays = self.engine.arrays() | {"mass_n": settings.mass_n}
+        if settings.held_n is not None:
+            arrays["held_n"] = settings.held_n
+        arrays["start_row"], arrays["last_row"] = self.start, self.last
+        arrays["kept_row_tk"] = np.array([row for _, row in self.kept]).reshape(-1, COLUMNS)
+        arrays["kept_step_t"] = np.array([step for step, _ in self.kept], dtype=np.int64)
+        arrays |= added_arrays(self.added)
+        if self.position_t is not None:
+            shape = (-1, *self.scene.packing.position_nd.shape)
+            arrays["kept_position_tnd"] = np.array(self.position_t).reshape(shape)
+            arrays["kept_velocity_tnd"] = np.array(self.velocity_t).reshape(shape)
+            arrays |= snapshot_arrays(self.snapshots)
+        arrays["state_position_nd"], arrays["state_velocity_nd"] = self.state
+        arrays["state_lattice_dd"], arrays["state_tension_l"] = self.box.lattice_dd, self.tension_l
+        if self.spin_nk is not None:
+            arrays["state_spin_nk"] = self.spin_nk
+        numbers = {
+            "reached": self.reached,
+            "end": self.end,
+            "largest": self.largest,
+            "watch": self.watch.to_table(),
+            "seconds": self._seconds(),
+        }
+        return arrays | {"numbers_json": np.array(json.dumps(numbers))}
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go back to where a checkpoint was made."""
+        self.engine.restore(arrays)
+        table = json.loads(str(arrays["numbers_json"]))
+        self.start, self.last = arrays["start_row"], arrays["last_row"]
+        every = self.settings.trace_every
+        step_t = arrays["kept_step_t"].tolist()
+        # the last step of a run that goes on is kept no longer, unless its turn has come
+        chosen = [t for t, step in enumerate(step_t) if every is not None and step % every == 0]
+        self.kept = [(step_t[t], arrays["kept_row_tk"][t]) for t in chosen]
+        added = added_rows(arrays, len(step_t), self.scene.packing.dimension)
+        self.added = [added[t] for t in chosen]
+        if self.position_t is not None:
+            self.position_t = [arrays["kept_position_tnd"][t] for t in chosen]
+            self.velocity_t = [arrays["kept_velocity_tnd"][t] for t in chosen]
+            snapshots = snapshots_of(arrays)
+            self.snapshots = [snapshots[t] for t in chosen]
+        self.state = arrays["state_position_nd"], arrays["state_velocity_nd"]
+        self.box, self.tension_l = Box(arrays["state_lattice_dd"]), arrays["state_tension_l"]
+        self.spin_nk = arrays.get("state_spin_nk")
+        self.reached = int(table["reached"])
+        self.largest = {name: float(x) for name, x in table["largest"].items()}
+        self.watch = dataclasses.replace(self.watch, **table["watch"])
+        self.end, self.seconds_before = min(int(table["end"]), self.settings.steps), float(table["seconds"])
+
+    def _seconds(self) -> float:
+        return self.seconds_before + time.process_time() - self.began - self.build_seconds
+
+    def finish(self, outcome: Outcome) -> Simulation:
+        """Return the run as far as it came."""
+        start, last, largest, settings = self.start, self.last, self.largest, self.settings
+        mean = float(last[TOTAL] / last[CONTACTS]) if last[CONTACTS] else 0.0
+        residual = float(last[MOST]) / mean if mean > 0 else 0.0
+        seconds = self._seconds()
+        note = compiling_noted("", self.loop.compiling(), seconds)
+        evaluations, name = self.engine.force_evaluations, type(settings.method).__name__
+        before, after = self._moment(start), self._moment(last)
+        change = after.energy + after.kinetic - (before.energy + before.kinetic)
+        return Simulation(
+            packing=self._packing(),
+            outcome=outcome,
+            residual=residual,
+            steps=self.reached,
+            force_evaluations=evaluations,
+            seconds=seconds,
+            build_seconds=self.build_seconds,
+            stages=(Stage(name, residual, self.reached, evaluations, seconds, note),),
+            trace=self._trace(),
+            velocity_nd=self.state[1],
+            mass_n=settings.mass_n,
+            dt=settings.dt,
+            energy_drift=change / largest["energy"] if largest["energy"] > 0 else 0.0,
+            momentum_error=largest["momentum"] / largest["impulse"] if largest["impulse"] > 0 else 0.0,
+            link_error=largest["link"],
+            tension_l=self.tension_l,
+            spin_nk=self.spin_nk,
+            strain=float(last[STRAIN]),
+            held_n=settings.held_n,
+        )
+
+    def _packing(self) -> Packing:
+        return self.scene.packing.replace(position_nd=self.state[0], box=self.box)
+
+    def _trace(self) -> MotionTrace | None:
+        if self.settings.trace_every is None or not self.kept:
+            return None
+        step_t, rows = zip(*self.kept, strict=True)
+        return trace_of_rows(step_t, rows, self.added, self.engine, self.position_t, self.velocity_t, self.snapshots)

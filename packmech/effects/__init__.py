@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from packmech.effects.body import SIGNED, BackgroundDamping, Gravity, Walls
+from packmech.effects.body import SIGNED, BackgroundDamping, Gravity, Walls, body_energy, body_force, spin_drag
 from packmech.effects.bonds import Bonds
 from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction
@@ -24,7 +24,6 @@ from packmech.effects.laws import (
     law_second,
     registered_laws,
 )
-from packmech.effects.on_body import body_energy, body_force, spin_drag
 from packmech.effects.pair import (
     ContactTerms,
     contact_terms,

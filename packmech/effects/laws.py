@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from packmech.compiled import compiled_form, compiled_methods, own_name, tell_apart
+from packmech.jit.compiled import compiled_form, compiled_methods, own_name, tell_apart
 
 
 class Law(Protocol):
@@ -129,23 +129,17 @@ def _method(numba_type: Any, name: str) -> Callable[..., float] | None:
 
 @compiled_form(law_energy)
 def _law_energy(law: Any, distance: Any, contact_distance: Any) -> Any:
-    function = _method(law, "energy")
-    if function is not None:
-        return lambda law, distance, contact_distance: function(law, distance, contact_distance)
+    return _method(law, "energy")
 
 
 @compiled_form(law_first)
 def _law_first(law: Any, distance: Any, contact_distance: Any) -> Any:
-    function = _method(law, "first")
-    if function is not None:
-        return lambda law, distance, contact_distance: function(law, distance, contact_distance)
+    return _method(law, "first")
 
 
 @compiled_form(law_second)
 def _law_second(law: Any, distance: Any, contact_distance: Any) -> Any:
-    function = _method(law, "second")
-    if function is not None:
-        return lambda law, distance, contact_distance: function(law, distance, contact_distance)
+    return _method(law, "second")
 
 
 @law

@@ -27,7 +27,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
+from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 
 E = TypeVar("E", bound=type)
 
@@ -146,7 +146,7 @@ def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = hook_of(effect, "pair_energy")
     if function is None:
         return lambda effect, distance, contact_distance: 0.0
-    return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)
+    return function
 
 
 @compiled_form(pair_first)
@@ -154,7 +154,7 @@ def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) ->
     function = hook_of(effect, "pair_first")
     if function is None:
         return lambda effect, distance, contact_distance, rate: 0.0
-    return lambda effect, distance, contact_distance, rate: function(effect, distance, contact_distance, rate)
+    return function
 
 
 @compiled_form(pair_elastic)
@@ -171,7 +171,7 @@ def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = hook_of(effect, "pair_second")
     if function is None:
         return lambda effect, distance, contact_distance: 0.0
-    return lambda effect, distance, contact_distance: function(effect, distance, contact_distance)
+    return function
 
 
 class ContactTerms(NamedTuple):

@@ -1,16 +1,13 @@
 """Starting packings: sizes, random positions, lattices, clusters, chains; fragments cut out of bonded ones."""
 
 from packmech.generate.chains import chain_packing
-from packmech.generate.cluster import Cluster, Shape
-from packmech.generate.clusters import cluster_packing
-from packmech.generate.crystals import LATTICE_NAMES
+from packmech.generate.cluster_shapes import Cluster, Dimer, LinearCluster, RingCluster, Shape, StarCluster, Trimer
+from packmech.generate.clusters import cluster_packing, scattered_packing
+from packmech.generate.defects import reinforced_kagome_packing, tunneled_packing, vacancy_packing
 from packmech.generate.fragments import cut_fragments, fragment_numbers
-from packmech.generate.lattices import lattice_packing
+from packmech.generate.lattices import LATTICE_NAMES, lattice_packing
 from packmech.generate.random import fill_box, random_packing
-from packmech.generate.scattered import scattered_packing
-from packmech.generate.shapes import Dimer, LinearCluster, RingCluster, StarCluster, Trimer
 from packmech.generate.sizes import Bidisperse, LogNormal, Mixture, Monodisperse, Normal, Sizes, Uniform
-from packmech.generate.subpackings import reinforced_kagome_packing, tunneled_packing, vacancy_packing
 
 __all__ = [
     "LATTICE_NAMES",

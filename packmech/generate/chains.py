@@ -13,10 +13,8 @@ from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
 from packmech.generate.clusters import CROSSING
 from packmech.generate.random import box_for, generator_of, shape_of
-from packmech.generate.segments import Bonds
-from packmech.generate.sizes import Sizes
-from packmech.generate.slither import slither
-from packmech.generate.walks import Plan, Walk
+from packmech.generate.sizes import Sizes, sizes_of
+from packmech.generate.walks import Bonds, Plan, Walk, slither
 from packmech.links import Links
 from packmech.packing import Packing
 
@@ -203,9 +201,7 @@ def _radius_n(
     if sizes is not None:
         if radii is not None:
             raise ValueError(f"radii must be left out when sizes are given, got {radii!r}")
-        if not isinstance(sizes, Sizes) or isinstance(sizes, type):
-            raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
-        return np.asarray(rng.permutation(sizes.radii(count * beads, rng)))
+        return np.asarray(rng.permutation(sizes_of(sizes, sizes).radii(count * beads, rng)))
     if radii is None or np.ndim(radii) == 0:
         return np.full(count * beads, 0.5 if radii is None else positive("radii", radii))
     checked = positive_array("radii", radii, shape=(None,))

@@ -1,23 +1,25 @@
-"""Random starting packings of clusters: one shape at independent places and orientations."""
+"""Random starting packings of clusters, at independent positions and orientations: of one shape, or a packing's."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import integer, one_of, positive, real
-from packmech.generate.cluster import Cluster, RandomShape, Shape
+from packmech.check import instance, integer, one_of, positive, real
+from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import box_for, generator_of, shape_of
-from packmech.generate.room import Room
-from packmech.generate.segments import Bonds
-from packmech.generate.sizes import Sizes
-from packmech.links import Links
+from packmech.generate.sizes import Monodisperse, Sizes, sizes_of
+from packmech.generate.walks import Bonds
+from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
 CROSSING = ("avoided", "allowed")
+# positions tried for a cluster of a packing before it may overlap others by so much more
+_TRIES, _MORE = 50, 0.05
 
 
 def cluster_packing(
@@ -87,8 +89,7 @@ def cluster_packing(
         raise TypeError(f"shape must be a shape such as Dimer(...) or Cluster(...), got {shape!r}")
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
     packing_fraction = positive("packing_fraction", packing_fraction)
-    if sizes is not None and (not isinstance(sizes, Sizes) or isinstance(sizes, type)):
-        raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
+    sizes = sizes_of(sizes, Monodisperse())
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
     one_of("crossing", crossing, CROSSING)
@@ -96,7 +97,7 @@ def cluster_packing(
         largest_overlap = real("largest_overlap", largest_overlap, at_least=0.0, below=1.0)
     tries = integer("tries", tries, at_least=1)
     avoid = dimension == 2 and crossing == "avoided"
-    factor_k = np.ones(count) if sizes is None else 2.0 * sizes.radii(count, rng)
+    factor_k = 2.0 * sizes.radii(count, rng)
     cluster_k = _clusters(shape, count, dimension, rng)
     for cluster in {id(cluster): cluster for cluster in cluster_k}.values() if avoid else ():
         own = cluster.crossing()
@@ -108,26 +109,153 @@ def cluster_packing(
     radius_n = np.concatenate([factor * one.radius_b for factor, one in zip(factor_k, cluster_k, strict=True)])
     scaled = box_for(radius_n, packing_fraction, shape_dd)
     bonds = _Bonds(cluster_k, factor_k, scaled) if avoid else None
-    room = None if largest_overlap is None else Room(scaled, radius_n, largest_overlap)
+    placed = None if largest_overlap is None else Placed(scaled, radius_n, largest_overlap)
     position = np.empty((count, *cluster_k[0].position_bd.shape))
     for k in range(count):
         centered_bd = cluster_k[k].position_bd - cluster_k[k].position_bd.mean(axis=0)
-        for _ in range(tries if avoid or room is not None else 1):
-            center = np.einsum("de,e->d", scaled.lattice_dd, rng.random(dimension))
-            turned = np.einsum("de,be->bd", random_rotation(dimension, rng), factor_k[k] * centered_bd)
-            position[k] = center + turned
-            if (room is None or room.has(position[k])) and (bonds is None or bonds.place(k, position[k])):
+        for _ in range(tries if avoid or placed is not None else 1):
+            position[k] = _at_random(factor_k[k] * centered_bd, scaled, rng)
+            if (placed is None or placed.admits(position[k])) and (bonds is None or bonds.place(k, position[k])):
                 break
         else:
             raise ValueError(
-                f"{'crossing' if room is None else 'largest_overlap'} must leave room for all clusters (allow more, or "
-                "take a lower packing fraction, shorter links or more tries), "
+                f"{'crossing' if placed is None else 'largest_overlap'} must leave room for all clusters (allow more, "
+                "or take a lower packing fraction, shorter links or more tries), "
                 f"got no place for cluster {k} in {tries} tries"
             )
-        if room is not None:
-            room.take(position[k])
+        if placed is not None:
+            placed.add(position[k])
     packing = Packing(position.reshape(-1, dimension), radius_n, scaled, _links(cluster_k, factor_k))
     return packing.wrapped()
+
+
+def scattered_packing(
+    packing: Packing,
+    *,
+    packing_fraction: float,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+    largest_overlap: float = 0.1,
+) -> Packing:
+    """Return the packing with its particles at independent uniform positions, its box scaled to the packing fraction.
+
+    Clusters of linked particles keep their shape and are rotated at random. They are placed one by one where they
+    overlap earlier ones little, so that their links do not cross; after every 50 positions tried a cluster may overlap
+    by 0.05 more.
+
+    Parameters
+    ----------
+    packing
+        The packing; of its positions only the shapes of clusters are kept.
+    packing_fraction
+        Volumes of the particles over that of the box [1].
+    seed, rng
+        Exactly one of them: a seed for ``numpy.random.default_rng``, or a generator. The same seed gives the same bits.
+    largest_overlap
+        Largest overlap of particles of two clusters, over the sum of their radii [1].
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument; a cluster that winds around the box has no other position in it.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> trimers = pm.cluster_packing(10, pm.Trimer(), dimension=2, packing_fraction=0.3, seed=1)
+    >>> again = pm.scattered_packing(trimers, packing_fraction=0.4, seed=2)
+    >>> round(pm.packing_fraction(again), 12), again.link_error < 1e-14
+    (0.4, True)
+
+    """
+    instance("packing", packing, Packing)
+    fraction = positive("packing_fraction", packing_fraction)
+    rng = generator_of(seed, rng)
+    overlap = real("largest_overlap", largest_overlap, at_least=0.0, at_most=1.0)
+    radius, n, d = packing.radius_n, packing.particles, packing.dimension
+    box = box_for(radius, fraction, packing.box.lattice_dd)
+    links = packing.links
+    if links is None:
+        return Packing(np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d))), radius, box=box)
+    offset, winding = image_offsets(links, n)
+    if winding.any():
+        particle = int(np.argmax(winding))
+        raise ValueError(f"packing must have no cluster that winds around the box, got that of particle {particle}")
+    unwrapped_nd = packing.position_nd + np.einsum("de,ne->nd", packing.box.lattice_dd, offset)
+    cluster = links.clusters(n)
+    order = np.argsort(cluster, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(cluster[order])) + 1)
+    placed = Placed(box, radius[order], overlap)
+    position = np.empty((n, d))
+    for part in parts:
+        shape_bd = unwrapped_nd[part] - unwrapped_nd[part].mean(axis=0)
+        allowed = overlap
+        for tries in itertools.count(1):
+            placed.allow(allowed)
+            position[part] = _at_random(shape_bd, box, rng)
+            if placed.admits(position[part]):
+                break
+            if tries % _TRIES == 0:
+                allowed += _MORE
+        placed.add(position[part])
+    none = np.zeros_like(links.image_ld)
+    return Packing(position, radius, box, Links(links.i_l, links.j_l, none, links.length_l, links.shape_l))
+
+
+def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the beads of a cluster about a random center, rotated at random."""
+    dimension = box.dimension
+    center_d = np.einsum("de,e->d", box.lattice_dd, rng.random(dimension))
+    return np.asarray(center_d + np.einsum("de,be->bd", random_rotation(dimension, rng), shape_bd))
+
+
+class Placed:
+    """The beads placed so far, and whether those of another cluster overlap them too much.
+
+    Parameters
+    ----------
+    box
+        The box.
+    radius_n
+        (N,) radii of all beads, in the order in which they will be placed [length].
+    largest_overlap
+        Largest overlap of two beads of different clusters, relative to the sum of their radii [1].
+
+    """
+
+    def __init__(self, box: Box, radius_n: NDArray[np.float64], largest_overlap: float) -> None:
+        small, _ = box.reduced()
+        self._lattice, self._inverse = small.lattice_dd, small.inverse_dd
+        self._radius = radius_n
+        self._apart = 1.0 - largest_overlap
+        self._position_nd = np.empty((len(radius_n), box.dimension))
+        self._count = 0
+        # a vector shorter than half of every height rounds to itself; in smaller boxes further images count
+        reach = 2.0 * float(radius_n.max()) * self._apart / small.height_d
+        images_d = np.where(reach <= 0.5, 0, np.ceil(reach + 0.5)).astype(int)
+        self._image_kd = np.array(list(itertools.product(*[range(-m, m + 1) for m in images_d])), dtype=np.float64)
+
+    def allow(self, largest_overlap: float) -> None:
+        """Set how far the next cluster may overlap earlier ones."""
+        self._apart = max(0.0, 1.0 - largest_overlap)
+
+    def add(self, position_bd: NDArray[np.float64]) -> None:
+        """Add the beads of the next cluster."""
+        last = self._count + len(position_bd)
+        self._position_nd[self._count : last] = position_bd
+        self._count = last
+
+    def admits(self, position_bd: NDArray[np.float64]) -> bool:
+        """Return whether the beads of the next cluster overlap earlier ones no more than allowed."""
+        first, last = self._count, self._count + len(position_bd)
+        fraction = (position_bd[:, None] - self._position_nd[None, :first]) @ self._inverse.T
+        fraction -= np.rint(fraction)
+        sigma = self._radius[first:last, None] + self._radius[None, :first]
+        for image in self._image_kd:
+            vector = (fraction + image) @ self._lattice.T
+            if ((vector**2).sum(axis=2) < (self._apart * sigma) ** 2).any():
+                return False
+        return True
 
 
 def _clusters(shape: Shape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:

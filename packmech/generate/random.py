@@ -1,4 +1,4 @@
-"""Random starting packings: points placed independently and uniformly, at a stated packing fraction."""
+"""Random packings, and the box that holds a given packing fraction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive
-from packmech.generate.sizes import Bidisperse, Sizes
+from packmech.generate.sizes import Bidisperse, Sizes, sizes_of
 from packmech.packing import Packing
 
 
@@ -61,9 +61,7 @@ def random_packing(
     particles = integer("particles", particles, at_least=1)
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
     packing_fraction = positive("packing_fraction", packing_fraction)
-    sizes = Bidisperse() if sizes is None else sizes
-    if not isinstance(sizes, Sizes) or isinstance(sizes, type):
-        raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
+    sizes = sizes_of(sizes, Bidisperse())
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
 

@@ -29,6 +29,15 @@ class Sizes(Protocol):
         ...
 
 
+def sizes_of(sizes: Sizes | None, default: Sizes) -> Sizes:
+    """Return the distribution that an argument `sizes` names, checked; the default for None."""
+    if sizes is None:
+        return default
+    if not isinstance(sizes, Sizes) or isinstance(sizes, type):
+        raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
+    return sizes
+
+
 def apportion(particles: int, fractions: tuple[float, ...]) -> tuple[int, ...]:
     """Return how many of ``particles`` each fraction gets: whole numbers that add up to ``particles``.
 

@@ -7,15 +7,7 @@ from packmech.measure.counting import coordination_number, packing_fraction
 from packmech.measure.demodulation import Demodulation, demodulate, softening_strain, yield_strain
 from packmech.measure.link_tension import link_tension
 from packmech.measure.rattlers import find_rattlers, remove_rattlers
-from packmech.measure.stress import (
-    contact_stress,
-    energy,
-    force_balance,
-    forces,
-    pressure,
-    stress_tensor,
-    sum_forces,
-)
+from packmech.measure.stress import contact_stress, energy, force_balance, forces, pressure, stress_tensor, sum_forces
 
 __all__ = [
     "Demodulation",

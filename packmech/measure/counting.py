@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from packmech.check import instance
+from packmech.check import instance, one_of
 from packmech.contacts import find_contacts
+from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing
 
 
@@ -48,9 +49,6 @@ def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattler
     12.0
 
     """
-    from packmech.check import one_of
-    from packmech.measure.rattlers import find_rattlers
-
     instance("packing", packing, Packing)
     one_of("rattlers", rattlers, ("remove", "keep"))
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
-from packmech.compiled import single_thread
+from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms
-from packmech.measure.link_tension import link_gradients, tension_of
+from packmech.jit.blas import single_thread
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
@@ -124,9 +124,9 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
         stress += contact_stress(contacts, first, packing.box.volume)
     if parts != "contacts":
         with single_thread():
-            gradients = link_gradients(packing)
-            tension = tension_of(gradients, contacts, first)
-        stress += contact_stress(gradients.pairs, tension, packing.box.volume)
+            links = ConstraintFactor(packing)
+            tension = links.tension(contacts, first)
+        stress += contact_stress(links.pairs, tension, packing.box.volume)
     return stress
 
 
@@ -184,6 +184,6 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     net = sum_forces(contacts, -first)
     if scene.packing.links is not None:
         with single_thread():
-            gradients = link_gradients(scene.packing)
-            net += sum_forces(gradients.pairs, -tension_of(gradients, contacts, first))
+            links = ConstraintFactor(scene.packing)
+            net += sum_forces(links.pairs, -links.tension(contacts, first))
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(np.abs(first).mean())

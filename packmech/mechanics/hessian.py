@@ -7,20 +7,18 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, one_of, positive, positive_array
+from packmech.constraints.basis import MEMORY_LIMIT, motion_basis
+from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import ContactTerms, contact_terms
+from packmech.linalg.mandel import STRAINS, mandel_vector, strain_directions, trace_vector
 from packmech.measure import contact_stress
-from packmech.measure.link_tension import LinkGradients, link_gradients
-from packmech.mechanics.bonds import BondSums, bond_sums
-from packmech.mechanics.link_basis import MEMORY_LIMIT, motion_basis
-from packmech.mechanics.link_rows import prestressed
+from packmech.mechanics.pair_stiffness import BondSums, bond_sums, prestressed
 from packmech.mechanics.rigidity import TOUCHING
-from packmech.mechanics.strain import isochoric_basis, mandel_vector, strain_components, trace_vector
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 KINDS = ("exact", "paper", "unstressed")
-VOLUMES = ("free", "fixed")
 CURVATURES = ("det", "trace")
 
 
@@ -29,13 +27,13 @@ def closed_terms(scene: Scene, contacts: Contacts) -> ContactTerms:
     return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
 
 
-def scene_sums(contacts: Contacts, terms: ContactTerms, kind: str, links: LinkGradients | None = None) -> BondSums:
+def scene_sums(contacts: Contacts, terms: ContactTerms, kind: str, links: ConstraintFactor | None = None) -> BondSums:
     """Return the bond tensors of the named kind; "unstressed" leaves out the forces, "paper" those of the links."""
     return bond_sums(*prestressed(contacts, terms, kind, links))
 
 
 def volume_curvature_term(
-    contacts: Contacts, terms: ContactTerms, links: LinkGradients | None = None
+    contacts: Contacts, terms: ContactTerms, links: ConstraintFactor | None = None
 ) -> NDArray[np.float64]:
     """Return the (s, s) curvature P V d2(det) of a volume held by pressure: P V (tr E tr F - tr E F)."""
     stressed = prestressed(contacts, terms, "exact", links)
@@ -45,24 +43,23 @@ def volume_curvature_term(
     return pressure_volume * (np.outer(trace, trace) - np.eye(len(trace)))
 
 
-def links_of(packing: Packing) -> LinkGradients | None:
+def links_of(packing: Packing) -> ConstraintFactor | None:
     """Return the gradients of a packing's links, None where there are none."""
-    return None if packing.links is None else link_gradients(packing)
+    return None if packing.links is None else ConstraintFactor(packing)
 
 
-def check_choices(kind: str, volume: str, volume_curvature: str) -> None:
-    """Check the names of a kind of Hessian, of a volume and of its curvature."""
+def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
+    """Check the names of a kind of Hessian, of what the box may do, and of the curvature of its volume."""
     one_of("kind", kind, KINDS)
-    one_of("volume", volume, VOLUMES)
+    one_of("strain", strain, STRAINS)
     one_of("volume_curvature", volume_curvature, CURVATURES)
 
 
 def hessian(
     scene: Scene,
-    strain: bool = True,
+    strain: str = "free",
     kind: str = "exact",
     *,
-    volume: str = "free",
     volume_curvature: str = "det",
     gap_tolerance: float = TOUCHING,
 ) -> sp.csr_array:
@@ -73,22 +70,21 @@ def hessian(
     in [energy/length]. Equations 24-26 of the polymer source with their errata.
 
     With rigid links the matrix is that of the Lagrangian, not projected: contacts plus sum of tension * second
-    derivatives of the lengths. It means something on motions that the links admit, y = B^T q with B from
-    `change_of_basis`: the second derivatives of the energy along these are B H B^T, for a packing at rest.
+    derivatives of the lengths. It means something on motions that the links admit, y = B q with B from
+    `change_of_basis`: the second derivatives of the energy along these are B^T H B, for a packing at rest.
 
     Parameters
     ----------
     scene
         The scene.
     strain
-        Whether to append the strains.
+        What the box may do: "none", "isotropic", "isochoric" or "free". But for "none" all strains are appended. Where
+        they are to keep the volume ("isochoric") at its pressure P, "exact" adds the curvature of that constraint;
+        project the matrix on the isochoric ones.
     kind
         "exact": the full second derivatives, contact and link forces (prestress) included. "unstressed": R^T diag(u'')
         R, as if nothing carried a force. "paper": the second derivatives of the contact energies alone, as the source
         projects them: without the curvature of links and of a fixed volume, wrong by terms of the order of the stress.
-    volume
-        "free", or "fixed" if the strains are to keep the volume at its pressure P. Then "exact" adds the curvature of
-        that constraint; the matrix keeps all strains, so project it on the isochoric ones.
     volume_curvature
         Of a fixed volume: "det" keeps the determinant, and adds P V (tr E tr F - tr E F); "trace" keeps the trace of
         the strain coordinate, which has no curvature.
@@ -110,18 +106,17 @@ def hessian(
 
     """
     instance("scene", scene, Scene)
-    instance("strain", strain, bool)
-    check_choices(kind, volume, volume_curvature)
+    check_choices(kind, strain, volume_curvature)
     contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
     terms = closed_terms(scene, contacts)
     links = links_of(scene.packing)
     sums = scene_sums(contacts, terms, kind, links)
     position = sums.position_matrix()
     position.eliminate_zeros()
-    if not strain:
+    if strain == "none":
         return position
     corner = sums.strain_ee
-    if kind == "exact" and volume == "fixed" and volume_curvature == "det":
+    if kind == "exact" and strain == "isochoric" and volume_curvature == "det":
         corner = corner + volume_curvature_term(contacts, terms, links)
     return bordered(position, sums.coupling_xe, corner)
 
@@ -132,17 +127,11 @@ def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
 
 
-def strain_directions(dimension: int, volume: str) -> NDArray[np.float64]:
-    """Return an (s, k) orthonormal basis of the strains that a free or a fixed volume admits."""
-    return isochoric_basis(dimension) if volume == "fixed" else np.eye(strain_components(dimension))
-
-
 def dynamical_matrix(
     scene: Scene,
-    strain: bool = False,
+    strain: str = "none",
     kind: str = "exact",
     *,
-    volume: str = "free",
     volume_curvature: str = "det",
     mass_n: ArrayLike | None = None,
     strain_scale: float | None = None,
@@ -156,12 +145,12 @@ def dynamical_matrix(
 
     Parameters
     ----------
-    scene, kind, volume, volume_curvature, gap_tolerance
+    scene, kind, volume_curvature, gap_tolerance
         As in `hessian`.
     strain
-        Whether strains vibrate too, as the coordinates strain_scale * e with unit mass. What mass a strain has is a
-        convention, so these frequencies depend on it; their signs do not. With a fixed volume only the s - 1
-        isochoric strains are kept.
+        Which strains vibrate too, as the coordinates strain_scale * e with unit mass: "none", "isotropic" (one),
+        "isochoric" (s - 1) or "free" (s). What mass a strain has is a convention, so these frequencies depend on it;
+        their signs do not.
     mass_n
         (N,) masses; 1 for all by default.
     strain_scale
@@ -184,23 +173,22 @@ def dynamical_matrix(
 
     """
     instance("scene", scene, Scene)
-    instance("strain", strain, bool)
-    check_choices(kind, volume, volume_curvature)
+    check_choices(kind, strain, volume_curvature)
     positive("memory_limit", memory_limit)
     mass = checked_masses(mass_n, scene.packing.particles)
     scale = checked_scale(strain_scale, scene)
-    full = hessian(scene, strain, kind, volume=volume, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
+    full = hessian(scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
     if scene.packing.links is not None:
         basis = motion_basis(
-            link_gradients(scene.packing), strain_directions(dimension, volume) if strain else None,
+            ConstraintFactor(scene.packing), None if strain == "none" else strain_directions(dimension, strain),
             mass_n=mass, strain_scale=scale, memory_limit=memory_limit,
         )  # fmt: skip
         return sp.csr_array(basis.T @ (full @ basis))
     weight = np.repeat(1.0 / np.sqrt(mass), dimension)
     change = sp.diags_array(weight, format="csr")
-    if strain:
-        admitted = sp.csr_array(strain_directions(dimension, volume) / scale)
+    if strain != "none":
+        admitted = sp.csr_array(strain_directions(dimension, strain) / scale)
         change = sp.csr_array(sp.block_diag([change, admitted], format="csr"))
     result = sp.csr_array(change.T @ full @ change)
     result.sort_indices()
@@ -226,8 +214,8 @@ def perturbation_energy(
     displacement_nd: ArrayLike,
     strain_dd: ArrayLike | None = None,
     *,
+    strain: str = "free",
     kind: str = "exact",
-    volume: str = "free",
     volume_curvature: str = "det",
     gap_tolerance: float = TOUCHING,
 ) -> float:
@@ -239,12 +227,14 @@ def perturbation_energy(
 
     Parameters
     ----------
-    scene, kind, volume, volume_curvature, gap_tolerance
+    scene, kind, volume_curvature, gap_tolerance
         As in `hessian`.
     displacement_nd
         (N, d) displacements [length].
     strain_dd
         (d, d) symmetric strain [1], none by default; the perturbed vectors are (1 + strain)(v + dv).
+    strain
+        "free", or "isochoric" where the volume is held and the strain keeps it to first order.
 
     Raises
     ------
@@ -261,19 +251,19 @@ def perturbation_energy(
 
     """
     instance("scene", scene, Scene)
+    one_of("strain", strain, ("isochoric", "free"))
     packing = scene.packing
     displacement = finite_array("displacement_nd", displacement_nd, shape=(packing.particles, packing.dimension))
     motion = displacement.ravel()
     if strain_dd is not None:
-        strain = finite_array("strain_dd", strain_dd, shape=(packing.dimension, packing.dimension), what="row")
-        if np.abs(strain - strain.T).max() > 1e-12 * max(np.abs(strain).max(), 1e-300):
-            raise ValueError(f"strain_dd must be symmetric, got {strain.tolist()}")
-        motion = np.concatenate([motion, mandel_vector(strain)])
+        applied = finite_array("strain_dd", strain_dd, shape=(packing.dimension, packing.dimension), what="row")
+        if np.abs(applied - applied.T).max() > 1e-12 * max(np.abs(applied).max(), 1e-300):
+            raise ValueError(f"strain_dd must be symmetric, got {applied.tolist()}")
+        motion = np.concatenate([motion, mandel_vector(applied)])
     full = hessian(
         scene,
-        strain_dd is not None,
+        strain if strain_dd is not None else "none",
         kind,
-        volume=volume,
         volume_curvature=volume_curvature,
         gap_tolerance=gap_tolerance,
     )

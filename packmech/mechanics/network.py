@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import one_of
-from packmech.compiled import kernel
+from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.rattlers import loose_ends, loose_particles
+from packmech.contacts.rattlers import rattlers_of, rattling_bodies
+from packmech.jit.compiled import kernel
 from packmech.links import image_offsets
-from packmech.measure.link_tension import LinkGradients, link_gradients
 from packmech.packing import Packing
 
 RATTLERS = ("remove", "keep")
@@ -24,7 +24,7 @@ class Network(NamedTuple):
 
     contacts: Contacts
     index_n: NDArray[np.int64]
-    links: LinkGradients | None = None
+    links: ConstraintFactor | None = None
 
 
 @kernel
@@ -56,7 +56,7 @@ def _by_cluster(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
     offset, winding = image_offsets(packing.links, packing.particles)
     i, j, normal = _between(contacts.i_c, contacts.j_c, contacts.image_cd, contacts.normal_cd, cluster, offset)
     # a cluster that closes around the box resists its strain, touched or not
-    loose: NDArray[np.bool_] = loose_ends(i, j, normal, int(cluster.max()) + 1)[cluster] & ~winding
+    loose: NDArray[np.bool_] = rattling_bodies(i, j, normal, int(cluster.max()) + 1)[cluster] & ~winding
     return loose
 
 
@@ -88,11 +88,11 @@ def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "rem
     one_of("rattlers", rattlers, RATTLERS)
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     if rattlers == "keep":
-        links = None if packing.links is None else link_gradients(packing)
+        links = None if packing.links is None else ConstraintFactor(packing)
         return Network(contacts, np.arange(packing.particles), links)
-    held = ~loose_particles(contacts) if packing.links is None else ~_by_cluster(packing, contacts)
+    held = ~rattlers_of(contacts) if packing.links is None else ~_by_cluster(packing, contacts)
     if held.all():
-        links = None if packing.links is None else link_gradients(packing)
+        links = None if packing.links is None else ConstraintFactor(packing)
         return Network(contacts, np.arange(packing.particles), links)
     number = np.cumsum(held) - 1
     kept = contacts.select(held[contacts.i_c] & held[contacts.j_c])
@@ -108,4 +108,4 @@ def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "rem
         radius_n=packing.radius_n[held],
         links=packing.links.numbered(np.where(held, number, -1)),
     )
-    return Network(renumbered, np.flatnonzero(held), None if left.links is None else link_gradients(left))
+    return Network(renumbered, np.flatnonzero(held), None if left.links is None else ConstraintFactor(left))

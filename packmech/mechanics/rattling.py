@@ -14,15 +14,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.compiled import single_thread
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts
-from packmech.measure.link_tension import distance_gradients, link_gradients
-from packmech.mechanics.factor import Factorization, factorize
-from packmech.mechanics.linear_programs import SOLVE, Program
-from packmech.mechanics.link_rows import independent_rows
+from packmech.jit.blas import single_thread
+from packmech.linalg.factor import Factorization, factorize
+from packmech.linalg.linear_programs import SOLVE, Program
 from packmech.mechanics.rigidity import TOUCHING, contacts_of
-from packmech.outcome import Outcome
 from packmech.packing import Packing
+from packmech.result import Outcome
 
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5
@@ -103,7 +103,7 @@ def find_rattling_clusters(
     links = packing.links
     cluster = np.arange(packing.particles) if links is None else links.clusters(packing.particles)
     with single_thread():
-        independent, _ = independent_rows(link_gradients(packing))
+        independent, _ = ConstraintFactor(packing).independent_rows()
         rows = _rows(found, independent)
         backbone = _pushed(found, independent, rows)
         if not backbone.all():
@@ -195,7 +195,7 @@ def _balance_nearby(rows: _Rows, force_c: NDArray[np.float64]) -> bool:
 
 def moving_apart(packing: Packing, backbone: Contacts) -> NDArray[np.bool_]:
     """Return who moves differently from the largest group of particles that contacts and links hold together."""
-    independent, _ = independent_rows(link_gradients(packing))
+    independent, _ = ConstraintFactor(packing).independent_rows()
     return _moving(backbone, _rows(backbone, independent))
 
 

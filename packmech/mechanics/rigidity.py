@@ -1,4 +1,4 @@
-"""The rigidity matrix: displacements and strains to changes of contact distance."""
+"""The rigidity matrix: displacements and strains to changes of contact distance; and reduced to what links admit."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import instance
+from packmech.check import instance, one_of, positive
+from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import check_contacts
-from packmech.measure.link_tension import distance_gradients
-from packmech.mechanics.strain import normal_strains
+from packmech.linalg.mandel import STRAINS, normal_strains, strain_directions
 from packmech.packing import Packing
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
@@ -32,7 +34,7 @@ def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
 
 
 def rigidity_matrix(
-    packing: Packing, strain: bool = True, *, contacts: Contacts | None = None, gap_tolerance: float = TOUCHING
+    packing: Packing, strain: str = "free", *, contacts: Contacts | None = None, gap_tolerance: float = TOUCHING
 ) -> sp.csr_array:
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
 
@@ -47,7 +49,8 @@ def rigidity_matrix(
     packing
         The packing; rattlers are columns of zeros unless taken out before (`remove_rattlers`).
     strain
-        Whether to append the d(d+1)/2 strain columns [length].
+        What the box may do: "free" appends the d(d+1)/2 strain columns [length]; "isochoric" and "isotropic" only their
+        parts without trace, or along it; "none" appends nothing.
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
@@ -67,9 +70,152 @@ def rigidity_matrix(
     (27, 21)
 
     """
-    instance("strain", strain, bool)
+    one_of("strain", strain, STRAINS)
     found = contacts_of(packing, contacts, gap_tolerance)
     position = distance_gradients(found)
-    if not strain:
+    if strain == "none":
         return position
-    return sp.csr_array(sp.hstack([position, sp.csr_array(strain_columns(found))], format="csr"))
+    columns = strain_columns(found)
+    if strain != "free":
+        admitted = strain_directions(packing.dimension, strain)
+        columns = columns @ admitted @ admitted.T
+    return sp.csr_array(sp.hstack([position, sp.csr_array(columns)], format="csr"))
+
+
+def change_of_basis(
+    packing: Packing,
+    strain: str = "free",
+    *,
+    strain_scale: float | None = None,
+    memory_limit: float = MEMORY_LIMIT,
+) -> NDArray[np.float64]:
+    """Return the (N d + s, N_dof) motions that the links admit to first order, or (N d, N_dof) without strain.
+
+    N_dof = N d + s - rank of the links (one less for isochoric strains; N d - rank in a fixed box), uniform
+    translations included. The columns of B are a basis of the null space of the links' gradients (equations 28-32 of
+    the polymer source with their errata): Gamma^T B = 0, and the reduced forms are B^T H B and R B. They are
+    orthonormal in x.x + strain_scale^2 e.e. Strains that the links forbid altogether are in no column.
+
+    Parameters
+    ----------
+    packing
+        The packing; without links the basis is that of all motions.
+    strain
+        What the box may do: "none", "isotropic", "isochoric" or "free". But for "none" the last rows are Mandel
+        strains.
+    strain_scale
+        Length that a unit strain counts as [length]; V^(1/d) by default.
+    memory_limit
+        Largest memory of the answer [bytes]. `elastic_moduli`, `normal_modes` and the others need no such matrix.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, a name is unknown, or the matrix would exceed the limit.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> dimer = pm.Packing([[0, 0], [1, 0]], [0.5, 0.5], pm.Box.cubic(3.0, 2), pm.Links([0], [1], [[0, 0]], [1.0]))
+    >>> pm.change_of_basis(dimer, strain="none").shape, pm.change_of_basis(dimer, strain="isochoric").shape
+    ((4, 3), (7, 5))
+
+    """
+    instance("packing", packing, Packing)
+    one_of("strain", strain, STRAINS)
+    positive("memory_limit", memory_limit)
+    scale = packing.box.volume ** (1.0 / packing.dimension) if strain_scale is None else strain_scale
+    positive("strain_scale", scale)
+    directions = None if strain == "none" else strain_directions(packing.dimension, strain)
+    return motion_basis(
+        ConstraintFactor(packing),
+        directions,
+        mass_n=np.ones(packing.particles),
+        strain_scale=scale,
+        memory_limit=memory_limit,
+    )
+
+
+def constrained_rigidity_matrix(
+    packing: Packing,
+    strain: str = "free",
+    *,
+    strain_scale: float | None = None,
+    contacts: Contacts | None = None,
+    gap_tolerance: float = TOUCHING,
+    memory_limit: float = MEMORY_LIMIT,
+) -> NDArray[np.float64]:
+    """Return R_E = R B, the (C, N_dof) changes of contact distances under the motions of `change_of_basis`.
+
+    Equation 39 of the polymer source. R_E^T R_E is its dynamical matrix (with springs of stiffness 1), R_E R_E^T its
+    N-matrix (`n_matrix`); the null space of R_E^T are the states of self stress, links bearing what they must.
+
+    Parameters
+    ----------
+    packing, strain, strain_scale, memory_limit
+        As in `change_of_basis`.
+    contacts
+        The contacts to use, instead of those that `gap_tolerance` finds.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `change_of_basis`, or if the contacts belong to another number of particles.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pm.constrained_rigidity_matrix(pm.lattice_packing("triangular", repeats=(3, 3)), strain="none").shape
+    (27, 18)
+
+    """
+    basis = change_of_basis(packing, strain, strain_scale=strain_scale, memory_limit=memory_limit)
+    matrix = rigidity_matrix(
+        packing, "none" if strain == "none" else "free", contacts=contacts, gap_tolerance=gap_tolerance
+    )
+    check_memory(matrix.shape[0], basis.shape[1], memory_limit)
+    reduced: NDArray[np.float64] = matrix @ basis
+    return reduced
+
+
+def n_matrix(
+    packing: Packing,
+    strain: str = "free",
+    *,
+    strain_scale: float | None = None,
+    contacts: Contacts | None = None,
+    gap_tolerance: float = TOUCHING,
+    memory_limit: float = MEMORY_LIMIT,
+) -> NDArray[np.float64]:
+    """Return the N-matrix R_E R_E^T, (C, C): what contact forces do to contact distances through motions.
+
+    Its null vectors are the states of self stress.
+
+    Parameters
+    ----------
+    packing, strain, strain_scale, contacts, gap_tolerance, memory_limit
+        As in `constrained_rigidity_matrix`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `constrained_rigidity_matrix`.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> matrix = pm.n_matrix(pm.lattice_packing("triangular", repeats=(4, 4)), strain="none")
+    >>> int((np.linalg.eigvalsh(matrix) < 1e-10).sum())
+    18
+
+    """
+    positive("memory_limit", memory_limit)
+    found = contacts_of(packing, contacts, gap_tolerance)
+    check_memory(len(found), len(found), memory_limit)
+    matrix = constrained_rigidity_matrix(
+        packing, strain, strain_scale=strain_scale, contacts=found, memory_limit=memory_limit
+    )
+    product: NDArray[np.float64] = matrix @ matrix.T
+    return product

@@ -19,7 +19,7 @@ PROCESSES = 7
 
 MARKED = """
 import sys, time
-import packmech.dynamics.program as program
+import packmech.minimize.program as program
 advance = program.Program.advance
 def marked(*given, **named):
     advance(*given, **named)

@@ -13,8 +13,8 @@ import time
 
 import gymnasium as gym
 import numpy as np
-from packmech_envs.quench import QuenchEnv
-from packmech_envs.quench_vector import QuenchVectorEnv
+from packmech_envs.batched import QuenchVectorEnv
+from packmech_envs.single import QuenchEnv
 
 import packmech as pm
 

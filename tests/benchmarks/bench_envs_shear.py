@@ -17,13 +17,13 @@ import time
 
 import gymnasium as gym
 import numpy as np
-from packmech_envs.shear import ShearEnv
-from packmech_envs.shear_vector import ShearVectorEnv
+from packmech_envs.batched import ShearVectorEnv
+from packmech_envs.single import ShearEnv
 
 import packmech as pm
-from packmech.dynamics.march.flow import Driven
-from packmech.dynamics.march.state import build_march
-from packmech.dynamics.march.tally import new_ledger
+from packmech.dynamics.deformation import Driven
+from packmech.dynamics.engine import build_engine
+from packmech.dynamics.observables import new_ledger
 
 RUBBING = (pm.Friction(coefficient=0.5, stiffness=0.5, damping=0.1), pm.ContactDamping(coefficient=0.1))
 RATE = 1e-3
@@ -53,7 +53,7 @@ def best(call, count, clock=time.process_time, repeats=7):
 def program(scene, dt):
     """Return the bare march under a steady shear, on its way."""
     path = np.array([0.0, 1e9, 0.0, RATE * 1e9, RATE, RATE])
-    march = build_march(
+    march = build_engine(
         scene,
         dt=dt,
         mass_n=(scene.packing.diameter_n / scene.packing.reference_diameter) ** 2,
@@ -88,7 +88,7 @@ def single(effects, name):
         called = best(lambda batch=batch, told=told: batch.advance(told), 2000)
         whole = best(lambda env=env, action=action: env.step(action), 2000)
         march = program(scene, env.dt)
-        bare = best(lambda march=march, skip=skip: (march.advance(skip), march.see()), 1000)
+        bare = best(lambda march=march, skip=skip: (march.advance(skip), march.observe()), 1000)
         print(
             f"{name:<14}{skip:>5}{loop:>12.1f}{called:>14.1f}{bare:>14.1f}{whole:>12.1f}"
             f"{whole - loop:>14.1f}{whole - called:>14.1f}"

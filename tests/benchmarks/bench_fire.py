@@ -14,10 +14,10 @@ import numpy as np
 from calibration import REFERENCE_NS, calibrate, cpu_seconds
 
 import packmech as pm
-from packmech.compiled import kernel
-from packmech.dynamics.fire import Fire
-from packmech.dynamics.kernels import Goal, force_pass, move_pass
-from packmech.dynamics.program import Program, build_program
+from packmech.jit.compiled import kernel
+from packmech.minimize.fire import Fire
+from packmech.minimize.kernels import Goal, force_pass, move_pass
+from packmech.minimize.program import Program, build_program
 
 DT, ALPHA = 0.3, 0.15
 
@@ -120,7 +120,7 @@ def relaxed_program(particles: int, *, seed: int = 1, dimension: int = 2) -> Pro
         particles, dimension=dimension, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=fraction, seed=seed
     )
     program = build_program(pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),)))
-    program.fire(force_tolerance=1e-2, step_limit=5000)
+    program.relax(force_tolerance=1e-2, step_limit=5000, method=pm.Fire())
     return program
 
 
@@ -181,7 +181,7 @@ def bench_quench(particles: int, seeds: range) -> None:
         )
         program = build_program(pm.Scene(packing, (pm.Repulsion(),)))
         started = time.process_time()
-        run = program.fire(force_tolerance=1e-10)
+        run = program.relax(force_tolerance=1e-10, method=pm.Fire())
         rows.append((time.process_time() - started, run.steps, run.residual))
     seconds, steps, residual = (float(np.median(column)) for column in zip(*rows, strict=True))
     print(

@@ -62,7 +62,7 @@ def main() -> None:
     for dimension in (2, 3):
         pm.jam(start(32, dimension, 0.0, 1), strain="free")
     calibrate()
-    for strain in ("fixed", "free"):
+    for strain in ("isotropic", "free"):
         measure(strain)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 
 import packmech as pm
-from packmech.compiled import OPTIONS, kernel
 from packmech.effects import law_first
+from packmech.jit.compiled import OPTIONS, kernel
 
 
 class Given(NamedTuple):

@@ -20,10 +20,10 @@ import numpy as np
 from calibration import calibrate
 
 import packmech as pm
-from packmech.dynamics.march.flow import Ramp
-from packmech.dynamics.march.look import CONTACTS
-from packmech.dynamics.march.state import build_march
-from packmech.dynamics.program import space_order
+from packmech.dynamics.deformation import Ramp
+from packmech.dynamics.engine import build_engine
+from packmech.dynamics.observables import CONTACTS
+from packmech.minimize.program import space_order
 
 RATE, DT = 1e-3, 0.05
 SHEAR = np.array([[0.0, 1.0], [0.0, 0.0]])
@@ -73,7 +73,7 @@ def ours(start, effects, threads=1):
     """Return the march of a start under these effects."""
     packing = pm.Packing(start.position_nd, start.radius_n, pm.Box.cubic(start.side, 2))
     turns = any(isinstance(one, pm.Friction | pm.Bonds) for one in effects)
-    return build_march(
+    return build_engine(
         pm.Scene(packing, effects),
         dt=DT,
         mass_n=start.mass_n,
@@ -129,7 +129,7 @@ def compare(start, steps, repeats=8):
         best = [np.inf, np.inf]
         march = ours(start, effects)
         march.advance(3)
-        contacts = march.see()[CONTACTS] + (0 if bonds is None else len(bonds))
+        contacts = march.observe()[CONTACTS] + (0 if bonds is None else len(bonds))
         hand = hand_march.HandMarch(start, LAW, by_hand, RATE, DT, SKIN, bonds)
         hand.advance(3)
         for _ in range(repeats):

@@ -12,9 +12,9 @@ import numpy as np
 from calibration import calibrate, cpu_seconds
 
 import packmech as pm
-from packmech.dynamics.polish import newton
-from packmech.dynamics.program import build_program
-from packmech.mechanics.factor import NotDefinite, factorize
+from packmech.linalg.factor import NotDefinite, factorize
+from packmech.minimize.newton import newton
+from packmech.minimize.program import build_program
 
 CASES = [(64, 2, 0.9), (256, 2, 0.9), (1024, 2, 0.9), (4096, 2, 0.9), (256, 3, 0.7), (1024, 3, 0.7)]
 BUDGET = {"moduli": 0.020, "modes": 0.100}
@@ -27,7 +27,7 @@ def nearly_at_rest(particles: int, dimension: int, packing_fraction: float, seed
         particles, dimension=dimension, packing_fraction=packing_fraction, sizes=sizes, seed=seed
     )
     scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
-    relaxed = build_program(scene).fire(force_tolerance=1e-6)
+    relaxed = build_program(scene).relax(force_tolerance=1e-6, method=pm.Fire())
     return scene.replace(packing=packing.replace(position_nd=relaxed.position_nd))
 
 
@@ -37,7 +37,7 @@ def factorizations() -> None:
         scene = nearly_at_rest(*case, 1)
         backbone, _ = pm.remove_rattlers(scene.packing)
         d = backbone.dimension
-        matrix = pm.hessian(scene.replace(packing=backbone), False).tocsr()[d:, d:]
+        matrix = pm.hessian(scene.replace(packing=backbone), "none").tocsr()[d:, d:]
         right = np.random.default_rng(0).normal(size=(matrix.shape[0], 6))
         for backend in ("auto", "qdldl", "superlu", "rslab"):
             try:

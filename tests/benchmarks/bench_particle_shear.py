@@ -9,7 +9,7 @@ import time
 import numpy as np
 from calibration import REFERENCE_NS, calibrate
 
-from packmech.dynamics import particle_shear as ps
+from packmech.validation import particle_shear as ps
 
 # the package on one core, stress recorded at every step: (discs, fragments' centers) -> seconds per step
 PACKAGE = {(45, None): 0.0101, (150, None): 0.0585, (150, 5): 0.0608, (400, None): 0.302}

@@ -12,10 +12,10 @@ import numpy as np
 from calibration import calibrate
 
 import packmech as pm
-from packmech.dynamics.kernels import force_pass
-from packmech.dynamics.motion import Motion
-from packmech.dynamics.program import build_program
-from packmech.dynamics.verlet import VelocityVerlet
+from packmech.dynamics.engine import build_engine
+from packmech.dynamics.observables import CONTACTS
+from packmech.minimize.kernels import force_pass
+from packmech.minimize.program import build_program
 
 REPULSION = (pm.Repulsion(),)
 DAMPED = (pm.Repulsion(), pm.ContactDamping(0.1))
@@ -24,24 +24,22 @@ DAMPED = (pm.Repulsion(), pm.ContactDamping(0.1))
 def cost(scene, steps):
     """Return CPU ns a particle and step of a run, the same of the force pass alone, and contacts a particle."""
     n = scene.packing.particles
+    engine = build_engine(scene, dt=0.05, mass_n=np.ones(n), velocity_nd=np.zeros_like(scene.packing.position_nd))
+    engine.set_velocities(engine.thermal_velocities(1e-4, np.random.default_rng(1)))
+    engine.advance(2)
     program = build_program(scene)
-    motion = Motion(program, scene.effects, np.ones(n), None, 0.05)
-    motion.affix()
-    motion.set_velocities(motion.thermal_velocities(1e-4, np.random.default_rng(1)))
-    method = VelocityVerlet()
-    motion.follow(method, 2)
+    program.evaluate()
     best = [np.inf, np.inf]
     for _ in range(3):
-        began, before = time.process_time(), motion.steps
-        while motion.steps < before + steps:
-            motion.follow(method, before + steps - motion.steps)
+        began = time.process_time()
+        engine.advance(steps)
         best[0] = min(best[0], (time.process_time() - began) / steps)
         began = time.process_time()
         for _ in range(steps):
             program.force_nd[:] = 0.0
             force_pass(scene.effects, program.axes, program.row, program.force_nd, program.velocity_nd, program.pairs)
         best[1] = min(best[1], (time.process_time() - began) / steps)
-    return best[0] / n * 1e9, best[1] / n * 1e9, motion.see().contacts / n
+    return best[0] / n * 1e9, best[1] / n * 1e9, engine.observe()[CONTACTS] / n
 
 
 def relaxed(packing, effects):

@@ -22,7 +22,7 @@ from bench_verdict import soft_packing
 from calibration import calibrate, cpu_seconds
 
 import packmech as pm
-from packmech.mechanics.touching import backbone_of, find_touching
+from packmech.jamming.contact_selection import backbone_of, find_touching
 
 GOAL = {"certificate": 150.0, "loads": 100.0}
 
@@ -37,10 +37,10 @@ def literal(packing: pm.Packing, gap_tolerance: float | None) -> tuple[float, fl
     strains = d * (d + 1) // 2
     moving = (kept[:, None] * d + np.arange(d)).ravel()
     columns = np.concatenate([moving, packing.position_nd.size + np.arange(strains)])
-    rigidity = pm.rigidity_matrix(packing, True, contacts=network).toarray()[:, columns]
+    rigidity = pm.rigidity_matrix(packing, "free", contacts=network).toarray()[:, columns]
     gamma = np.zeros((len(columns), 0))
     if packing.links is not None:
-        gamma = pm.constraint_jacobian(packing, True).toarray()[columns]
+        gamma = pm.constraint_jacobian(packing, "free").toarray()[columns]
         gamma = gamma[:, np.abs(gamma).max(axis=0) > 0]
     translations = np.zeros((len(columns), d))
     translations[: len(moving)] = np.tile(np.eye(d), (len(kept), 1))

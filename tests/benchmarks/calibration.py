@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 import packmech as pm
-from packmech.compiled import kernel
 from packmech.contacts import candidate_pairs
+from packmech.jit.compiled import kernel
 
 REFERENCE_NS = 8.0
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.compiled import device, kernel
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
+from packmech.jit.compiled import device, kernel
 
 
 class Numbers(NamedTuple):

@@ -48,7 +48,7 @@ def pairs_tried(packing, monkeypatch):
         return first, start, counters[-1], placed
 
     with monkeypatch.context() as patch:
-        patch.setattr(neighbors, "find_pairs", cells.find_pairs.py_func)
+        patch.setattr(neighbors, "_pairs_as_given", neighbors._pairs_as_given.py_func)
         patch.setattr(cells, "_fill", counting_fill)
         found = candidate_pairs(packing.position_nd, packing.radius_n, packing.box)
     return max(counter.reads for counter in counters), len(found.i_c)

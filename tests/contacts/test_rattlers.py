@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 import packmech as pm
-from packmech.contacts.rattlers import _is_free, loose_particles
+from packmech.contacts.rattlers import _is_free, rattlers_of
 
 CRYSTALS = ["triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp", "diamond"]
 
@@ -18,7 +18,7 @@ def directions(degrees):
 
 
 def is_free(normal_cd):
-    return bool(_is_free(np.ascontiguousarray(normal_cd, dtype=float), len(normal_cd)))
+    return bool(_is_free(np.ascontiguousarray(normal_cd, dtype=float), *np.empty((3, len(normal_cd))), len(normal_cd)))
 
 
 def margin(normal_cd):
@@ -131,7 +131,7 @@ def test_one_vacancy_undoes_a_square_crystal_disc_by_disc():
 
 def test_no_contacts_at_all_means_all_rattle():
     contacts = pm.find_contacts(pm.Packing([[0.0, 0.0], [2.0, 2.0]], [0.1, 0.1], pm.Box.cubic(4.0, 2)))
-    assert loose_particles(contacts).tolist() == [True, True]
+    assert rattlers_of(contacts).tolist() == [True, True]
 
 
 def test_given_contacts_overrule_the_gap_tolerance():

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.checkpoint import check_scene, scene_marks
-from packmech.dynamics.march.state import March
+from packmech.dynamics.engine import Engine
+from packmech.loop.checkpoint import check_scene, scene_fingerprints
 
 DT, STEPS = 0.02, 60
 
@@ -94,7 +94,7 @@ class Homecomings:
 
     def __init__(self, monkeypatch):
         self.steps, self.exchanged = [], []
-        usual = March.bring_home
+        usual = Engine.wrap
 
         def noted(march):
             before = march.change_dd.copy()
@@ -103,7 +103,7 @@ class Homecomings:
             if not np.array_equal(before, march.change_dd):
                 self.exchanged.append(march.steps)
 
-        monkeypatch.setattr(March, "bring_home", noted)
+        monkeypatch.setattr(Engine, "wrap", noted)
 
 
 def test_restart_just_before_at_and_after_a_re_mapping_of_the_sheared_box_continues_with_the_same_bits(
@@ -211,7 +211,7 @@ def test_another_scene_is_refused_by_what_differs(tmp_path):
         pm.resume(tmp_path / "run.npz", rougher)
     fewer = scene.replace(effects=(*scene.effects[:3], scene.effects[3].select(np.arange(len(scene.effects[3])) > 0)))
     with pytest.raises(ValueError, match=r"differs in effects\[3\]"):
-        check_scene(fewer, scene_marks(scene))
+        check_scene(fewer, scene_fingerprints(scene))
     moved_packing = scene.packing.replace(position_nd=scene.packing.position_nd + 1e-15)
     with pytest.raises(ValueError, match="differs in packing"):
         pm.resume(tmp_path / "run.npz", scene.replace(packing=moved_packing))
@@ -228,7 +228,7 @@ def test_files_that_are_no_checkpoints_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"path must name a checkpoint, got .*: it is not a \.npz file"):
         pm.resume(tmp_path / "text.npz", scene)
     np.savez(tmp_path / "later.npz", checkpoint_json=np.array('{"version": 99}'))
-    with pytest.raises(ValueError, match="version must be 1, got 99"):
+    with pytest.raises(ValueError, match="version must be 2, got 99"):
         pm.resume(tmp_path / "later.npz", scene)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.motion import choose_time_step
+from packmech.dynamics.integrators import choose_time_step
 
 
 def collided(effects, gap, dt):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.march.leading import leading_share
+from packmech.dynamics.friction import leading_share
 
 SPRING = pm.LinearSpring()
 # a box at rest that could deform: scenes that do and scenes that do not are compiled together

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import packmech as pm
-import packmech.dynamics.particle_shear as ps
-from packmech.dynamics.march.springs import slip_in_space, stretch_after, stretch_before
+import packmech.validation.particle_shear as ps
+from packmech.dynamics.friction import slip_in_space, stretch_after, stretch_before
 
 SPRING = pm.LinearSpring()
 STILL = pm.SteadyStrain(0.0)

@@ -7,17 +7,22 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.growth import EnergyWatch, RowWatch, energy_unit, knows_its_energy, look_every, watch_of
-from packmech.dynamics.march import look
-from packmech.dynamics.motion import Sight
+from packmech.dynamics import observables as columns
+from packmech.dynamics.energy_drift import (
+    EnergyWatch,
+    Moment,
+    RowWatch,
+    energy_unit,
+    knows_its_energy,
+    steps_between_observations,
+    watch_of,
+)
 
 SPRING = pm.LinearSpring()
-NOTHING = np.zeros((2, 2))
 
 
-def sight(time, potential, kinetic, power=0.0, pressing=0.0):
-    seen = Sight(time, potential, kinetic, np.zeros(2), 0.0, NOTHING, NOTHING, 0, 0.0, 0.0, 0.0, np.zeros(0))
-    return seen._replace(power=power, pressing=pressing)
+def moment(time, potential, kinetic, power=0.0, pressing=0.0):
+    return Moment(time, potential, 0.0, kinetic, power, pressing)
 
 
 def is_calm(now, start, *between, strained=False, known=True, rubbing=False, every=100):
@@ -26,45 +31,45 @@ def is_calm(now, start, *between, strained=False, known=True, rubbing=False, eve
     watch.remember(start, 0)
     last = start
     for k, one in enumerate((*between, now), start=1):
-        good = watch.calm(one, last, start, 100 * k)
+        good = watch.is_calm(one, last, start, 100 * k)
         last = one
     return good
 
 
 def test_energy_may_change_its_kind():
     # a fall from no potential energy and no motion
-    assert is_calm(sight(1.0, -50.0, 50.1), sight(0.0, 0.0, 0.0))
+    assert is_calm(moment(1.0, -50.0, 50.1), moment(0.0, 0.0, 0.0))
 
 
 def test_a_packing_at_rest_gains_no_motion_however_much_energy_its_contacts_hold():
-    assert not is_calm(sight(1.0, 10.0, 1e-6), sight(0.0, 10.0, 0.0))
-    assert is_calm(sight(1.0, 10.0, 1e-12), sight(0.0, 10.0, 0.0))
+    assert not is_calm(moment(1.0, 10.0, 1e-6), moment(0.0, 10.0, 0.0))
+    assert is_calm(moment(1.0, 10.0, 1e-12), moment(0.0, 10.0, 0.0))
 
 
 def test_a_motion_just_below_the_limit_shows_a_hundred_times_its_energy_at_most():
-    assert is_calm(sight(1.0, 10.0 + 5e-5, 0.0), sight(0.0, 10.0, 1e-6))
-    assert not is_calm(sight(1.0, 10.0 + 2e-4, 0.0), sight(0.0, 10.0, 1e-6))
+    assert is_calm(moment(1.0, 10.0 + 5e-5, 0.0), moment(0.0, 10.0, 1e-6))
+    assert not is_calm(moment(1.0, 10.0 + 2e-4, 0.0), moment(0.0, 10.0, 1e-6))
 
 
 def test_work_of_the_box_is_no_growth_and_growth_beyond_it_is():
     # half of a power that grew evenly from none
-    start = sight(0.0, 10.0, 0.0)
-    assert is_calm(sight(2.0, 11.0, 0.0, power=1.0), start, strained=True)
-    assert not is_calm(sight(2.0, 12.5, 0.0, power=1.0), start, strained=True)
-    assert not is_calm(sight(2.0, 11.0, 0.0), start)
+    start = moment(0.0, 10.0, 0.0)
+    assert is_calm(moment(2.0, 11.0, 0.0, power=1.0), start, strained=True)
+    assert not is_calm(moment(2.0, 12.5, 0.0, power=1.0), start, strained=True)
+    assert not is_calm(moment(2.0, 11.0, 0.0), start)
 
 
 def test_what_dashpots_took_may_not_come_back():
-    assert not is_calm(sight(9.0, 1.0, 2.0), sight(0.0, 1.0, 5.0), sight(8.0, 1.0, 1e-3))
+    assert not is_calm(moment(9.0, 1.0, 2.0), moment(0.0, 1.0, 5.0), moment(8.0, 1.0, 1e-3))
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf])
 def test_a_number_that_is_none_is_never_calm(number):
-    assert not is_calm(sight(1.0, number, 0.0), sight(0.0, 1.0, 0.0), known=False)
+    assert not is_calm(moment(1.0, number, 0.0), moment(0.0, 1.0, 0.0), known=False)
 
 
 def test_a_body_force_without_an_energy_may_do_any_work():
-    assert is_calm(sight(1.0, 1.0, 100.0), sight(0.0, 1.0, 0.0), known=False)
+    assert is_calm(moment(1.0, 1.0, 100.0), moment(0.0, 1.0, 0.0), known=False)
     assert not knows_its_energy(pm.Scene(packing(), (Blower(),)))
 
 
@@ -123,13 +128,13 @@ def test_the_work_of_shear_is_volume_times_stress_times_rate():
 
 
 def test_what_a_sliding_spring_is_set_to_is_no_growth():
-    start, now = sight(0.0, 10.0, 0.0), sight(1.0, 12.0, 0.0)._replace(tangential=2.0)
+    start, now = moment(0.0, 10.0, 0.0), moment(1.0, 12.0, 0.0)._replace(tangential=2.0)
     assert is_calm(now, start, rubbing=True) and not is_calm(now, start)
     assert not is_calm(now._replace(kinetic=0.1), start, rubbing=True)
 
 
 def test_growth_that_is_little_from_look_to_look_is_seen_over_many():
-    slow = [sight(float(k), 10.0, 1e-3 * 1.2**k) for k in range(40)]
+    slow = [moment(float(k), 10.0, 1e-3 * 1.2**k) for k in range(40)]
     assert is_calm(slow[12], slow[0], *slow[1:12], strained=True)
     assert not is_calm(slow[-1], slow[0], *slow[1:-1], strained=True, every=4000)
 
@@ -139,12 +144,13 @@ def test_a_box_that_is_to_stay_as_it_is_does_no_work():
     assert watch_of(scene_of(), pm.SteadyStrain(1e-3), 0.1).strained
 
 
-def test_looks_at_a_box_that_deforms_are_as_close_as_its_strain_asks_for():
-    assert look_every(None, 0.1, 100) == look_every(pm.SteadyStrain(0.0), 0.1, 100) == np.inf
-    assert look_every(pm.SteadyStrain(1e-3), 0.1, 1000) == 200
-    assert look_every(pm.OscillatoryStrain(1e-3, 1e-2), 0.05, 1000) == 125
+def test_observations_of_a_box_that_deforms_are_as_close_as_its_strain_asks_for():
+    assert steps_between_observations(None, 0.1, 100) == np.inf
+    assert steps_between_observations(pm.SteadyStrain(0.0), 0.1, 100) == np.inf
+    assert steps_between_observations(pm.SteadyStrain(1e-3), 0.1, 1000) == 200
+    assert steps_between_observations(pm.OscillatoryStrain(1e-3, 1e-2), 0.05, 1000) == 125
     # a look costs as much as some thousand steps of one particle
-    assert look_every(pm.SteadyStrain(1.0), 0.1, 50) == 100
+    assert steps_between_observations(pm.SteadyStrain(1.0), 0.1, 50) == 100
 
 
 def test_the_unit_of_energy_is_that_of_the_stiffest_law_of_contacts_bonds_or_walls():
@@ -157,10 +163,10 @@ def test_the_unit_of_energy_is_that_of_the_stiffest_law_of_contacts_bonds_or_wal
 
 def rows_of(stress, kinetic):
     """Return rows of figures, one unit of time apart, of a box sheared at rate 0.1 in which a force grows."""
-    rows = np.zeros((len(kinetic), look.COLUMNS))
-    rows[:, look.TIME], rows[:, look.RATE] = np.arange(len(rows)), 0.1
-    rows[:, look.STRAIN] = 0.1 * rows[:, look.TIME]
-    rows[:, look.POTENTIAL], rows[:, look.KINETIC], rows[:, look.FORCE + 1] = 5.0, kinetic, stress
+    rows = np.zeros((len(kinetic), columns.COLUMNS))
+    rows[:, columns.TIME], rows[:, columns.RATE] = np.arange(len(rows)), 0.1
+    rows[:, columns.STRAIN] = 0.1 * rows[:, columns.TIME]
+    rows[:, columns.POTENTIAL], rows[:, columns.KINETIC], rows[:, columns.FORCE + 1] = 5.0, kinetic, stress
     return rows
 
 
@@ -168,5 +174,5 @@ def test_rows_of_figures_are_watched_as_they_come():
     shear = np.array([[0.0, 1.0], [0.0, 0.0]])
     worked, grown = rows_of(2.0, 0.2 * np.arange(6.0)), rows_of(0.0, 0.2 * np.arange(6.0))
     watch = RowWatch(scene_of(), shear, 100)
-    assert watch.calm(worked[:1]) and watch.calm(worked[:4]) and watch.calm(worked)
-    assert not RowWatch(scene_of(), shear, 100).calm(grown)
+    assert watch.is_calm(worked[:1]) and watch.is_calm(worked[:4]) and watch.is_calm(worked)
+    assert not RowWatch(scene_of(), shear, 100).is_calm(grown)

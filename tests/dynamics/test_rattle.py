@@ -139,9 +139,15 @@ def long_run():
 
 def test_energy_does_not_drift_over_1e5_steps(long_run):
     energy = long_run[0].trace.kinetic_t + long_run[0].trace.energy_t
-    first, last = np.array_split(energy, 2)
-    assert np.ptp(last) < 1.25 * np.ptp(first)
     assert np.ptp(energy) < 4e-3 * energy[0]
+    # particles of a chain collide, and where its motion is chaotic rounding decides how: a drift shows in most of them
+    spread = []
+    for seed in range(15):
+        scene, velocity, mass = tumbling_chain(5, 2, seed)
+        run = pm.simulate(scene, steps=100_000, dt=1 / 64, velocity_nd=velocity, mass_n=mass, trace_every=100)
+        first, last = np.array_split(run.trace.kinetic_t + run.trace.energy_t, 2)
+        spread.append(np.ptp(last) / np.ptp(first))
+    assert np.median(spread) < 1.25
 
 
 def test_links_hold_to_1e_13_at_every_recorded_step(long_run):
@@ -273,3 +279,46 @@ def test_a_step_too_long_for_the_links_is_named():
     run = pm.simulate(scene, steps=1000, dt=2.0, velocity_nd=3.0 * velocity, mass_n=mass, check=False)
     assert run.outcome is pm.Outcome.STEP_TOO_LONG
     assert run.packing.link_error < 1e-13
+
+
+def test_any_number_of_threads_gives_the_same_bits_with_links():
+    packing = pm.cluster_packing(340, shape=pm.Dimer(), dimension=2, packing_fraction=0.7, seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.ContactDamping(0.1)))
+    one, two = (pm.simulate(scene, steps=60, temperature=1e-3, seed=2, threads=threads) for threads in (1, 2))
+    assert one.packing.position_nd.tobytes() == two.packing.position_nd.tobytes()
+    assert one.velocity_nd.tobytes() == two.velocity_nd.tobytes()
+    assert one.tension_l.tobytes() == two.tension_l.tobytes()
+
+
+def test_a_link_to_a_held_particle_is_a_pendulum_with_the_tension_of_one():
+    gravity, length = 0.7, 1.0
+    scene = free_scene(
+        [[0.0, 0.0], [length, 0.0]], chain_links(2, 2), effects=(pm.Repulsion(), pm.Gravity(0.0, -gravity))
+    )
+    mass = np.array([1.0, 2.0])
+    run = pm.simulate(scene, duration=2.0, dt=1e-3, held_n=[True, False], mass_n=mass, trace_every=100)
+    hang = run.packing.position_nd[1] - run.packing.position_nd[0]
+    assert np.array_equal(run.packing.position_nd[0], scene.packing.position_nd[0])
+    assert np.linalg.norm(hang) == pytest.approx(length, abs=1e-13)
+    speed = float((run.velocity_nd[1] ** 2).sum())
+    assert speed == pytest.approx(-2.0 * gravity * hang[1], rel=1e-5)
+    assert run.tension_l == pytest.approx([mass[1] * (speed / length - gravity * hang[1] / length)], rel=1e-12)
+
+
+def test_links_hold_with_friction_and_momentum_and_angular_momentum_with_them():
+    position = np.array([[0.0, 0.0], [1.0, 0.0], [0.3, 0.55], [1.3, 0.75]])
+    length = [np.linalg.norm(position[k + 1] - position[k]) for k in (0, 2)]
+    links = pm.Links([0, 2], [1, 3], [[0, 0]] * 2, length)
+    scene = free_scene(position, links, radius=0.3, effects=(pm.Repulsion(), pm.Friction(0.6, 0.5, 0.1)))
+    velocity = [[0.1, 0.05], [-0.02, 0.1], [0.0, -0.1], [0.05, -0.15]]
+    run = pm.simulate(scene, steps=400, dt=0.01, velocity_nd=velocity, trace_every=10)
+    trace = run.trace
+    assert trace.contacts_t.max() > 0 and trace.rotational_t.max() > 0.0
+    assert run.link_error < 1e-13 and run.momentum_error < 1e-13
+    assert np.ptp(trace.angular_momentum_tk, axis=0) < 1e-11 * np.abs(trace.angular_momentum_tk).max()
+
+
+def test_links_in_a_box_that_deforms_are_refused_by_name():
+    scene, velocity, _ = rotor()
+    with pytest.raises(ValueError, match="no rigid links where the box deforms: .* got 1 links"):
+        pm.simulate(scene, steps=2, velocity_nd=velocity, strain=pm.SteadyStrain(0.1))

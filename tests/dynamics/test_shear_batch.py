@@ -29,7 +29,7 @@ def frictional(seed):
 def shaken(batch, frames, seed):
     rng = np.random.default_rng(seed)
     for _ in range(frames):
-        batch.advance(rng.uniform(-2e-3, 2e-3, (len(batch), batch.told)))
+        batch.advance(rng.uniform(-2e-3, 2e-3, (len(batch), batch.controls)))
     return batch
 
 
@@ -77,7 +77,7 @@ def test_a_scripted_sine_has_the_moduli_of_oscillatory_shear(control, path):
     for k in range(1, run.steps + 1):
         phase = omega * k * run.dt
         told = [AMPLITUDE * math.sin(phase), AMPLITUDE * omega * math.cos(phase)]
-        batch.advance(np.array([told[: batch.told]]))
+        batch.advance(np.array([told[: batch.controls]]))
         if k % every == 0:
             rows.append(batch.figure_bk[0].copy())
     figures = dict(zip(batch.names, np.array(rows).T, strict=True))
@@ -194,9 +194,9 @@ def test_a_friction_of_zero_by_switch_is_none_and_the_scenes_own_is_no_change():
 
 def test_a_frictionless_batch_holds_no_history_and_no_spins():
     batch = pm.ShearBatch([plain(0)])
-    march = batch._marches[0]
-    assert march.track is None and march.acting.friction is None
-    assert march.state.spins == () and march.state.push.shape[1] == 2
+    engine = batch._engines[0]
+    assert engine.track is None and engine.acting.friction is None
+    assert engine.state.spins == () and engine.state.push.shape[1] == 2
     assert batch.spins(0) is None
     assert pm.ShearBatch([frictional(0)]).spins(0).shape == (24, 1)
 
@@ -205,11 +205,11 @@ def test_what_a_batch_is_told_must_be_numbers_of_its_shape():
     for threads in (1, 2):
         batch = pm.ShearBatch([plain(0), plain(1)], control="rate", threads=threads)
         before = batch.figure_bk.copy()
-        with pytest.raises(ValueError, match=r"told_bk must be finite, got \[nan\] for packing 1"):
+        with pytest.raises(ValueError, match=r"control_bk must be finite, got \[nan\] for packing 1"):
             batch.advance(np.array([[0.1], [np.nan]]))
-        with pytest.raises(ValueError, match=r"told_bk must have shape \(2, 1\), got \(1, 2\)"):
+        with pytest.raises(ValueError, match=r"control_bk must have shape \(2, 1\), got \(1, 2\)"):
             batch.advance(np.array([[0.1, 0.1]]))
-        with pytest.raises(TypeError, match="told_bk must be an array of real numbers"):
+        with pytest.raises(TypeError, match="control_bk must be an array of real numbers"):
             batch.advance([["a"], ["b"]])
         with pytest.raises(ValueError, match="active_b must be 2 times True or False"):
             batch.advance(np.zeros((2, 1)), np.ones(3, dtype=bool))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.motion import Motion
-from packmech.dynamics.program import build_program
+from packmech.dynamics.engine import build_engine
 
 REPULSION = (pm.Repulsion(),)
 METHODS = (pm.VelocityVerlet(), pm.SemiImplicitEuler())
@@ -239,10 +238,8 @@ def test_time_limit_interrupts(jammed):
 
 
 def test_a_scene_without_links_has_none_of_their_arrays(jammed):
-    program = build_program(pm.Scene(jammed, REPULSION))
-    motion = Motion(program, program.effects, np.ones(48), None, 0.1)
-    motion.affix()
-    assert motion.rattle is None
+    engine = build_engine(pm.Scene(jammed, REPULSION), dt=0.1, mass_n=np.ones(48), velocity_nd=np.zeros((48, 2)))
+    assert engine.space.linked is None and engine.links is None
 
 
 @pytest.mark.parametrize(

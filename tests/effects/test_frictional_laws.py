@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.dynamics.particle_shear import Material, bond_force, normal_force
 from packmech.effects import contact_terms, energy_scale_of
+from packmech.validation.particle_shear import Material, bond_force, normal_force
 
 getcontext().prec = 60
 EPSILON = float(np.finfo(float).eps)

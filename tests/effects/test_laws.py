@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numba.core.errors import NumbaError
 
 import packmech as pm
-from packmech.dynamics.program import build_program
 from packmech.effects import contact_terms, energy_scale_of
-from packmech.meaning import meaning
+from packmech.jit.source_key import source_key
+from packmech.minimize.program import build_program
 
 GOLDEN = json.loads((pathlib.Path(__file__).parents[1] / "golden" / "potentials.json").read_text())
 GOLDEN_LAWS = {"spring2": pm.Harmonic(), "hertz2.5": pm.Hertz(), "rlj": pm.RepulsiveLennardJones()}
@@ -227,13 +227,13 @@ def factor(size):
     ids=["number", "tuple", "array", "long array", "function of a factory", "ufunc"],
 )
 def test_code_on_disk_is_told_apart_by_what_a_laws_formulas_refer_to(one, other):
-    assert meaning(scaled_by(one)) == meaning(scaled_by(one)) is not None
-    assert meaning(scaled_by(one)) != meaning(scaled_by(other))
+    assert source_key(scaled_by(one)) == source_key(scaled_by(one)) is not None
+    assert source_key(scaled_by(one)) != source_key(scaled_by(other))
 
 
 @pytest.mark.parametrize("value", [json, object(), {}, [1.0]], ids=["module", "object", "dict", "list"])
 def test_code_that_refers_to_what_may_change_is_not_kept_on_disk(value):
-    assert meaning(scaled_by(lambda: value)) is None
+    assert source_key(scaled_by(lambda: value)) is None
 
 
 def test_a_law_cannot_take_the_name_of_one_that_ships():

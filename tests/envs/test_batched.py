@@ -6,7 +6,7 @@ import pytest
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from packmech_envs.batched import Advanced, BatchedEnv
+from packmech_envs.batched import BatchedEnv, QuenchVectorEnv
 
 OBSERVED = Box(-np.inf, np.inf, (2,), np.float64)
 MOVES = Box(np.array([-1.0, 0.0]), np.array([1.0, 0.5]), dtype=np.float64)
@@ -31,28 +31,39 @@ class Walk(gym.Env):
         return self.place.copy(), float(action[0]), over, False, info
 
 
-class Walks(BatchedEnv):
-    def __init__(self, num_envs, **how):
-        super().__init__(num_envs, observation_space=OBSERVED, action_space=MOVES, **how)
-        self.place = np.zeros((num_envs, 2))
+class WalkEpisodes:
+    """As many walks, in arrays."""
 
-    def _reset_some(self, index_k, rngs, options):
+    observation_space, action_space = OBSERVED, MOVES
+
+    def __init__(self, count):
+        self.observation_bk = np.zeros((count, 2))
+        self.reward_b, self.truncated_b = np.zeros(count), np.zeros(count, dtype=bool)
+        self.terminated_b = np.zeros(count, dtype=bool)
+        self.starting = True
+
+    def __len__(self):
+        return len(self.reward_b)
+
+    def start(self, index_k, rngs, options):
         for b, rng in zip(index_k, rngs, strict=True):
-            self.place[b] = rng.uniform(-1.0, 1.0, 2)
+            self.observation_bk[b] = rng.uniform(-1.0, 1.0, 2)
+        self.starting = True
 
-    def _observations(self):
-        return self.place.copy()
+    def advance(self, action_bk, active_b):
+        self.observation_bk[active_b] += action_bk[active_b]
+        self.reward_b, self.terminated_b = action_bk[:, 0], self.observation_bk.sum(axis=1) > 2.0
+        self.starting = False
 
-    def _starting_infos(self):
-        return {"start": self.place[:, 0].copy()}
+    def infos(self):
+        place = self.observation_bk
+        if self.starting:
+            return {"start": place[:, 0]}
+        return {"sum": place.sum(axis=1), "place": place, "reason": np.where(self.terminated_b, "too far", None)}
 
-    def _advance(self, action_bk, active_b):
-        self.place[active_b] += action_bk[active_b]
-        total = self.place.sum(axis=1)
-        over = total > 2.0
-        why = np.where(over, "too far", None)
-        told = {"sum": total, "place": self.place.copy(), "reason": why}
-        return Advanced(action_bk[:, 0].copy(), over, np.zeros(self.num_envs, dtype=bool), told)
+
+def Walks(count, **how):
+    return BatchedEnv(WalkEpisodes(count), **how)
 
 
 def peer(count, mode, limit):
@@ -128,10 +139,10 @@ def test_the_action_after_an_end_is_not_looked_at():
 def test_actions_outside_the_space_are_refused_and_change_nothing(actions, error, told):
     walks = Walks(2)
     walks.reset(seed=0)
-    before = walks.place.copy()
+    before = walks._episodes.observation_bk.copy()
     with pytest.raises(error, match=told):
         walks.step(actions)
-    assert np.array_equal(walks.place, before)
+    assert np.array_equal(walks._episodes.observation_bk, before)
 
 
 def test_an_action_at_a_bound_that_went_through_float32_counts_as_the_bound():
@@ -160,13 +171,14 @@ def test_wrong_seeds_and_masks_are_refused(reset, error, told):
     ("how", "told"),
     [
         ({"num_envs": 0}, "num_envs must be an integer at least 1, got 0"),
-        ({"num_envs": 1, "max_episode_steps": 0}, "max_episode_steps must be an integer at least 1, got 0"),
-        ({"num_envs": 1, "autoreset_mode": "now"}, "autoreset_mode must be one of 'NextStep', 'SameStep', 'Disabled'"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be an integer at least 1, got 0"),
+        ({"autoreset_mode": "now"}, "autoreset_mode must be one of 'NextStep', 'SameStep', 'Disabled'"),
+        ({"render_mode": "human"}, "render_mode must be None or 'rgb_array' for a batch, got 'human'"),
     ],
 )
 def test_wrong_settings_of_a_batch_are_refused(how, told):
     with pytest.raises(ValueError, match=told):
-        Walks(**how)
+        QuenchVectorEnv(**how)
 
 
 def test_a_step_before_any_reset_is_refused():

@@ -5,8 +5,7 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
-from packmech_envs.drawing import RENDER_MODES, Screen, draw
-from packmech_envs.window import Window
+from packmech_envs.drawing import METADATA, Screen, Window
 
 import packmech as pm
 
@@ -14,14 +13,7 @@ CRYSTAL = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01
 
 
 def picture():
-    return draw(CRYSTAL, size=(64, 48))
-
-
-def test_draw_is_the_picture_that_packmech_draws():
-    contacts = pm.find_contacts(CRYSTAL)
-    force = np.arange(len(contacts)) + 1.0
-    mine = draw(CRYSTAL, contacts=contacts, force_c=force, size=(64, 48), effects=(pm.Repulsion(),))
-    assert mine.tobytes() == pm.draw_frame(CRYSTAL, contacts=contacts, force_c=force, size=(64, 48)).tobytes()
+    return pm.draw_frame(CRYSTAL, size=(64, 48))
 
 
 def test_each_mode_returns_what_gymnasium_expects_of_it():
@@ -42,7 +34,7 @@ def test_without_a_mode_render_warns_and_draws_nothing(monkeypatch):
 def test_an_unknown_mode_is_refused_by_name():
     with pytest.raises(ValueError, match="render_mode must be one of human, rgb_array, ansi or None, got 'video'"):
         Screen("video", "packmech")
-    assert set(RENDER_MODES) == {"human", "rgb_array", "ansi"}
+    assert set(METADATA["render_modes"]) == {"human", "rgb_array", "ansi"}
 
 
 def test_nothing_is_drawn_step_by_step_but_for_the_window():
@@ -79,9 +71,9 @@ WINDOW = """
 import time
 import numpy as np
 import packmech as pm
-from packmech_envs.drawing import Screen, draw
+from packmech_envs.drawing import Screen
 
-pixels = draw(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), size=(64, 48))
+pixels = pm.draw_frame(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), size=(64, 48))
 screen = Screen("human", "packmech", fps=20.0)
 began = time.monotonic()
 for _ in range(5):

@@ -10,9 +10,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from packmech_envs.quench import QuenchEnv
-from packmech_envs.quench_reward import TERMS, QuenchReward
-from packmech_envs.quench_vector import QuenchVectorEnv
+from packmech_envs.batched import QuenchVectorEnv
+from packmech_envs.quench import TERMS, QuenchReward, QuenchTask
+from packmech_envs.single import QuenchEnv
 
 import packmech as pm
 
@@ -185,7 +185,7 @@ def test_a_scripted_episode_reaches_the_packing_fraction_of_jam(scene):
     method = pm.StepHalving(
         start_packing_fraction=fraction, increment=increment, energy_tolerance=tolerance, quench_tolerance=1e-8
     )
-    run = pm.jam(scene, strain="fixed", method=method, check=False)
+    run = pm.jam(scene, strain="isotropic", method=method, check=False)
     assert run.outcome is pm.Outcome.CONVERGED
     env = QuenchEnv(
         scene, start="scene", force_tolerance=1e-8, force_floor=1e-2 * np.sqrt(tolerance),
@@ -354,7 +354,7 @@ def test_a_step_before_the_first_reset_is_refused():
         ({"start_packing_fraction": 2.0}, "start_packing_fraction must lie inside the limits"),
         ({"largest_change": 0.5}, "largest_change must be at most 0.2"),
         ({"largest_pressure": -1.0}, "largest_pressure must be a positive number"),
-        ({"largest_strain": np.nan}, "largest_strain must be a finite number"),
+        ({"largest_strain": np.nan}, "largest_strain must be a positive number, got nan"),
         ({"verdict": "maybe"}, "verdict must be one of 'collective', 'strict'"),
         ({"shear_modulus": 1}, "shear_modulus must be True or False"),
         ({"step_budget": 0}, "step_budget must be None or an integer at least 1"),
@@ -373,3 +373,15 @@ def test_bad_arguments_get_one_clear_error(arguments, message):
 def test_changes_beyond_the_largest_are_no_action():
     with pytest.raises(ValueError, match="packing_fraction_change must be within 0.05"):
         QuenchEnv(discs()).action(0.06)
+
+
+def test_options_come_by_name_or_in_a_record_and_an_unknown_one_is_answered_with_those_there_are():
+    task = QuenchTask(relax=5, step_budget=7)
+    assert QuenchEnv(discs(), relax=5, step_budget=7).task == task
+    assert QuenchEnv(discs(), task=QuenchTask(relax=5), step_budget=7).task == task
+    batch = gym.make_vec("packmech_envs:packmech/Quench-v0", num_envs=2, scene=discs(), task=task)
+    assert batch.unwrapped.task == task
+    with pytest.raises(TypeError, match="'relaxed' is no option of QuenchTask, which has bonds, relax, .*, reward"):
+        gym.make("packmech_envs:packmech/Quench-v0", relaxed=5)
+    with pytest.raises(TypeError, match="task must be a QuenchTask, got 'jam'"):
+        QuenchVectorEnv(2, discs(), task="jam")

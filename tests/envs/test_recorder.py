@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.wrappers import NormalizeObservation, TimeLimit
-from packmech_envs.episode_recorder import cubes_and_thousands
-from packmech_envs.recorder import RerunRecorder, RerunVectorRecorder
+from packmech_envs.recorder import RerunRecorder, RerunVectorRecorder, cubes_and_thousands
 
 import packmech as pm
 

@@ -11,10 +11,11 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from packmech_envs.batched import ShearVectorEnv
 from packmech_envs.recorder import RerunRecorder
-from packmech_envs.shear import ShearEnv
-from packmech_envs.shear_tasks import TASKS, DissipateLeast, FindYieldStrain, FollowStress
-from packmech_envs.shear_vector import ShearVectorEnv
+from packmech_envs.shear import ShearTask
+from packmech_envs.shear_goals import GOALS, DissipateLeast, FindYieldStrain, FollowStress
+from packmech_envs.single import ShearEnv
 
 import packmech as pm
 
@@ -43,9 +44,9 @@ def checked(env):
     env.close()
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_the_checker_passes_for_every_task(task):
-    checked(gym.make("packmech_envs:packmech/Shear-v0", scene="triangular", task=task, start="as_prepared"))
+@pytest.mark.parametrize("goal", GOALS)
+def test_the_checker_passes_for_every_goal(goal):
+    checked(gym.make("packmech_envs:packmech/Shear-v0", scene="triangular", goal=goal, start="as_prepared"))
 
 
 WITH_RENDERING = """
@@ -63,9 +64,9 @@ def test_the_checker_passes_with_every_render_mode_where_there_is_a_display(on_a
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", pm.list_scenes())
-def test_the_checker_passes_for_every_shipped_scene_and_task(scene):
-    for task in TASKS:
-        env = gym.make("packmech/Shear-v0", scene=scene, task=task, links="bonds", frame_skip=3)
+def test_the_checker_passes_for_every_shipped_scene_and_goal(scene):
+    for goal in GOALS:
+        env = gym.make("packmech/Shear-v0", scene=scene, goal=goal, links="bonds", frame_skip=3)
         assert env.unwrapped.scene.packing.links is None
         checked(env)
 
@@ -139,8 +140,8 @@ def test_an_episode_that_is_recorded_has_the_bits_of_one_that_is_not_and_so_has_
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_a_batch_answers_as_single_environments_with_the_same_seeds_do(mode):
-    task = FindYieldStrain(least_strain=0.004, drop=0.1)
-    how = {"scene": frictionless(), "task": task, "frame_skip": 8, "largest_rate": 0.05, "budget": 12}
+    goal = FindYieldStrain(least_strain=0.004, drop=0.1)
+    how = {"scene": frictionless(), "goal": goal, "frame_skip": 8, "largest_rate": 0.05, "budget": 12}
     theirs = SyncVectorEnv([lambda: ShearEnv(**how)] * 4, autoreset_mode=gym.vector.AutoresetMode(mode))
     for threads in (1, 2):
         ours = ShearVectorEnv(4, **how, threads=threads, autoreset_mode=mode)
@@ -253,7 +254,7 @@ def exploding():
 
 def test_a_step_too_long_terminates_with_its_reason_and_the_last_good_observation():
     env = ShearEnv(
-        exploding(), dt=2.0, frame_skip=5, largest_rate=1.0, relax=False, task=FollowStress(weight_failure=3.0)
+        exploding(), dt=2.0, frame_skip=5, largest_rate=1.0, relax=False, goal=FollowStress(weight_failure=3.0)
     )
     last, _ = env.reset(seed=0)
     for _ in range(50):
@@ -295,9 +296,9 @@ def test_an_action_outside_the_space_is_refused_and_changes_nothing(action, erro
 def test_a_frictionless_scene_holds_no_history():
     env, rubbing = ShearEnv(frictionless()), ShearEnv(frictional())
     env.reset(seed=0), rubbing.reset(seed=0)
-    march = env._core.batch._marches[0]
+    march = env._episodes.batch._engines[0]
     assert march.track is None and march.acting.friction is None and march.state.spins == ()
-    assert rubbing._core.batch._marches[0].track is not None
+    assert rubbing._episodes.batch._engines[0].track is not None
 
 
 def test_the_friction_of_an_action_is_that_of_the_frame():
@@ -317,17 +318,17 @@ def test_the_friction_of_an_action_is_that_of_the_frame():
 
 
 def test_infos_hold_every_term_and_the_reward_is_their_sum():
-    for task in TASKS.values():
-        env = ShearEnv(frictionless(), task=task())
+    for goal in GOALS.values():
+        env = ShearEnv(frictionless(), goal=goal())
         env.reset(seed=0)
         for _ in range(5):
             _, reward, _, _, info = env.step(env.action_space.high)
-            assert reward == pytest.approx(sum(info[name] for name in task.terms), abs=1e-15)
-            assert set(task.told) <= set(info)
+            assert reward == pytest.approx(sum(info[name] for name in goal.terms), abs=1e-15)
+            assert set(goal.infos) <= set(info)
 
 
 def test_a_stress_that_is_followed_exactly_costs_nothing():
-    env = ShearEnv(frictionless(), task=FollowStress(amplitude=0.02, random=False, weight_effort=0.5))
+    env = ShearEnv(frictionless(), goal=FollowStress(amplitude=0.02, random=False, weight_effort=0.5))
     observation, _ = env.reset(seed=0)
     names = env.observation_names
     for _ in range(3):
@@ -341,20 +342,20 @@ def test_a_stress_that_is_followed_exactly_costs_nothing():
 
 
 def test_targets_are_drawn_from_the_environments_generator():
-    env = ShearEnv(frictionless(), task=FollowStress(amplitude=0.02))
+    env = ShearEnv(frictionless(), goal=FollowStress(amplitude=0.02))
     drawn = [env.reset(seed=seed)[0][-1] for seed in (1, 2, 1)]
     assert drawn[0] == drawn[2] != drawn[1]
     assert max(map(abs, drawn)) <= 0.02
-    wave = ShearEnv(frictionless(), task=FollowStress(amplitude=0.02, period=8, random=False))
+    wave = ShearEnv(frictionless(), goal=FollowStress(amplitude=0.02, period=8, random=False))
     seen = [wave.reset()[0][-1]] + [wave.step([0.0])[0][-1] for _ in range(7)]
     assert seen == pytest.approx(0.02 * np.sin(2.0 * np.pi * np.arange(1, 9) / 8), abs=1e-12)
 
 
 def test_an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more():
-    task = DissipateLeast(goal=0.004, tolerance=1e-9)
+    goal = DissipateLeast(target_strain=0.004, tolerance=1e-9)
     spent = {}
     for name, scene in {"elastic": frictionless(), "rubbing": frictional()}.items():
-        env = ShearEnv(scene, task=task, control="strain", frame_skip=20)
+        env = ShearEnv(scene, goal=goal, control="strain", frame_skip=20)
         env.reset(seed=0)
         for strain in np.linspace(2e-4, 4e-3, 20):
             observation, _, terminated, _, info = env.step([strain])
@@ -368,7 +369,7 @@ def test_an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more():
 
 
 def test_progress_to_the_goal_adds_up_to_one():
-    env = ShearEnv(frictionless(), task=DissipateLeast(goal=-0.01), control="strain", frame_skip=5)
+    env = ShearEnv(frictionless(), goal=DissipateLeast(target_strain=-0.01), control="strain", frame_skip=5)
     env.reset(seed=0)
     total = 0.0
     for strain in (0.002, -0.004, -0.01):
@@ -378,8 +379,8 @@ def test_progress_to_the_goal_adds_up_to_one():
 
 
 def test_the_yield_strain_is_that_of_the_peak_of_the_stress():
-    task = FindYieldStrain(least_strain=0.005, drop=0.2, resolution=0.02)
-    env = ShearEnv(frictional(32, 3), task=task, control="strain", frame_skip=40, largest_strain=1.0, budget=None)
+    goal = FindYieldStrain(least_strain=0.005, drop=0.2, resolution=0.02)
+    env = ShearEnv(frictional(32, 3), goal=goal, control="strain", frame_skip=40, largest_strain=1.0, budget=None)
     env.reset(seed=0)
     for strain in np.arange(1, 500) * 2e-3:
         *_, terminated, _, info = env.step([strain])
@@ -441,7 +442,7 @@ def test_rigid_links_are_refused_unless_they_may_become_bonds():
     ("how", "told"),
     [
         ({"control": "force"}, "control must be one of 'strain', 'rate', 'strain_and_rate', got 'force'"),
-        ({"task": "win"}, "task must be one of 'follow_stress', 'dissipate_least', 'find_yield_strain'"),
+        ({"goal": "win"}, "goal must be one of 'follow_stress', 'dissipate_least', 'find_yield_strain'"),
         ({"frame_skip": 0}, "frame_skip must be an integer at least 1, got 0"),
         ({"frame_skip": 1.5}, "frame_skip must be an integer at least 1, got 1.5"),
         ({"links": ["bonds"]}, "links must be one of 'refuse', 'bonds'"),
@@ -466,15 +467,15 @@ def test_wrong_settings_are_refused_by_name(how, told):
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: FollowStress(amplitude=0.0), "amplitude must be positive, got 0.0"),
+        (lambda: FollowStress(amplitude=0.0), "amplitude must be a positive number, got 0.0"),
         (lambda: FollowStress(random=1), "random must be True or False, got 1"),
-        (lambda: DissipateLeast(goal=0.0), "goal must not be zero"),
+        (lambda: DissipateLeast(target_strain=0.0), "target_strain must not be zero"),
         (lambda: DissipateLeast(weight_time=math.nan), "weight_time must be a finite number, got nan"),
         (lambda: FindYieldStrain(drop=1.0), "drop must be below 1, got 1.0"),
-        (lambda: FindYieldStrain(resolution="fine"), "resolution must be a finite number, got 'fine'"),
+        (lambda: FindYieldStrain(resolution="fine"), "resolution must be a positive number, got 'fine'"),
     ],
 )
-def test_wrong_numbers_of_a_task_are_refused(make, told):
+def test_wrong_numbers_of_a_goal_are_refused(make, told):
     with pytest.raises((TypeError, ValueError), match=told):
         make()
 
@@ -504,3 +505,17 @@ def test_pictures_and_texts_are_what_the_render_mode_says():
     envs = ShearVectorEnv(2, frictionless(), render_mode="rgb_array")
     envs.reset(seed=0)
     assert len(envs.render()) == 2 and envs.render()[0].dtype == np.uint8
+
+
+def test_options_come_by_name_or_in_a_record_and_an_unknown_one_is_answered_with_those_there_are():
+    task = ShearTask(goal=DissipateLeast(target_strain=0.2), control="strain", frame_skip=2)
+    env = gym.make("packmech/Shear-v0", scene=frictionless(), task=task).unwrapped
+    twin = ShearEnv(frictionless(), goal=DissipateLeast(target_strain=0.2), control="strain", frame_skip=2)
+    rows = np.full((3, 1), 0.01)
+    assert env.task == twin.task == task
+    assert data_equivalence(played(env, 1, rows), played(twin, 1, rows), exact=True)
+    assert ShearEnv(frictionless(), task=task, frame_skip=3).task.frame_skip == 3
+    with pytest.raises(TypeError, match="'steps' is no option of ShearTask, which has goal, control, .*, units"):
+        gym.make_vec("packmech/Shear-v0", num_envs=2, scene=frictionless(), steps=3)
+    with pytest.raises(TypeError, match="task must be a ShearTask, got 'dissipate_least'"):
+        ShearEnv(frictionless(), task="dissipate_least")

@@ -10,11 +10,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from packmech_envs.quench import QuenchEnv
-from packmech_envs.quench_vector import QuenchVectorEnv
+from packmech_envs.batched import QuenchVectorEnv, ShearVectorEnv
 from packmech_envs.recorder import RerunRecorder, RerunVectorRecorder
-from packmech_envs.shear import ShearEnv
-from packmech_envs.shear_vector import ShearVectorEnv
+from packmech_envs.single import QuenchEnv, ShearEnv
 
 import packmech as pm
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from packmech_envs.quench_vector import QuenchVectorEnv
+from packmech_envs.batched import QuenchVectorEnv
 from packmech_envs.stable_baselines import as_vec_env
 
 SCRIPT = Path(__file__).parents[2] / "recordings" / "learning.py"

@@ -15,7 +15,7 @@ def jammed(particles, dimension, strain, seed, pressure=1e-7):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize(("strain", "admitted"), [("fixed", "none"), ("free", "isochoric")])
+@pytest.mark.parametrize(("strain", "admitted"), [("isotropic", "none"), ("free", "isochoric")])
 def test_a_jammed_packing_has_one_state_of_self_stress_and_its_rattlers_are_all_that_is_floppy(
     dimension, strain, admitted
 ):
@@ -24,7 +24,7 @@ def test_a_jammed_packing_has_one_state_of_self_stress_and_its_rattlers_are_all_
     selves, modes = pm.states_of_self_stress(backbone, admitted), pm.floppy_modes(backbone, admitted)
     assert (selves.count, modes.count) == (1, 0)
     assert selves.certain and modes.certain
-    strains = 0 if strain == "fixed" else dimension * (dimension + 1) // 2 - 1
+    strains = 0 if strain == "isotropic" else dimension * (dimension + 1) // 2 - 1
     assert selves.contacts == backbone.position_nd.size - dimension + strains + 1
     # the one state is what the particles press with: of one sign
     force = selves.force_kc[0]
@@ -52,7 +52,7 @@ def test_prestress_matters_in_proportion_to_the_pressure():
 
 
 def test_all_modes_of_a_jammed_packing_vibrate():
-    scene = jammed(64, 2, "fixed", 1)
+    scene = jammed(64, 2, "isotropic", 1)
     modes = pm.normal_modes(scene)
     assert modes.negative == 0 and not modes.zero_m.any()
     assert modes.available == 2 * (len(modes.index_n) - 1)

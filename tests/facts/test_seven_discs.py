@@ -26,7 +26,7 @@ def stable(energy_per_particle=1e-16):
     """Return the scene of a packing just above its jamming onset."""
     start = random_start(0.6, STABLE_SEED)
     method = pm.StepHalving(start_packing_fraction=0.6, increment=3e-3, energy_tolerance=energy_per_particle)
-    return start.replace(packing=pm.jam(start, strain="fixed", method=method).packing)
+    return start.replace(packing=pm.jam(start, strain="isotropic", method=method).packing)
 
 
 @functools.cache

@@ -51,7 +51,7 @@ def test_the_changes_that_open_a_contact_are_proportional_to_the_gap(gap):
 
 
 def test_no_single_contact_of_fcc_opens_alone():
-    with pytest.raises(ValueError, match="contact must be one that can open while the others stay shut, got 3,"):
+    with pytest.raises(ValueError, match="contact must be one that can open while the others stay closed, got 3,"):
         open_contact(pm.lattice_packing("fcc", 2), 3, 1e-6)
 
 

@@ -119,7 +119,7 @@ def test_square_crystal_under_pressure_has_the_shear_modulus_minus_the_pressure_
         )
         assert abs(moduli.shear_modulus + moduli.pressure) < 1e-10
         assert not moduli.stable and moduli.negative_strains == 1
-        value = np.linalg.eigvalsh(pm.hessian(crystal("square", repeats, overlap), False).toarray())
+        value = np.linalg.eigvalsh(pm.hessian(crystal("square", repeats, overlap), "none").toarray())
         assert moduli.negative_positions == int((value < -1e-9).sum())
 
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
 import packmech as pm
-from packmech.dynamics.polish import newton
-from packmech.mechanics.strain import mandel_tensor, mandel_vector
+from packmech.linalg.mandel import mandel_tensor, mandel_vector
+from packmech.minimize.newton import newton
 
 OUTSIDE = pathlib.Path(__file__).parents[3] / "shared" / "data" / "outside" / "soft-discs-N64-P1e-4.json"
 COMPONENTS = ["xxxx", "yyyy", "xyxy", "xxyy", "xxxy", "yyxy"]

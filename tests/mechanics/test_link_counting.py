@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.measure.link_tension import link_gradients
-from packmech.mechanics.link_rows import link_strains
+from packmech.constraints.factor import ConstraintFactor
 
 NAMES = [
     "equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d",
     "random_trimer_2d_w2.5", "random_dimer_3d_w2.0", "random_chain_3d_w2.5",
 ]  # fmt: skip
-VOLUME = {"isochoric": "fixed", "free": "free"}
 
 
 @pytest.mark.parametrize(("name", "strain"), [("jammed_dimer_strain", "isochoric"), ("jammed_trimer_fixedbox", "none")])
@@ -37,7 +35,7 @@ def test_counts_near_jamming_are_the_stored_ones(linked, name, strain, method):
 @pytest.mark.parametrize("method", ["dense", "sparse"])
 def test_ranks_are_those_of_the_constrained_rigidity_matrix(linked, name, strain, method):
     packing = linked(name)[0].packing
-    reduced = pm.constrained_rigidity_matrix(packing, strain != "none", volume=VOLUME.get(strain, "free"))
+    reduced = pm.constrained_rigidity_matrix(packing, strain)
     size = np.linalg.svd(reduced, compute_uv=False)
     rank = int(np.count_nonzero(size > 1e-8 * size[0]))
     states = pm.states_of_self_stress(packing, strain, method=method)
@@ -53,7 +51,7 @@ def test_states_are_orthonormal_and_balance_with_what_the_links_bear(linked, nam
     states = pm.states_of_self_stress(packing, "isochoric", method=method)
     force = states.force_kc
     assert np.abs(force @ force.T - np.eye(states.count)).max(initial=0.0) < 1e-12
-    reduced = pm.constrained_rigidity_matrix(packing, volume="fixed")
+    reduced = pm.constrained_rigidity_matrix(packing, strain="isochoric")
     assert np.abs(force @ reduced).max(initial=0.0) < 1e-11
 
 
@@ -63,8 +61,8 @@ def test_floppy_modes_of_half_held_trimers_change_no_contact_and_no_link(linked)
     for strain in ("none", "free"):
         modes = pm.floppy_modes(packing, strain)
         moved = modes.displacement_knd.reshape(modes.count, -1)
-        links = link_gradients(packing)
-        rows = np.hstack([links.gradient_lx.toarray(), link_strains(links)])
+        links = ConstraintFactor(packing)
+        rows = np.hstack([links.gradient_lx.toarray(), links.strain_le])
         motion = np.hstack([moved, modes.strain_ke])
         assert modes.count == (2 if strain == "none" else 4)
         assert np.abs(rows @ motion.T).max() < 1e-12

@@ -7,8 +7,8 @@ import pytest
 import scipy.optimize
 
 import packmech as pm
-from packmech.measure.link_tension import link_gradients
-from packmech.mechanics.strain import mandel_basis, mandel_vector
+from packmech.constraints.factor import ConstraintFactor
+from packmech.linalg.mandel import mandel_basis, mandel_vector
 
 AT_REST = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]
 
@@ -58,12 +58,12 @@ def relaxed(scene):
     """Return the scene at rest under its links: Newton on positions and multipliers."""
     for _ in range(30):
         packing = scene.packing
-        links = link_gradients(packing)
+        links = ConstraintFactor(packing)
         rows = links.gradient_lx.toarray()
         error = links.pairs.distance_c - packing.links.length_l
         push = pm.forces(scene).ravel()
         matrix = np.block(
-            [[pm.hessian(scene, strain=False).toarray(), rows.T], [rows, np.zeros((len(rows), len(rows)))]]
+            [[pm.hessian(scene, strain="none").toarray(), rows.T], [rows, np.zeros((len(rows), len(rows)))]]
         )
         step = np.linalg.lstsq(matrix, np.concatenate([push, -error]), rcond=1e-11)[0][: push.size]
         step = (step.reshape(-1, packing.dimension) - step.reshape(-1, packing.dimension).mean(axis=0)).ravel()
@@ -112,7 +112,7 @@ def made(shape, dimension, seed):
         constraints={
             "type": "eq",
             "fun": lengths,
-            "jac": lambda x: link_gradients(at(x).packing).gradient_lx.toarray(),
+            "jac": lambda x: ConstraintFactor(at(x).packing).gradient_lx.toarray(),
         },
         method="SLSQP",
         options={"maxiter": 500, "ftol": 1e-14},

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.constraints.factor import ConstraintFactor
 from packmech.measure import force_balance
-from packmech.measure.link_tension import link_gradients
 
 RANDOM = ["random_trimer_2d_w2.5", "random_dimer_3d_w2.0", "random_chain_3d_w2.5"]
 AT_REST = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]
@@ -74,7 +74,7 @@ def test_long_chain_is_balanced_to_rounding():
     j = np.concatenate([np.arange(1, 200), np.arange(2, 200)])
     links = pm.Links(i, j, np.zeros((397, 2)), np.linalg.norm(place[j] - place[i], axis=1))
     packing = pm.Packing(place, np.full(200, 0.4), pm.Box.cubic(500.0, 2), links)
-    gradients = link_gradients(packing)
+    gradients = ConstraintFactor(packing)
     assert not gradients.dependent_l.any()
     given = rng.normal(size=397)
     push = -(gradients.gradient_lx.T @ given)

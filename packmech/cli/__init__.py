@@ -1,0 +1,97 @@
+"""The command `packmech`: one module for each verb, imported when it is called. Each is a few calls of the library."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from types import FrameType
+
+from cyclopts import App, CycloptsError, Parameter
+
+OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+# errors that need no traceback; PACKMECH_TRACEBACK=1 shows where they came from
+EXPECTED = (ValueError, TypeError, OSError, ImportError, CycloptsError)
+
+ABOUT = "Mechanics of jammed packings: make them, ask whether they are jammed, how stiff they are, how they vibrate."
+# verb: what it does. Its function is packmech.cli.VERB.VERB
+VERBS = {
+    "jam": "Jam a scene, say what the packing is, and leave a recording of it.",
+    "run": "Do what a scene's own [drive] says, and say what came of it.",
+    "analyze": "Examine a packing made elsewhere; nothing is moved.",
+    "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
+    "scenes": "List the scenes that ship inside the package.",
+    "accuracy": "Measure what accuracy costs in time: tables and figures.",
+    "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
+    "hard-cases": "Measure every hard case against its bound; exit code 1 if one is outside.",
+}
+
+
+def app() -> App:
+    """Return the command line; the module of a verb is imported once the verb is called, or its help asked for."""
+    made = App(
+        name="packmech",
+        help=ABOUT,
+        version=lambda: f"packmech {version('packmech')}",
+        help_format="plaintext",
+        default_parameter=Parameter(negative=()),
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+        suppress_keyboard_interrupt=False,
+    )
+    for verb, about in VERBS.items():
+        name = verb.replace("-", "_")
+        made.command(f"packmech.cli.{name}:{name}", name=verb, help=about)
+    return made
+
+
+def execute(words: Sequence[str]) -> int:
+    """Do what the words of a command line say; return the exit code."""
+    made = app()
+    if not words:
+        made.help_print()
+        return BAD_INPUT
+    code = made(_with_live_target(list(words)))
+    return OK if code is None else int(code)
+
+
+def _with_live_target(words: list[str]) -> list[str]:
+    """Name the viewer where `--live` stands without a target."""
+    for k, word in enumerate(words):
+        if word == "--live" and (k + 1 == len(words) or words[k + 1].startswith("-")):
+            return [*words[: k + 1], "viewer", *words[k + 1 :]]
+    return words
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """Stop as after Ctrl-C, which waits for the compiler, also where Ctrl-C itself is ignored."""
+    if callable(signal.getsignal(signal.SIGINT)):
+        signal.raise_signal(signal.SIGINT)
+    else:
+        raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Run the command; an error of the input or of convergence is one line and an exit code."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        sys.exit(execute(sys.argv[1:]))
+    except BrokenPipeError:  # whoever reads the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(FAILED)
+    except KeyboardInterrupt:
+        print("packmech: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except (*EXPECTED, RuntimeError) as error:
+        not_converged = isinstance(error, RuntimeError) and hasattr(error, "run")
+        if os.environ.get("PACKMECH_TRACEBACK") or not (not_converged or isinstance(error, EXPECTED)):
+            raise
+        print("packmech:", " ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
+        sys.exit(FAILED if not_converged else BAD_INPUT)
+
+
+if __name__ == "__main__":
+    main()

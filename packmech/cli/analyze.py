@@ -1,0 +1,88 @@
+"""`packmech analyze`: examine a packing in a file; nothing is moved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+import packmech as pm
+from packmech.check import one_of
+from packmech.cli import OK
+from packmech.cli.output import (
+    Files,
+    GapTolerance,
+    Json,
+    Load,
+    Method,
+    Modes,
+    Record,
+    check_modes,
+    load_modules,
+    show,
+    show_summary,
+    title_of,
+    working,
+)
+from packmech.effects import Law, Repulsion, registered_laws
+from packmech.files.packings import read_law, read_packing
+from packmech.files.records import kind_of, kinds_of, to_table
+from packmech.scene import Scene
+from packmech.view.report import check_verdict_settings, examine
+
+
+def analyze(
+    file: Annotated[Path, Parameter(help="a packing: .npz, .gsd, or a text table of positions and radii")],
+    /,
+    *,
+    load: Load = (),
+    law: str | None = None,
+    gap_tolerance: GapTolerance = None,
+    method: Method = "certificate",
+    record: Record = None,
+    json: Json = None,
+    modes: Modes = 10,
+) -> int:
+    """Examine a packing made elsewhere; nothing is moved.
+
+    Parameters
+    ----------
+    law
+        harmonic, hertz, ... of energy scale 1; else the file's own law, else harmonic
+
+    """
+    load_modules(load)
+    files, count = Files(record, None, json), check_modes(modes)
+    check_verdict_settings(gap_tolerance, method)
+    packing = read_packing(file)
+    chosen, source = _law(file, law)
+    scene = Scene(packing, (Repulsion(law=chosen),))
+    settings = {name: value for name, value in to_table(chosen).items() if name != "kind"}
+    show(f"law: {kind_of(type(chosen))} {settings} ({source})")
+    with working("analyzing") as say:
+        report = examine(scene, modes=count, gap_tolerance=gap_tolerance, method=method, progress=say)
+    title, summary, numbers = title_of(file.name, report), report.summary(), report.to_dict()
+    show_summary(title, summary)
+    files.write_json(numbers)
+    files.say_what_was_written()
+    if record is not None:
+        pm.record_packing(
+            scene,
+            record,
+            modes=report.modes,
+            parameters={"file": file.name},
+            results=numbers,
+            summary=summary.markdown(title),
+        )
+        show(f"recording: {record}   (look at it: rerun {record})")
+    return OK
+
+
+def _law(file: Path, name: str | None) -> tuple[Law, str]:
+    """Return the law to examine a packing by, and where it is from."""
+    laws = kinds_of(registered_laws())
+    if name is not None:
+        return laws[one_of("law", name, tuple(laws))](), "as asked"
+    stored = read_law(file)
+    return (laws["harmonic"](), "none is stored with it") if stored is None else (stored, "stored with it")

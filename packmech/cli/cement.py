@@ -1,0 +1,82 @@
+"""`packmech cement`: turn contacts into rigid links and follow the moduli."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from packmech.cli.output import Switch, show, table, working
+from packmech.protocols.cementing_curve import cementing_curve
+from packmech.view.cementing import cementing_markdown, curve_csv, thresholds, thresholds_csv
+from packmech.view.figures import draw_cementing
+
+
+def cement(
+    *,
+    out: Path = Path("cementing"),
+    particles: Annotated[list[int] | None, Parameter(consume_multiple=True)] = None,
+    packings: int | None = None,
+    orders: int | None = None,
+    full: Switch = False,
+    seed: int = 0,
+    step: float = 0.05,
+    freeze: str = "angles",
+    processes: int = 1,
+) -> None:
+    """Turn contacts into rigid links and follow the moduli; resumes what it finds.
+
+    Parameters
+    ----------
+    out
+        folder to write to
+    particles
+        sizes of the packings (default: 64 128 256)
+    packings
+        packings of each size (default: 10)
+    orders
+        random orders of cementing of each packing (default: 20)
+    full
+        the size of the source: N = 64 to 2048, 25 packings, 50 orders (days)
+    seed
+        everything is drawn from it
+    step
+        moduli are measured every so much n_l/N
+    freeze
+        "angles": bond angles; "clusters": whole clusters; "nothing"
+    processes
+        how many share the work
+
+    """
+    sizes, samples, draws = ([64, 128, 256, 512, 1024, 2048], 25, 50) if full else ([64, 128, 256], 10, 20)
+    sizes = sizes if particles is None else particles
+    samples = samples if packings is None else packings
+    draws = draws if orders is None else orders
+    with working("cementing") as say:
+        curves = cementing_curve(
+            out / "trials",
+            particles=sizes,
+            packings=samples,
+            orders=draws,
+            seed=seed,
+            step=step,
+            freeze=freeze,
+            processes=processes,
+            progress=lambda size, packing, done: say(
+                f"cementing: N = {size}, packing {packing + 1} of {samples}, {done} of {draws} orders"
+            ),
+        )
+    made_by = (
+        f"packmech cement --particles {' '.join(map(str, sizes))} --packings {samples} --orders {draws} "
+        f"--seed {seed} --step {step:g} --freeze {freeze}"
+    )
+    (out / "curve.csv").write_text(curve_csv(curves), encoding="utf-8")
+    (out / "thresholds.csv").write_text(thresholds_csv(curves), encoding="utf-8")
+    (out / "cementing.md").write_text(cementing_markdown(curves, made_by), encoding="utf-8")
+    draw_cementing(curves, out / "cementing.png")
+    headings, rows = thresholds(curves)
+    by_size = [(heading, *(row[k] for row in rows)) for k, heading in enumerate(headings) if k]
+    head = (headings[0], *(row[0] for row in rows))
+    show(table("cementing", head, by_size, right=tuple(range(1, len(head)))))
+    show(f"wrote curve.csv, thresholds.csv, cementing.md and cementing.png in {out}")

@@ -1,0 +1,222 @@
+"""What the verbs share: options, progress, tables, numbers as JSON, the files of a run, modules that are loaded."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich import box
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from packmech.check import integer
+from packmech.effects import law_of
+from packmech.files.packings import target_file, write_packing
+from packmech.packing import Packing
+from packmech.result import STAGE_HEADINGS, HasSummary, Summary, stage_rows
+from packmech.scene import Scene
+
+# options that several verbs have
+Load = Annotated[
+    tuple[Path, ...],
+    Parameter(
+        help="a Python file to import first, which registers laws, effects, drives, ... of your own; may be repeated",
+        show_default=False,
+    ),
+]
+Switch = Annotated[bool, Parameter(show_default=False)]
+Json = Annotated[Path | None, Parameter(help="write the numbers as JSON")]
+Out = Annotated[Path | None, Parameter(help="write the packing: .npz (exact), .gsd or .txt")]
+Record = Annotated[Path | None, Parameter(help="Rerun recording; not written unless given")]
+Modes = Annotated[int, Parameter(help="how many of the lowest vibrations to find")]
+Seed = Annotated[int | None, Parameter(help="another seed for the scene's random start")]
+GapTolerance = Annotated[
+    float | None,
+    Parameter(help="pairs touch up to this gap, in contact distances (default: 7 mean overlaps, at least 1e-9)"),
+]
+Method = Annotated[str, Parameter(help='"certificate": rank and forces; "loads": random loads')]
+SCENE = "a scene file (.toml), or the name of one that ships (see `packmech scenes`)"
+
+# columns beyond any table's, so that lines are not folded where the output is no terminal
+_UNLIMITED = 10_000
+# most packings that are kept of a run that keeps none by itself
+_KEPT = 240
+
+
+@dataclass(frozen=True)
+class Files:
+    """What to write of a run: the recording, the packing, the numbers."""
+
+    record: Path | None = None
+    out: Path | None = None
+    json: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Fail before the work, not after it, when a file cannot be written."""
+        for path in (self.record, self.out, self.json):
+            if path is not None:
+                target_file(path, packing=path is self.out)
+        if self.record is not None and self.record.suffix != ".rrd":  # the viewer goes by the ending
+            raise ValueError(f"record must be a file name ending in .rrd, got {str(self.record)!r}")
+
+    def write_packing(self, scene: Scene, packing: Packing) -> None:
+        """Write the packing, and the scene's law with it where the format has a place for it."""
+        if self.out is not None:
+            write_packing(packing, self.out, law=law_of(scene.effects) if self.out.suffix == ".npz" else None)
+
+    def write_json(self, numbers: dict[str, Any]) -> None:
+        """Write the numbers as JSON; what is no number there (infinite, undefined) becomes null."""
+        if self.json is not None:
+            self.json.write_text(json.dumps(_finite(numbers), indent=2) + "\n", encoding="utf-8")
+
+    def say_what_was_written(self) -> None:
+        """Print where the packing and the numbers are."""
+        for name, path in (("packing", self.out), ("numbers", self.json)):
+            if path is not None:
+                show(f"{name}: {path}")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
+
+
+def show(thing: Any, *, error: bool = False) -> None:
+    """Print a text or a table; where the output is no terminal, whole lines without blanks at their ends."""
+    console = Console(stderr=error, highlight=False)
+    if console.is_terminal:
+        console.print(thing)
+        return
+    wide = Console(highlight=False, width=_UNLIMITED)
+    with wide.capture() as lines:
+        wide.print(thing)
+    stream = sys.stderr if error else sys.stdout
+    stream.writelines(f"{line.rstrip()}\n" for line in lines.get().splitlines())
+
+
+def table(
+    title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[int] | None = None
+) -> Table:
+    """Return a table; the columns numbered in `right`, all unless given, are aligned to the right."""
+    made = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        show_header=any(headings),
+    )
+    for k, heading in enumerate(headings):
+        made.add_column(
+            heading, justify="right" if right is None or k in right else "left", overflow="fold", no_wrap=k < 2
+        )
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def show_summary(title: str, summary: Summary) -> None:
+    """Print what a run or a report comes to, and what each step cost."""
+    show(table(title, ("", "", ""), summary.rows, right=()))
+    show(table("what each step achieved and cost", STAGE_HEADINGS, stage_rows(summary.stages), right=(1, 2, 3)))
+
+
+def title_of(name: str, thing: HasSummary) -> str:
+    """Return the title of a table: the name of the scene or file, and what it is about."""
+    return f"{name}: {thing.summary().title}"
+
+
+@contextmanager
+def working(first: str) -> Iterator[Callable[[str], None]]:
+    """Show a spinner with the seconds on standard error, and give a function that changes its words."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as progress:
+        task = progress.add_task(first, total=None)
+        yield lambda words: progress.update(task, description=words)
+
+
+class Watch:
+    """Progress of a run: shown as words and passed on; packings on the way are kept, thinned evenly.
+
+    Parameters
+    ----------
+    say
+        Shows words.
+    live
+        Called with all that a run reports, if anything is.
+
+    """
+
+    def __init__(self, say: Callable[[str], None], live: Callable[[str, dict[str, Any]], None] | None = None) -> None:
+        self.say, self.live = say, live
+        self.step_t: list[int] = []
+        self.packing_t: list[Packing] = []
+        self._before = 0
+        self._seen = 0
+        self._every = 1
+
+    def __call__(self, stage: str, figures: dict[str, Any]) -> None:
+        """Take what a run reports of a stage."""
+        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
+        self.say(", ".join([stage, *words]))
+        if self.live is not None:
+            self.live(stage, figures)
+        steps = int(figures.get("steps", 0))
+        if "packing" in figures:
+            # a stage that does not count its steps reports one packing after the other
+            after = self.step_t[-1] + 1 if self.step_t and "steps" not in figures else 0
+            self._keep(max(self._before + steps, after), figures["packing"])
+        if "seconds" in figures:  # a stage has ended; the next counts its own steps
+            self._before += steps
+
+    def _keep(self, step: int, packing: Packing) -> None:
+        """Keep a packing, unless it is one too many or of no later step."""
+        self._seen += 1
+        if self._seen % self._every or (self.step_t and step <= self.step_t[-1]):
+            return
+        self.step_t.append(step)
+        self.packing_t.append(packing)
+        if len(self.step_t) > _KEPT:
+            self._every *= 2
+            del self.step_t[::2], self.packing_t[::2]
+
+
+def check_modes(modes: int) -> int:
+    """Return the number of vibrations to find, after checking it."""
+    return integer("modes", modes, at_least=0)
+
+
+def load_modules(paths: Sequence[Path]) -> None:
+    """Import Python files, from their own folders, for what they register.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file, another module has its name, or its import fails.
+
+    """
+    for path in paths:
+        if path.suffix != ".py" or not path.is_file():
+            raise ValueError(f"load must name an existing Python file, got {str(path)!r}")
+        folder = str(path.absolute().parent)
+        if folder not in sys.path:
+            sys.path.insert(0, folder)
+        try:
+            found = importlib.import_module(path.stem).__file__
+        except Exception as error:
+            raise ValueError(f"load must name a file that can be imported, got {str(path)!r}: {error}") from error
+        if found is None or not path.samefile(found):
+            raise ValueError(f"load must name a file that is called as no other module, got {str(path)!r}")

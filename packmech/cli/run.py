@@ -1,0 +1,287 @@
+"""`packmech run`: do what the scene's own drive says; and how a scene is run, for the verbs that do."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+import packmech as pm
+from packmech.check import integer, one_of
+from packmech.cli import FAILED, INTERRUPTED, OK
+from packmech.cli.output import (
+    SCENE,
+    Files,
+    Json,
+    Load,
+    Modes,
+    Out,
+    Record,
+    Seed,
+    Watch,
+    check_modes,
+    load_modules,
+    show,
+    show_summary,
+    table,
+    title_of,
+    working,
+)
+from packmech.effects import Bonds
+from packmech.generate import fragment_numbers
+from packmech.jit.interrupts import safe_interrupts
+from packmech.result import Run
+from packmech.scene import Scene
+from packmech.scenes.drives import run as run_drive
+from packmech.scenes.drives import takes_checkpoint
+from packmech.scenes.scene_file import read_scene
+from packmech.view.report import Report, examine
+
+# packings that a recording shows of a run that follows time
+_RECORDED = 60
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What to show of a run: live, as so many pictures in a folder."""
+
+    live: str | None = None
+    frames: int | None = None
+    format: str = "png"
+    folder: Path = Path("frames")
+
+    def __post_init__(self) -> None:
+        one_of("format", self.format, ("png", "svg"))
+        if self.frames is not None:
+            integer("frames", self.frames, at_least=2)
+            self.folder.mkdir(parents=True, exist_ok=True)
+        if self.live is not None:
+            from packmech.view.recording.live import check_live_target
+
+            check_live_target(self.live)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A scene, and what is wanted of its run.
+
+    Attributes
+    ----------
+    name, scene, seed
+        As the command line says.
+    files, pictures
+        What to write and what to show.
+    modes
+        How many of the lowest vibrations to find, where the packing is examined.
+    checkpoint
+        The file to go on from and to leave; None: one named after the scene, taken away at the end.
+
+    """
+
+    name: str
+    scene: Scene
+    seed: int | None
+    files: Files
+    pictures: Pictures
+    modes: int
+    checkpoint: Path | None = None
+
+    @property
+    def frames(self) -> int:
+        """How many packings a run must keep on the way."""
+        return max(_RECORDED if self.files.record is not None else 0, self.pictures.frames or 0)
+
+    @property
+    def own_checkpoint(self) -> Path | None:
+        """The file named after the scene in this folder, unless nothing can be written there."""
+        if not takes_checkpoint(self.scene) or not os.access(".", os.W_OK):
+            return None
+        return Path(f"{Path(self.name).stem}{'' if self.seed is None else f'-seed-{self.seed}'}.checkpoint.npz")
+
+
+def run(
+    scene: Annotated[str, Parameter(help=SCENE)],
+    /,
+    *,
+    load: Load = (),
+    record: Record = None,
+    out: Out = None,
+    json: Json = None,
+    modes: Modes = 10,
+    seed: Seed = None,
+    live: str | None = None,
+    frames: int | None = None,
+    format: str = "png",
+    checkpoint: Path | None = None,
+) -> int:
+    """Do what a scene's own [drive] says, and say what came of it.
+
+    Parameters
+    ----------
+    live
+        show the run as it goes on in the Rerun viewer, or at its address, or in a .rrd file
+    frames
+        write so many evenly spaced pictures, and the packing, to the folder --out (default: frames)
+    format
+        of the pictures: png or svg
+    checkpoint
+        strained scenes keep what is finished in this .npz file, and go on from it when it is there (default: a file
+        named after the scene, taken away at the end): after Ctrl-C give the same command again
+
+    """
+    load_modules(load)
+    folder = Path("frames") if out is None else out
+    pictures = Pictures(live, frames, format, folder)
+    files = Files(record, out if frames is None else folder / "packing.npz", json)
+    read = read_scene(scene, seed=seed)
+    if read.drive is None:
+        raise ValueError(f"scene must have a [drive] to be run, got none in {scene!r}")
+    return carry_out(Wanted(scene, read, seed, files, pictures, check_modes(modes), checkpoint))
+
+
+def carry_out(wanted: Wanted) -> int:
+    """Run a scene, print what came of it and write what was asked for; return the exit code."""
+    scene, files = wanted.scene, wanted.files
+    path = wanted.own_checkpoint if wanted.checkpoint is None else wanted.checkpoint
+    if path is not None and path.exists() and takes_checkpoint(scene):
+        show(f"packmech: going on from {path}", error=True)
+    done: Any = None
+    report: Report | None = None
+    code = OK
+    with safe_interrupts(), working(f"{wanted.name}: {scene.packing.particles} particles") as say:
+        try:
+            with _live(wanted) as live:
+                watch = Watch(say, live)
+                done = run_drive(scene, frames=wanted.frames, progress=watch, checkpoint=path)
+            done = _with_trace(done, scene, watch) if wanted.frames else done
+            files.write_packing(scene, _packing(done))  # before the examination, which may be interrupted
+            strain = getattr(scene.drive, "examined_strain", None)
+            if strain is not None:
+                start = scene.replace(packing=done.packing)
+                report = examine(start, run=done, strain=strain, modes=wanted.modes, progress=say)
+        except KeyboardInterrupt as stop:
+            code, done = INTERRUPTED, getattr(stop, "run", done)
+    if code == INTERRUPTED:
+        _interrupted(wanted, done, path)
+        if not hasattr(done, "runs"):
+            return code
+    _finish(wanted, done, report)
+    if code == OK and path is not None and wanted.checkpoint is None:
+        path.unlink(missing_ok=True)
+    if code == OK and isinstance(done, Run) and not done.ok:
+        show(f"packmech: {done.outcome.value} (residual {done.residual:.1e})", error=True)
+        code = FAILED
+    return code
+
+
+@contextmanager
+def _live(wanted: Wanted) -> Iterator[Callable[[str, dict[str, Any]], None] | None]:
+    """Give what shows a run live, as far as that was asked for; end it when the run has ended."""
+    if wanted.pictures.live is None:
+        yield None
+        return
+    from packmech.view.recording.live import LiveRecording
+
+    live = LiveRecording(wanted.scene, wanted.pictures.live)
+    try:
+        yield live.watch
+    finally:
+        live.close()
+        show(f"live: {live.shown} pictures")
+
+
+def _with_trace(done: Any, scene: Scene, watch: Watch) -> Any:
+    """Return a run that kept no packings with those that it passed on."""
+    if not isinstance(done, Run) or done.trace is not None or not watch.step_t:
+        return done
+    from packmech.view.trajectory import trace_of
+
+    return replace(done, trace=trace_of(scene, watch.step_t, watch.packing_t))
+
+
+def _packing(done: Any) -> pm.Packing:
+    """Return the last packing of a run, or of several."""
+    return (done.runs[-1] if hasattr(done, "runs") else done).packing
+
+
+def _interrupted(wanted: Wanted, done: Any, path: Path | None) -> None:
+    """Save what was finished, if there is anything and somewhere to put it, and say so."""
+    words = "packmech: interrupted"
+    if done is not None and wanted.files.out is not None:
+        wanted.files.write_packing(wanted.scene, _packing(done))
+        words += f"; the last finished packing is in {wanted.files.out}"
+    show(words, error=True)
+    if path is not None and path.exists():
+        show(f"packmech: the same command goes on from {path}", error=True)
+
+
+def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
+    """Print the tables and write the numbers, the recordings and the pictures."""
+    scene, files = wanted.scene, wanted.files
+    about = done if report is None else report
+    numbers, title = about.to_dict(), title_of(wanted.name, about)
+    bonds = [one for one in scene.effects if isinstance(one, Bonds)]
+    if bonds and report is None:
+        numbers["bonds"] = sum(map(len, bonds))
+        numbers["fragments"] = int(fragment_numbers(bonds[0], scene.packing.particles).max()) + 1
+    if hasattr(done, "runs"):
+        show(table(title, done.headings, done.lines()))
+    else:
+        show_summary(title, about.summary())
+    if "cementing" in numbers:
+        _show_cementing(numbers["cementing"])
+    files.write_json(numbers)
+    files.say_what_was_written()
+    parameters = {"scene": wanted.name, "seed": wanted.seed, "drive": scene.drive}
+    for one, label in _labeled(done):
+        if wanted.pictures.frames is not None:
+            folder = wanted.pictures.folder / label if label else wanted.pictures.folder
+            written = pm.write_pictures(
+                one, folder, scene=scene, frames=wanted.pictures.frames, format=wanted.pictures.format
+            )
+            show(f"pictures: {len(written)} in {folder}")
+        if files.record is not None:
+            path = files.record.with_stem(f"{files.record.stem}-{label}") if label else files.record
+            pm.record_run(
+                one,
+                path,
+                scene=scene,
+                modes=None if report is None else report.modes,
+                parameters=parameters,
+                results=one.to_dict() if label else numbers,
+                summary=(one if label else about).summary().markdown(f"{title} {label}".strip()),
+            )
+            show(f"recording: {path}   (look at it: rerun {path})")
+
+
+def _labeled(done: Any) -> list[tuple[Run, str]]:
+    """Return the runs, each with what its files are named by where there are several."""
+    if not hasattr(done, "runs"):
+        return [(done, "")]
+    if len(done.runs) == 1:
+        return [(done.runs[0], "")]
+    return [(one, f"rate-{rate:g}") for one, rate in zip(done.runs, done.rate_r, strict=True)]
+
+
+def _show_cementing(means: dict[str, Any]) -> None:
+    """Print the table of a scene that was cemented, and its thresholds."""
+    names = ("bulk_modulus_reuss", "bulk_modulus_voigt", "shear_modulus_reuss", "shear_modulus_voigt", "poisson_ratio")
+    rows = [
+        (f"{fraction:.3f}", *(f"{means[name][k]:.4g}" for name in names))
+        for k, fraction in enumerate(means["link_fraction"])
+    ]
+    orders = len(means["first_stiff"])
+    title = f"cementing, mean of {orders} order{'' if orders == 1 else 's'}"
+    show(table(title, ("n_l/N", "K Reuss", "K Voigt", "G Reuss", "G Voigt", "Poisson ratio"), rows))
+    if means["states_of_self_stress"] != 1:
+        show(f"cemented from {means['states_of_self_stress']} states of self stress, not from one")
+    for words, name in (("first infinitely stiff direction", "first_stiff"), ("complete rigidity", "all_stiff")):
+        reached = [x for x in means[name] if x is not None]
+        if reached:
+            show(f"{words}: n_l/N = {np.mean(reached):.3f} ({len(reached)} of {orders} orders)")

@@ -1,0 +1,119 @@
+"""`packmech unjam`: whether a packing is jammed, and if not, where its motion leads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+import packmech as pm
+from packmech.check import one_of
+from packmech.cli import FAILED, OK
+from packmech.cli.output import Files, GapTolerance, Json, Method, Out, Record, show, table, working
+from packmech.files.packings import read_packing
+from packmech.generate import LATTICE_NAMES, lattice_packing
+from packmech.jamming.classify import classify_jamming
+from packmech.jamming.play import play_motion
+
+
+def unjam(
+    packing: Annotated[str, Parameter(help="a packing in a file, or the name of a lattice: square, kagome, ...")],
+    /,
+    *,
+    repeats: Annotated[list[int] | None, Parameter(consume_multiple=True)] = None,
+    box: str = "either",
+    gap_tolerance: GapTolerance = None,
+    method: Method = "certificate",
+    amplitude: float = 0.5,
+    steps: int = 50,
+    record: Record = None,
+    out: Out = None,
+    json: Json = None,
+) -> int:
+    """Ask whether a packing is jammed, and play the motion that unjams it.
+
+    Parameters
+    ----------
+    repeats
+        cells of the lattice along each vector
+    box
+        "fixed": the box stays; "free": it may strain; "either": fixed if that unjams
+    amplitude
+        how far to go, in diameters
+    steps
+        in how many steps
+
+    """
+    one_of("box", box, ("fixed", "free", "either"))
+    files = Files(record, out, json)
+    start = _packing(packing, repeats)
+    with working("is it jammed?") as say:
+        verdict = classify_jamming(start, gap_tolerance=gap_tolerance, method=method)
+        motion = {
+            "fixed": verdict.collectively.unjamming_motion,
+            "free": verdict.strictly.unjamming_motion,
+            "either": verdict.unjamming_motion,
+        }[box]
+        answers = {
+            "packing": packing,
+            "particles": start.particles,
+            "local": verdict.local,
+            "collective": verdict.collective,
+            "strict": verdict.strict,
+            "method": verdict.method,
+            "gap_tolerance": verdict.touching.tolerance,
+        }
+        if motion is None:
+            _show(answers)
+            files.write_json(answers | {"outcome": None, "reason": verdict.strictly.reason})
+            show(f"packmech: no unjamming motion: {verdict.strictly.reason}", error=True)
+            return FAILED
+        played = play_motion(
+            start,
+            motion,
+            amplitude=amplitude,
+            steps=steps,
+            progress=lambda _, figures: say(f"amplitude {figures['amplitude']:.3f} of {amplitude:g}"),
+        )
+        answers |= {
+            "outcome": played.outcome,
+            "reason": played.reason,
+            "amplitude": played.amplitude,
+            "steps": played.steps,
+            "contacts": len(played.contacts),
+            "opened": int(played.opened_t[-1]),
+            "largest_closing": played.residual,
+            "packing_fraction_start": float(played.packing_fraction_t[0]),
+            "packing_fraction": float(played.packing_fraction_t[-1]),
+            "seconds": played.seconds,
+        }
+        if record is not None:
+            say("writing the recording")
+            pm.record_motion(played, record, parameters={"packing": packing, "box": box})
+        if out is not None:
+            pm.write_packing(played.packing, out)
+    _show(answers)
+    files.write_json(answers)
+    if record is not None:
+        show(f"recording: {record}   (look at it: rerun {record})")
+    return OK
+
+
+def _packing(name: str, repeats: list[int] | None) -> pm.Packing:
+    if name in LATTICE_NAMES:
+        return lattice_packing(name, repeats=None if repeats is None else repeats[0] if len(repeats) == 1 else repeats)
+    if repeats is not None:
+        raise ValueError(f"repeats must be left out for a packing in a file, got {repeats}")
+    path = Path(name)
+    if not path.exists():
+        raise ValueError(f"packing must be a file or one of {', '.join(LATTICE_NAMES)}, got {name!r}")
+    return read_packing(path)
+
+
+def _show(answers: dict[str, object]) -> None:
+    rows = [
+        (key.replace("_", " "), f"{value:.6g}" if isinstance(value, float) else str(value))
+        for key, value in answers.items()
+    ]
+    show(table("unjam", ("quantity", "value"), rows, right=(1,)))

@@ -1,0 +1,424 @@
+"""Orthonormal bases of what links hold and of what they leave free, cluster by cluster."""
+
+from __future__ import annotations
+
+import functools
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as sl
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.check import instance, one_of, positive, real
+from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains, cluster_block
+from packmech.constraints.jacobian import FORMS, STRAINS, position_rows, scale_of_strain, strain_rows
+from packmech.jit.blas import single_thread
+from packmech.jit.compiled import kernel
+from packmech.linalg.mandel import strain_components, trace_vector
+from packmech.packing import Packing
+
+# largest dense matrix that is made unless more is asked for [bytes]
+MEMORY_LIMIT = 1e9
+
+
+def check_memory(rows: int, columns: int, memory_limit: float) -> None:
+    """Check that a dense matrix of this size fits the limit.
+
+    Raises
+    ------
+    ValueError
+        Naming the size.
+
+    """
+    need = 8.0 * rows * columns
+    if need > memory_limit:
+        raise ValueError(
+            f"memory_limit must be at least {need:.3g} bytes for a dense matrix of {rows} by {columns}, "
+            f"got {memory_limit:g}"
+        )
+
+
+def motion_basis(
+    links: ConstraintFactor,
+    strain_ek: NDArray[np.float64] | None,
+    *,
+    mass_n: NDArray[np.float64],
+    strain_scale: float,
+    memory_limit: float = MEMORY_LIMIT,
+) -> NDArray[np.float64]:
+    """Return the motions (x, e) that the links admit to first order, as columns of an (N d + s, N_dof) matrix.
+
+    Positions come first, cluster by cluster, then at most s motions with strain: of all that make that strain those
+    with the least motion of the particles, made orthonormal (section 4 of the corrected specification). Columns are
+    orthonormal in sum of mass x.x + strain_scale^2 e.e.
+
+    Parameters
+    ----------
+    links
+        The links.
+    strain_ek
+        (s, k) admitted strains as columns; None for a fixed box, whose motions have no strain rows.
+    mass_n
+        (N,) masses.
+    strain_scale
+        Length that a unit strain counts as.
+    memory_limit
+        Largest memory of the matrix [bytes].
+
+    """
+    dimension = links.pairs.dimension
+    gradient, stretch = links.independent_rows()
+    root = np.repeat(np.sqrt(mass_n), dimension)
+    size = len(root)
+    weighted = gradient.multiply(1.0 / root[None, :]).tocsr()
+    strains = None if strain_ek is None else admitted_strains(strain_ek, links.stiff_strains)
+    extra = 0 if strains is None else strains.shape[1]
+    rows = size + (0 if strain_ek is None else len(strain_ek))
+    count = size - weighted.shape[0] + extra
+    check_memory(rows, count, memory_limit)
+    basis = np.zeros((rows, count))
+    response = np.zeros((size, extra))
+    pull = np.zeros((weighted.shape[0], 0)) if strains is None else stretch @ strains / strain_scale
+    cluster = links.cluster_l[~links.dependent_l]
+    order = np.argsort(cluster, kind="stable")
+    start = np.flatnonzero(np.concatenate([[True], np.diff(cluster[order]) != 0, [True]])) if len(order) else [0]
+    at = 0
+    single = np.ones(size, dtype=bool)
+    for begin, end in zip(start[:-1], start[1:], strict=True):
+        own = order[begin:end]
+        block, column = cluster_block(weighted, own)
+        single[column] = False
+        full, right = np.linalg.qr(block.T, mode="complete")
+        free = full[:, len(own) :]
+        basis[column, at : at + free.shape[1]] = free
+        at += free.shape[1]
+        if extra:
+            response[column] = -full[:, : len(own)] @ np.linalg.solve(right[: len(own)].T, pull[own])
+    alone = np.flatnonzero(single)
+    basis[alone, at : at + len(alone)] = np.eye(len(alone))
+    if strains is not None:
+        basis[:, count - extra :] = np.linalg.qr(np.concatenate([response, strains]))[0]
+        basis[size:] /= strain_scale
+    basis[:size] /= root[:, None]
+    return basis
+
+
+METHODS = ("householder", "gram-schmidt", "gram-schmidt-twice", "whole-matrix")
+# columns whose part outside the span of the others is below this, relative to the largest column, depend on them
+RANK = 1e-10
+
+
+class Block(NamedTuple):
+    """The links of one cluster: Omega = basis @ triangle on the rows of its particles, links in the order of pivots."""
+
+    row_x: NDArray[np.int64]
+    link_l: NDArray[np.int64]
+    basis_xr: NDArray[np.float64]
+    triangle_rl: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintBasis:
+    """Orthonormal bases of a packing's constraints and of the motions they leave.
+
+    Attributes
+    ----------
+    method
+        How it was made.
+    rank
+        Number of independent constraints: links, and the volume if it is one.
+    link_rank
+        Number of links that are independent of each other at fixed box.
+    blocks
+        The clusters, each with its dense orthonormal block.
+    strain_xk
+        (N d + s, k) orthonormal motions that go with the admissible strains, or (N d, 0) without strains.
+    shape
+        Numbers of positions' coordinates N d, and of strains s (0 without).
+    seconds
+        CPU time.
+
+    """
+
+    method: str
+    rank: int
+    link_rank: int
+    blocks: tuple[Block, ...]
+    strain_xk: NDArray[np.float64]
+    shape: tuple[int, int]
+    seconds: float
+
+    @property
+    def freedoms(self) -> int:
+        """Number of degrees of freedom left, N_dof, the d translations included."""
+        return sum(self.shape) - self.rank
+
+    @functools.cached_property
+    def orthogonality(self) -> float:
+        """Largest entry of Q^T Q - 1 over the blocks and the motions with strain [1]."""
+        parts = [block.basis_xr for block in self.blocks] + [self.strain_xk]
+        with single_thread():
+            return max(float(np.abs(q.T @ q - np.eye(q.shape[1])).max(initial=0.0)) for q in parts)
+
+    @functools.cached_property
+    def link_basis(self) -> sp.csc_array:
+        """Omega_o: (N d, link_rank) orthonormal columns that span the links' gradients at fixed box, block by block."""
+        return _columns([(block.row_x, block.basis_xr) for block in self.blocks], self.shape[0])
+
+    @functools.cached_property
+    def null_basis(self) -> sp.csc_array:
+        """B: (N d + s, freedoms) orthonormal columns that span the motions without change of a constraint.
+
+        Clusters come first, then particles without links, then the motions that go with strains.
+        """
+        positions, strains = self.shape
+        linked = np.zeros(positions, dtype=bool)
+        parts = []
+        with single_thread():
+            for block in self.blocks:
+                linked[block.row_x] = True
+                rank = block.basis_xr.shape[1]
+                whole = sl.qr(block.basis_xr, check_finite=False)[0] if rank else np.eye(len(block.row_x))
+                parts.append((block.row_x, whole[:, rank:]))
+        free = np.flatnonzero(~linked)
+        alone = sp.csc_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(positions, len(free)))
+        moves = sp.hstack([_columns(parts, positions), alone], format="csc")
+        if not strains:
+            return sp.csc_array(moves)
+        moves = sp.vstack([moves, sp.csc_array((strains, moves.shape[1]))])
+        return sp.csc_array(sp.hstack([moves, sp.csc_array(self.strain_xk)]))
+
+    def project(self, vector_x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the part of an (N d + s,) vector that changes no constraint."""
+        positions, strains = self.shape
+        out = np.array(vector_x, dtype=np.float64)
+        if out.shape != (positions + strains,):
+            raise ValueError(f"vector_x must have shape ({positions + strains},), got {out.shape}")
+        out[positions:] = 0.0
+        with single_thread():
+            for block in self.blocks:
+                part = out[block.row_x]
+                out[block.row_x] = part - block.basis_xr @ (block.basis_xr.T @ part)
+            if strains:
+                # the motions with strain have parts in the span of Omega that were just taken away
+                out += self.strain_xk @ (self.strain_xk.T @ np.asarray(vector_x, dtype=np.float64))
+        return out
+
+
+def _columns(parts: list[tuple[NDArray[np.int64], NDArray[np.float64]]], rows: int) -> sp.csc_array:
+    """Return dense blocks, each on its own rows, as the columns of one sparse array."""
+    index = np.int32 if sum(q.size for _, q in parts) < 2**31 and rows < 2**31 else np.int64
+    widths = np.concatenate([np.full(q.shape[1], q.shape[0]) for _, q in parts] + [np.empty(0, dtype=np.int64)])
+    start = np.concatenate([[0], np.cumsum(widths)]).astype(index)
+    value, row = np.empty(int(start[-1])), np.empty(int(start[-1]), dtype=index)
+    done = 0
+    for place, q in parts:
+        value[done : done + q.size] = q.ravel(order="F")
+        row[done : done + q.size] = np.tile(place, q.shape[1])
+        done += q.size
+    return sp.csc_array((value, row, start), shape=(rows, len(widths)))
+
+
+@kernel
+def _gram_schmidt(rest_lx, twice, tolerance):  # type: ignore[no-untyped-def]
+    """Orthonormalize rows by modified Gram-Schmidt, the longest rest first; return the basis and the rows' order.
+
+    The array is overwritten by what is left of its rows. Twice: each new row is made orthogonal to all before it again.
+    """
+    count, size = rest_lx.shape
+    basis = np.empty((min(count, size), size))
+    order = np.arange(count)
+    square = np.zeros(count)
+    for k in range(count):
+        for x in range(size):
+            square[k] += rest_lx[k, x] * rest_lx[k, x]
+    rank = 0
+    least = tolerance * tolerance * np.max(square)
+    for rank in range(min(count, size) + 1):
+        best = rank
+        for k in range(rank, count):
+            if square[order[k]] > square[order[best]]:
+                best = k
+        if rank == min(count, size) or not square[order[best]] > least:
+            break
+        order[rank], order[best] = order[best], order[rank]
+        vector = basis[rank]
+        vector[:] = rest_lx[order[rank]]
+        if twice:
+            for r in range(rank):
+                product = 0.0
+                for x in range(size):
+                    product += basis[r, x] * vector[x]
+                for x in range(size):
+                    vector[x] -= product * basis[r, x]
+        norm = 0.0
+        for x in range(size):
+            norm += vector[x] * vector[x]
+        norm = np.sqrt(norm)
+        for x in range(size):
+            vector[x] /= norm
+        for k in range(rank + 1, count):
+            rest = rest_lx[order[k]]
+            product = 0.0
+            for x in range(size):
+                product += vector[x] * rest[x]
+            left = 0.0
+            for x in range(size):
+                rest[x] -= product * vector[x]
+                left += rest[x] * rest[x]
+            square[order[k]] = left
+    return basis[:rank], order
+
+
+def _orthonormal(
+    matrix: NDArray[np.float64], method: str, tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return an orthonormal basis, the columns' coefficients in it, and the columns' order, independent ones first."""
+    if method.startswith("gram-schmidt"):
+        found, order = _gram_schmidt(matrix.T.copy(order="C"), method == "gram-schmidt-twice", tolerance)
+        basis = found.T.copy(order="C")
+        return basis, basis.T @ matrix[:, order], order
+    basis, triangle, order = sl.qr(matrix, mode="economic", pivoting=True, check_finite=False)
+    size = np.abs(np.diag(triangle))
+    rank = int(np.count_nonzero(size > tolerance * size[0])) if len(size) and size[0] > 0.0 else 0
+    # rounding of many reflections shows most in the lengths; summed in pairs along each column, which lies in one piece
+    basis = basis[:, :rank]
+    basis /= np.sqrt((basis.T**2).sum(axis=1))
+    return basis, triangle[:rank], np.asarray(order, dtype=np.int64)
+
+
+def cluster_blocks(
+    packing: Packing, matrix: sp.csc_array, method: str, tolerance: float, limit: float
+) -> tuple[Block, ...]:
+    """Return the orthonormal blocks of Omega, one for each cluster that has links."""
+    links = packing.links
+    if links is None:
+        return ()
+    d = packing.dimension
+    cluster = links.clusters(packing.particles)
+    if method == "whole-matrix":
+        cluster = np.zeros_like(cluster)
+    own = cluster[links.i_l]
+    members = np.argsort(cluster, kind="stable")
+    member_start = np.concatenate([[0], np.cumsum(np.bincount(cluster))])
+    order = np.argsort(own, kind="stable")
+    link_start = np.concatenate([[0], np.cumsum(np.bincount(own, minlength=len(member_start) - 1))])
+    sizes, counts = d * np.diff(member_start), np.diff(link_start)
+    needed = 8.0 * float((sizes * np.minimum(sizes, counts))[counts > 0].sum())
+    if max(needed, 8.0 * float((sizes * counts).max())) > limit:
+        raise ValueError(f"basis_limit must be at least {needed:.3g} bytes for this basis, got {limit:.3g}")
+    place = np.empty(packing.particles, dtype=np.int64)
+    place[members] = np.arange(packing.particles) - np.repeat(member_start[:-1], np.diff(member_start))
+    blocks = []
+    for c in np.flatnonzero(counts):
+        inside = members[member_start[c] : member_start[c + 1]]
+        link = order[link_start[c] : link_start[c + 1]]
+        dense = np.zeros((sizes[c], len(link)), order="F")
+        first, last = matrix.indptr[link], matrix.indptr[link + 1]
+        width = last - first
+        entry = np.repeat(first - np.concatenate([[0], np.cumsum(width)[:-1]]), width) + np.arange(width.sum())
+        row = matrix.indices[entry]
+        dense[place[row // d] * d + row % d, np.repeat(np.arange(len(link)), width)] = matrix.data[entry]
+        basis, triangle, pivots = _orthonormal(dense, method, tolerance)
+        blocks.append(Block((inside[:, None] * d + np.arange(d)).ravel(), link[pivots], basis, triangle))
+    return tuple(blocks)
+
+
+def _strain_motions(
+    blocks: tuple[Block, ...], rows_sl: NDArray[np.float64], volume_s: NDArray[np.float64] | None, size: int,
+    tolerance: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return orthonormal motions (N d + s, k), one for each admissible strain, orthogonal to those at fixed strain."""
+    strains = len(rows_sl)
+    moves = np.zeros((size, strains))
+    held = [] if volume_s is None else [volume_s[None, :] / np.linalg.norm(volume_s)]
+    for block in blocks:
+        rank = block.basis_xr.shape[1]
+        rates = rows_sl[:, block.link_l].T
+        part = np.linalg.solve(block.triangle_rl[:, :rank].T, rates[:rank])
+        moves[block.row_x] = -block.basis_xr @ part
+        if rank < len(rates):
+            # what a dependent link asks beyond the links it depends on, it asks of the strain (a taut ring in the box)
+            rest = rates[rank:] - block.triangle_rl[:, rank:].T @ part
+            size_of = np.abs(rates).max()
+            held.append(np.where(np.abs(rest) > 1e3 * tolerance * size_of, rest, 0.0) / size_of)
+    admissible = np.eye(strains)
+    if held:
+        _, value, right = np.linalg.svd(np.linalg.qr(np.concatenate(held), mode="r"))
+        admissible = right[int(np.count_nonzero(value > tolerance)) :].T
+    whole = np.concatenate([moves @ admissible, admissible])
+    motions: NDArray[np.float64] = sl.qr(whole, mode="economic", check_finite=False)[0]
+    return motions
+
+
+def constraint_basis(
+    packing: Packing,
+    strain: str = "none",
+    *,
+    method: str = "householder",
+    form: str = "exact",
+    rank_tolerance: float = RANK,
+    strain_scale: float | None = None,
+    basis_limit: float = BASIS_LIMIT,
+) -> ConstraintBasis:
+    """Return orthonormal bases of the constraints and of the motions they leave free, with rank and orthogonality.
+
+    Coordinates are the positions, particle-major, and with strain the Mandel strains times `strain_scale`. Degrees of
+    freedom: N d - rank in a fixed box, N d + s - rank with strain, one less with isochoric ones; translations count.
+    Equations 5, 6 and 28 to 32 of the polymer source, cluster by cluster.
+
+    Parameters
+    ----------
+    packing
+        The packing; without links everything is free.
+    strain, form
+        As in `constraint_jacobian`.
+    method
+        "householder" (reflections with column pivoting, each cluster by itself), "gram-schmidt" (modified, one pass),
+        "gram-schmidt-twice" (two passes), or "whole-matrix" (one dense matrix of all links with Householder: the
+        reference, quadratic in memory). One pass of Gram-Schmidt loses orthogonality as the condition of the links.
+    rank_tolerance
+        A link depends on others when the part of its gradient outside their span is below this [1].
+    strain_scale
+        Length by which strains are multiplied to be coordinates; V^(1/d) when left out.
+    basis_limit
+        Largest size of the basis [bytes].
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, a name is unknown, or the basis would be too large.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> links = pm.Links([0, 1, 0], [1, 2, 2], [[0, 0]] * 3, [1.0, 1.0, 2**0.5])
+    >>> trimer = pm.Packing([[0, 0], [1, 0], [1, 1]], [0.5] * 3, pm.Box.cubic(4.0, 2), links)
+    >>> basis = pm.constraint_basis(trimer)
+    >>> basis.rank, basis.freedoms, basis.orthogonality < 1e-14
+    (3, 3, True)
+
+    """
+    instance("packing", packing, Packing)
+    one_of("strain", strain, STRAINS)
+    one_of("method", method, METHODS)
+    one_of("form", form, FORMS)
+    tolerance = real("rank_tolerance", rank_tolerance, above=0.0, below=1.0)
+    scale = scale_of_strain(packing, strain_scale)
+    limit = positive("basis_limit", basis_limit)
+    started = time.process_time()
+    size, strains = packing.position_nd.size, 0 if strain == "none" else strain_components(packing.dimension)
+    with single_thread():
+        blocks = cluster_blocks(packing, position_rows(packing, form), method, tolerance, limit)
+        link_rank = sum(block.basis_xr.shape[1] for block in blocks)
+        motions = np.zeros((size, 0))
+        rank = link_rank
+        if strains:
+            held = trace_vector(packing.dimension) if strain == "isochoric" else None
+            motions = _strain_motions(blocks, strain_rows(packing, form) / scale, held, size, tolerance)
+            rank += strains - motions.shape[1]
+    seconds = time.process_time() - started
+    return ConstraintBasis(method, rank, link_rank, blocks, motions, (size, strains), seconds)

@@ -1,0 +1,287 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Links inside compiled loops: chosen by type, so that a scene without links has no code and no cost of them.
+
+`Space.joints` is None or a `Joints`, and every function here has a form for each; compiled loops hold only the one
+that they need.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from packmech.constraints.link_system import (
+    NEWTON,
+    TIGHT,
+    LinkSystem,
+    make_link_system,
+    project_force,
+    project_velocity,
+    reaffix,
+    refill,
+)
+from packmech.contacts.cells import PairTable
+from packmech.contacts.excluded import rigid_clusters
+from packmech.jit.compiled import compiled_form, device
+from packmech.links import Links, image_offsets
+from packmech.packing import Packing
+
+# beyond this they are lost
+_LOST = 1e-10
+# places in Joints.number
+ERROR, ITERATIONS, NUMBERS = 0, 1, 2
+
+
+class Joints(NamedTuple):
+    """The links between the rows of a program, and what tells which pairs are no contacts.
+
+    other_l and image_ld list, from start_n[i] on, the links of row i to rows j >= i. Pairs of one rigid cluster
+    (label rigid_n, -1 for none) at the image offset_j - offset_i are no contacts either. scale_l is what the error of a
+    link is measured in; number holds the largest error now and the iterations so far.
+    """
+
+    system: LinkSystem
+    start_n: NDArray[np.int64]
+    other_l: NDArray[np.int64]
+    image_ld: NDArray[np.int64]
+    rigid_n: NDArray[np.int64]
+    offset_nd: NDArray[np.int64]
+    spare_nd: NDArray[np.float64]
+    multiplier_l: NDArray[np.float64]
+    number: NDArray[np.float64]
+
+
+def row_links(
+    links: Links, order_n: NDArray[np.int64], home_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
+) -> tuple[Links, NDArray[np.int64]]:
+    """Return the links numbered and imaged as a program's rows are, and the (N, d) offsets that unwrap the rows.
+
+    Parameters
+    ----------
+    links
+        The links between particles.
+    order_n
+        (N,) particle of each row.
+    home_nd
+        (N, d) images by which particles were moved: x = row + lattice @ home.
+    change_dd
+        (d, d) whole numbers: the program's lattice is lattice @ change.
+
+    """
+    particles = len(order_n)
+    back = np.rint(np.linalg.inv(change_dd)).astype(np.int64)
+    home = home_nd.astype(np.int64)
+    moved = links.moved(home)
+    offset, _ = image_offsets(links, particles)
+    number = np.empty(particles, dtype=np.int64)
+    number[order_n] = np.arange(particles)
+    moved = Links(moved.i_l, moved.j_l, moved.image_ld @ back.T, moved.length_l, moved.shape_l)
+    return moved.numbered(number), ((home + offset) @ back.T)[order_n]
+
+
+def make_joints(
+    packing: Packing,
+    workable: Links,
+    order_n: NDArray[np.int64],
+    home_nd: NDArray[np.float64],
+    change_dd: NDArray[np.int64],
+) -> tuple[Links, Joints]:
+    """Return the workable links between a program's rows, as a record and as its loops take them.
+
+    Other parameters are those of `row_links`.
+    """
+    whole = packing.links
+    assert whole is not None
+    links, offset = row_links(whole, order_n, home_nd, change_dd)
+    firm, _ = row_links(workable, order_n, home_nd, change_dd)
+    n, d = packing.particles, packing.dimension
+    rigid = np.where(rigid_clusters(packing), whole.clusters(n), -1)[order_n]
+    padded = np.zeros((len(links), 3), dtype=np.int64)
+    padded[:, :d] = links.image_ld
+    offsets = np.zeros((n, 3), dtype=np.int64)
+    offsets[:, :d] = offset
+    joints = Joints(
+        system=make_link_system(firm, n, d, mean_diameter=float(packing.diameter_n.mean())),
+        start_n=np.searchsorted(links.i_l, np.arange(n + 1)).astype(np.int64),
+        other_l=np.ascontiguousarray(links.j_l),
+        image_ld=padded,
+        rigid_n=rigid,
+        offset_nd=offsets,
+        spare_nd=np.zeros((n, d)),
+        multiplier_l=np.zeros(len(firm)),
+        number=np.zeros(NUMBERS),
+    )
+    return firm, joints
+
+
+@device
+def _is_joined(joints, i, j, image_d):
+    same = joints.rigid_n[i] >= 0 and joints.rigid_n[i] == joints.rigid_n[j] and i != j
+    for a in range(3):
+        same = same and image_d[a] == joints.offset_nd[j, a] - joints.offset_nd[i, a]
+    if same:
+        return True
+    for k in range(joints.start_n[i], joints.start_n[i + 1]):
+        if joints.other_l[k] == j:
+            ahead = behind = True
+            for a in range(3):
+                ahead = ahead and image_d[a] == joints.image_ld[k, a]
+                behind = behind and image_d[a] == -joints.image_ld[k, a]
+            if ahead or (behind and i == j):
+                return True
+    return False
+
+
+@device
+def _without_joined(joints, found):
+    kept = 0
+    bits = np.uint64(found.bits)
+    mask = np.uint64((1 << found.bits) - 1)
+    for p in range(found.i_p.shape[0]):
+        i = found.i_p[p]
+        code = found.code_p[p]
+        found.i_p[kept] = i
+        found.code_p[kept] = code
+        kept += not _is_joined(joints, np.int64(i), np.int64(code >> bits), found.image_kd[code & mask])
+    return PairTable(found.i_p[:kept], found.code_p[:kept], found.image_kd, found.bits)
+
+
+@device
+def _affix(joints, axes, row, space):
+    system, spare = joints.system, joints.spare_nd
+    lattice = space.frame.lattice_dd
+    for i in range(row.shape[0]):
+        for a in range(len(axes)):
+            spare[i, a] = row[i, a]
+    shortest = np.inf
+    for r in range(system.scale_r.shape[0]):
+        shortest = min(shortest, system.scale_r[r])
+    tolerance = max(TIGHT, 2.0 * space.resolution / shortest)
+    iterations, error, _ = reaffix(system, row, lattice, tolerance, NEWTON)
+    refill(system, row, lattice)
+    joints.number[ERROR] = error
+    joints.number[ITERATIONS] += iterations
+    most = 0.0
+    for i in range(row.shape[0]):
+        own = 0.0
+        for a in range(len(axes)):
+            own += (row[i, a] - spare[i, a]) ** 2
+        most = max(most, own)
+    return math.sqrt(most)
+
+
+@device
+def _along(joints, vector_nd):
+    project_velocity(joints.system, vector_nd, vector_nd, joints.multiplier_l)
+
+
+@device
+def projected(joints, axes, force_nd, velocity_nd):
+    """Project forces onto the motions that the links admit; return F.v, F.F and the largest squared force."""
+    project_force(joints.system, force_nd, force_nd, joints.multiplier_l)
+    power = 0.0
+    square = 0.0
+    most = 0.0
+    for i in range(force_nd.shape[0]):
+        own = 0.0
+        for a in range(len(axes)):
+            own += force_nd[i, a] * force_nd[i, a]
+            power += force_nd[i, a] * velocity_nd[i, a]
+        square += own
+        most = max(most, own)
+    if not joints.number[ERROR] < _LOST:
+        most = np.inf
+    return power, square, most
+
+
+def has_links(joints: Any) -> bool:
+    """Return whether the type of `Space.joints` is one with links."""
+    return not isinstance(joints, types.NoneType)
+
+
+def without_joined(joints: Joints | None, found: PairTable) -> PairTable:
+    """Return the pairs of a search that may touch: neither linked nor of one rigid cluster."""
+    return found if joints is None else _without_joined(joints, found)
+
+
+@compiled_form(without_joined)
+def _choose_without_joined(joints: Any, found: Any) -> Any:
+    if has_links(joints):
+        return _without_joined
+    return lambda joints, found: found
+
+
+def affix(joints: Joints | None, axes: Any, row: NDArray[np.float64], space: Any) -> float:
+    """Move the rows back onto the links and refill the system there; return the farthest that one moved."""
+    return 0.0 if joints is None else float(_affix(joints, axes, row, space))
+
+
+@compiled_form(affix)
+def _choose_affix(joints: Any, axes: Any, row: Any, space: Any) -> Any:
+    if has_links(joints):
+        return _affix
+    return lambda joints, axes, row, space: 0.0
+
+
+def refresh(joints: Joints | None, row: NDArray[np.float64], space: Any) -> None:
+    """Refill the system where the rows are, moving nobody."""
+    if joints is not None:
+        refill(joints.system, row, space.frame.lattice_dd)
+
+
+@compiled_form(refresh)
+def _choose_refresh(joints: Any, row: Any, space: Any) -> Any:
+    def renew(joints: Any, row: Any, space: Any) -> None:
+        refill(joints.system, row, space.frame.lattice_dd)
+
+    def nothing(joints: Any, row: Any, space: Any) -> None:
+        pass
+
+    return renew if has_links(joints) else nothing
+
+
+def along_links(joints: Joints | None, vector_nd: NDArray[np.float64]) -> None:
+    """Project a vector onto the motions that the links admit, at the rows of the last `affix` or `refresh`."""
+    if joints is not None:
+        _along(joints, vector_nd)
+
+
+@compiled_form(along_links)
+def _choose_along(joints: Any, vector_nd: Any) -> Any:
+    def project_it(joints: Any, vector_nd: Any) -> None:
+        _along(joints, vector_nd)
+
+    def nothing(joints: Any, vector_nd: Any) -> None:
+        pass
+
+    return project_it if has_links(joints) else nothing
+
+
+def speeds(joints: Joints | None, axes: Any, velocity_nd: NDArray[np.float64], square: float, most: float) -> Any:
+    """Project velocities; return v.v over all and the largest squared speed, known already where nothing is linked."""
+    return (square, most) if joints is None else _speeds(joints, axes, velocity_nd)
+
+
+@device
+def _speeds(joints, axes, velocity_nd):
+    _along(joints, velocity_nd)
+    square = 0.0
+    most = 0.0
+    for i in range(velocity_nd.shape[0]):
+        own = 0.0
+        for a in range(len(axes)):
+            own += velocity_nd[i, a] * velocity_nd[i, a]
+        square += own
+        most = max(most, own)
+    return square, most
+
+
+@compiled_form(speeds)
+def _choose_speeds(joints: Any, axes: Any, velocity_nd: Any, square: Any, most: Any) -> Any:
+    if has_links(joints):
+        return lambda joints, axes, velocity_nd, square, most: _speeds(joints, axes, velocity_nd)
+    return lambda joints, axes, velocity_nd, square, most: (square, most)

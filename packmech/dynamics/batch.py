@@ -1,0 +1,456 @@
+"""Batches of sheared packings, advanced frame by frame, as a caller controls them."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import finite_array, instance, integer, one_of, positive, positive_array, real
+from packmech.dynamics.batch_frames import (
+    AGAIN,
+    COUNTS,
+    FRESH,
+    HEIGHT,
+    LEFT,
+    NUMBERS,
+    OBSERVE,
+    REACH,
+    STATUS,
+    STEPS,
+    VOLUME,
+    Plan,
+    fetch,
+    figure_names,
+    frames,
+    new_batch,
+    not_finite,
+    put,
+)
+from packmech.dynamics.deformation import Driven
+from packmech.dynamics.engine import Engine, build_engine
+from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet, choose_time_step
+from packmech.dynamics.observables import COLUMNS
+from packmech.effects import Friction
+from packmech.minimize.kernels import RUNNING
+from packmech.packing import Packing, without_links
+from packmech.result import Outcome
+from packmech.scene import Scene
+
+
+def scenes_of(scenes: Any) -> list[Scene]:
+    """Return the scenes of a batch, which must be alike."""
+    if isinstance(scenes, Scene) or not isinstance(scenes, Sequence):
+        raise TypeError(f"scenes must be a list of scenes, got {scenes!r:.60}")
+    if not scenes:
+        raise ValueError("scenes must hold at least one scene, got none")
+    for b, scene in enumerate(scenes):
+        must_be_alike(f"scenes[{b}]", scene, scenes[0])
+    return list(scenes)
+
+
+def must_be_alike(name: str, scene: Any, first: Scene) -> None:
+    """Check that a scene has the dimension and kinds of effects of the first one of its batch, and no rigid links."""
+    instance(name, scene, Scene)
+    without_links(f"{name}.packing", scene.packing)
+    if scene.packing.dimension != first.packing.dimension:
+        raise ValueError(f"{name} must have the dimension of the first scene, got {scene.packing.dimension}")
+    if _kinds(scene.effects) != _kinds(first.effects):
+        raise ValueError(f"{name} must have the kinds of effects of the first scene, got {scene.effects!r:.100}")
+
+
+def _kinds(effects: Any) -> Any:
+    """Return the classes in a tuple of effects, those of their laws too: what compiled code goes by."""
+    if isinstance(effects, tuple):
+        return type(effects), tuple(_kinds(one) for one in effects)
+    return type(effects)
+
+
+def direction_of(axes: Any, dimension: int) -> NDArray[np.float64]:
+    """Return M of a shear along the first of two axes, its gradient along the second."""
+    if not isinstance(axes, tuple | list) or len(axes) != 2:
+        raise TypeError(f"axes must be two axes, got {axes!r}")
+    a, b = (integer("axes", axis, at_least=0, at_most=dimension - 1) for axis in axes)
+    if a == b:
+        raise ValueError(f"axes must be two different axes, got {axes}")
+    direction = np.zeros((dimension, dimension))
+    direction[a, b] = 1.0
+    return direction
+
+
+def motion_of(
+    packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: Any
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, NDArray[np.bool_] | None]:
+    """Return velocities, spins and who is held, checked; None where not given."""
+    n, d = packing.particles, packing.dimension
+    velocity = None if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
+    spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
+    if held_n is None:
+        return velocity, spin, None
+    held = np.asarray(held_n)
+    if held.dtype != bool:
+        raise TypeError(f"held_n must be True or False for each particle, got {held_n!r:.60}")
+    if held.shape != (n,):
+        raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
+    return velocity, spin, held
+
+
+# what sets the strain of each packing in a frame, by the name of the control
+CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
+
+
+class ShearBatch:
+    """Sheared packings that are advanced together, a frame of equal time steps for each at a time.
+
+    All of them are advanced by one compiled call, on any number of threads, with the same bits as each one alone.
+    Particles follow Newton's equations in the sheared box (Lees and Edwards's sliding images), as in
+    `oscillatory_shear`; how the strain goes is said frame by frame.
+
+    Parameters
+    ----------
+    scenes
+        One scene for each packing, without rigid links. All must have the same kinds of effects and the same dimension.
+    control
+        What sets the strain of a packing in a frame: "strain": the strain at its end, "rate": the strain rate; both are
+        applied as equal strain increments in all steps of the frame. "strain_and_rate": both at its end, and the strain
+        follows a cubic from those before.
+    steps
+        Time steps of a frame.
+    dt
+        Time step. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and m / damping, in the
+        first scene.
+    switched_friction
+        Whether its coefficient of friction is given for each frame, too, as the last number; scenes must have friction.
+    axes
+        Direction of the displacements, and of their gradient.
+    method
+        VelocityVerlet() unless given, or SemiImplicitEuler().
+    mass_n, density
+        (N,) masses of the particles of each packing, or mass over area (over volume in space) of all particles; unless
+        given a particle of the reference diameter has mass 1, and all the same density.
+    velocity_nd, spin_nk
+        (N, d) peculiar velocities and (N, 1 or 3) spins at the start; at rest unless given.
+    held_n
+        (N,) True for particles that nothing pushes or turns.
+    threads
+        Number of threads; it changes no bit.
+
+    Attributes
+    ----------
+    figure_bk
+        (B, K) figures at the end of the last frame, in the columns named in `names`: time [time], strain [1] and its
+        rate [1/time], the components of the overall stress (Cauchy, tension positive) and the pressure -trace/d
+        [energy/length^d], kinetic energy of peculiar velocities and spins, elastic energy of laws and tangential
+        springs, work done by the shear (by the trapezoidal rule, frame by frame) [energy], touching pairs and the part
+        of them at Coulomb's cap [1]. Of a packing that moved too fast they stay those of its last good frame.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> import numpy as np, packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(),))
+    >>> batch = pm.ShearBatch([scene, scene], control="strain", steps=400)
+    >>> batch.advance(np.array([[1e-3], [0.0]])).tolist()
+    [True, True]
+    >>> stress = batch.figure_bk[:, batch.names.index("stress_xy")]
+    >>> (stress > [1e-4, -1e-9]).tolist(), (stress < [1e-3, 1e-9]).tolist()
+    ([True, True], [True, True])
+
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[Scene],
+        *,
+        control: str = "rate",
+        steps: int = 1,
+        dt: float | None = None,
+        switched_friction: bool = False,
+        axes: tuple[int, int] = (0, 1),
+        method: VelocityVerlet | SemiImplicitEuler | None = None,
+        mass_n: ArrayLike | None = None,
+        density: float | None = None,
+        velocity_nd: ArrayLike | None = None,
+        spin_nk: ArrayLike | None = None,
+        held_n: ArrayLike | None = None,
+        threads: int = 1,
+    ) -> None:
+        self.scenes = scenes_of(scenes)
+        first = self.scenes[0]
+        self.control = one_of("control", control, tuple(CONTROLS))
+        if not isinstance(switched_friction, bool | np.bool_):
+            raise TypeError(f"switched_friction must be True or False, got {switched_friction!r}")
+        if switched_friction and not any(isinstance(one, Friction) for one in first.effects):
+            raise ValueError("switched_friction must be left out for scenes without friction")
+        method = VelocityVerlet() if method is None else method
+        if not isinstance(method, INTEGRATORS):
+            raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
+        self._direction_dd = direction_of(axes, first.packing.dimension)
+        self.axes = (int(axes[0]), int(axes[1]))
+        if mass_n is not None and density is not None:
+            raise ValueError(f"density must be left out where mass_n is given, got {density!r}")
+        self._mass = None if mass_n is None else positive_array("mass_n", mass_n, shape=(first.packing.particles,))
+        self._density = None if density is None else positive("density", density)
+        self._velocity, self._spin, self._held = motion_of(first.packing, velocity_nd, spin_nk, held_n)
+        fraction = positive("method.fraction", method.fraction)
+        longest = choose_time_step(first, self.masses(first.packing), fraction) if dt is None else positive("dt", dt)
+        self.dt: float = longest
+        d = first.packing.dimension
+        self.steps: int = integer("steps", steps, at_least=1)
+        self.controls = CONTROLS[control] + bool(switched_friction)
+        self._second_order = isinstance(method, VelocityVerlet)
+        self._plan = (
+            tuple(range(d)),
+            *self.axes,
+            list(CONTROLS).index(control),
+            bool(switched_friction),
+            self.steps,
+            self.dt,
+            self._second_order,
+        )
+        self.names = figure_names(d)
+        count = len(self.scenes)
+        self.threads = min(integer("threads", threads, at_least=1), count)
+        self.figure_bk = np.zeros((count, len(self.names)))
+        self._row_bk = np.zeros((count, COLUMNS))
+        self._count_bk = np.zeros((count, COUNTS), dtype=np.int64)
+        self._number_bk = np.zeros((count, NUMBERS))
+        self._wrap_b = np.zeros(count, dtype=bool)
+        self._good_b = np.ones(count, dtype=bool)
+        self._all_b = np.ones(count, dtype=bool)
+        self._none_bk = np.zeros((count, self.controls))
+        self._good: list[NDArray[np.float64]] = [np.zeros((0, 8))] * count
+        # whole lattice vectors that particles were moved by, before more of them in the middle of a frame
+        self._before: dict[int, NDArray[np.int64]] = {}
+        self._engines: list[Engine] = []
+        self._pool: ThreadPoolExecutor | None = None
+        self._batch: Any = None
+        for b, scene in enumerate(self.scenes):
+            self._start(b, scene, 0.0)
+        self._observe(self._all_b)
+
+    def __len__(self) -> int:
+        return len(self.scenes)
+
+    def masses(self, packing: Packing) -> NDArray[np.float64]:
+        """Return the (N,) masses of the particles of a packing.
+
+        Parameters
+        ----------
+        packing
+            The packing.
+
+        """
+        if self._mass is not None:
+            return self._mass
+        d = packing.dimension
+        if self._density is None:
+            return np.asarray((packing.diameter_n / packing.reference_diameter) ** d)
+        return np.asarray(self._density * (np.pi if d == 2 else 4.0 / 3.0 * np.pi) * packing.radius_n**d)
+
+    def restart(self, index: int, scene: Scene | None = None, *, rate: float = 0.0) -> None:
+        """Start one packing anew: nothing of what it did before is left.
+
+        Parameters
+        ----------
+        index
+            Which one.
+        scene
+            The scene; None: as before.
+        rate
+            The strain rate at the start [1/time], which dashpots feel and a cubic goes on from.
+
+        """
+        b = integer("index", index, at_least=0, at_most=len(self) - 1)
+        if scene is not None:
+            must_be_alike("scene", scene, self.scenes[0])
+            self.scenes[b] = scene
+        self._start(b, self.scenes[b], real("rate", rate))
+        only = np.zeros(len(self), dtype=bool)
+        only[b] = True
+        self._observe(only)
+
+    def _start(self, b: int, scene: Scene, rate: float) -> None:
+        packing = scene.packing
+        path = np.zeros(6)
+        path[4:] = rate
+        velocity = np.zeros_like(packing.position_nd) if self._velocity is None else self._velocity
+        built = build_engine(
+            scene,
+            dt=self.dt,
+            mass_n=self.masses(packing),
+            velocity_nd=velocity,
+            spin_nk=self._spin,
+            profile=Driven(path),
+            direction_dd=self._direction_dd,
+            held_n=self._held,
+            second_order=self._second_order,
+        )
+        built.begin()
+        self._good[b] = built.state.body.copy()
+        record = self._record(b, built)
+        if self._batch is None:
+            self._batch = new_batch(record, len(self.scenes))
+        else:
+            put(self._batch, b, record)
+        self._engines[b : b + 1] = [built]
+        self._count_bk[b] = 0
+        self._count_bk[b, STATUS] = RUNNING
+        self._good_b[b] = True
+        self._number_bk[b] = 0.0
+        self._number_bk[b, REACH] = 2.0 * float(packing.radius_n.min())
+        self._number_bk[b, VOLUME] = packing.box.volume
+        self._number_bk[b, HEIGHT] = self._height(built)
+        self._row_bk[b] = 0.0
+        self.figure_bk[b] = 0.0
+
+    def _height(self, engine: Engine) -> float:
+        return float(engine.space.frame.height_d[: len(self._plan[0])].min())
+
+    def _record(self, b: int, engine: Engine) -> Any:
+        own = (self._good[b], self._count_bk[b], self._number_bk[b], self._row_bk[b], self.figure_bk[b])
+        return (engine.acting, engine.state, engine.space, engine.pairs, engine.track, Plan(*self._plan, *own))
+
+    def _observe(self, which_b: NDArray[np.bool_]) -> None:
+        self._call(OBSERVE, which_b, self._none_bk)
+
+    def advance(self, control_bk: NDArray[np.float64], active_b: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+        """Advance every packing by a frame; return (B,) whether it is still good.
+
+        A packing in which something moved by the smallest diameter in one step, or whose figures overflowed, is put
+        back to where its last frame ended and moves no more until it is restarted.
+
+        Parameters
+        ----------
+        control_bk
+            (B, K) the numbers that control each one.
+        active_b
+            (B,) which ones to advance; None: all.
+
+        Raises
+        ------
+        ValueError
+            For another shape, or a number that is not finite.
+
+        """
+        if type(control_bk) is not np.ndarray or control_bk.dtype != np.float64 or not control_bk.flags.c_contiguous:
+            control_bk = finite_array("control_bk", control_bk, shape=self._none_bk.shape, what="packing")
+        if control_bk.shape != self._none_bk.shape:
+            raise ValueError(f"control_bk must have shape {self._none_bk.shape}, got {control_bk.shape}")
+        if active_b is None:
+            active_b = self._all_b
+        elif type(active_b) is not np.ndarray or active_b.shape != self._all_b.shape or active_b.dtype != np.bool_:
+            raise ValueError(f"active_b must be {len(self.scenes)} times True or False, got {active_b!r:.60}")
+        bad = not_finite(control_bk, active_b) if self.threads > 1 else -1
+        wrapping = self._call(FRESH, active_b, control_bk) if bad < 0 else 0
+        if bad >= 0 or wrapping < 0:
+            b = bad if bad >= 0 else -1 - wrapping
+            raise ValueError(f"control_bk must be finite, got {control_bk[b].tolist()} for packing {b}")
+        while wrapping:
+            left_b = self._wrap()
+            wrapping = self._call(AGAIN, left_b, control_bk) if left_b.any() else 0
+        for b, home_nd in self._before.items():
+            # what failed is where its last frame ended, and so are its whole lattice vectors
+            if not self._good_b[b]:
+                self._engines[b].home_nd[:] = home_nd
+        self._before.clear()
+        return self._good_b.copy()
+
+    def _call(self, doing: int, active_b: NDArray[np.bool_], control_bk: NDArray[np.float64]) -> int:
+        fixed: tuple[Any, ...] = (active_b, control_bk, self._wrap_b, self._good_b)
+        if self.threads == 1:
+            return frames(self._batch, doing, 0, len(self.scenes), *fixed)  # type: ignore[no-any-return]
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="packmech")
+            weakref.finalize(self, self._pool.shutdown, wait=False)
+        count, parts = len(self.scenes), self.threads
+        ends = [count * k // parts for k in range(parts + 1)]
+        others = [
+            self._pool.submit(frames, self._batch, doing, low, high, *fixed)
+            for low, high in zip(ends[1:-1], ends[2:], strict=True)
+        ]
+        mine = frames(self._batch, doing, 0, ends[1], *fixed)
+        return int(mine) + sum(int(one.result()) for one in others)
+
+    def _wrap(self) -> NDArray[np.bool_]:
+        """Wrap the marked packings; return which have steps of the frame left."""
+        left_b = np.zeros(len(self), dtype=bool)
+        for b in np.flatnonzero(self._wrap_b).tolist():
+            engine = self._engine(b)
+            left_b[b] = self._count_bk[b, LEFT] > 0
+            if left_b[b]:
+                self._before.setdefault(b, engine.home_nd.copy())
+            *_, engine.space, engine.pairs, engine.track, _plan = fetch(self._batch, b)
+            engine.wrap()
+            if not left_b[b]:
+                self._good[b][:] = engine.state.body
+            put(self._batch, b, self._record(b, engine))
+            self._number_bk[b, HEIGHT] = self._height(engine)
+            self._wrap_b[b] = False
+        return left_b
+
+    def _engine(self, b: int) -> Engine:
+        engine = self._engines[b]
+        engine.steps = int(self._count_bk[b, STEPS])
+        return engine
+
+    def outcome(self, index: int) -> Outcome:
+        """Return how one packing fares: Outcome.FINISHED, or Outcome.STEP_TOO_LONG once it moved too fast.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        b = integer("index", index, at_least=0, at_most=len(self) - 1)
+        return Outcome.FINISHED if self._count_bk[b, STATUS] == RUNNING else Outcome.STEP_TOO_LONG
+
+    def packing(self, index: int) -> Packing:
+        """Return one packing as it is at the end of its last good frame; positions are not wrapped.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        engine = self._engine(integer("index", index, at_least=0, at_most=len(self) - 1))
+        return engine.scene.packing.replace(position_nd=engine.positions(), box=engine.box())
+
+    def velocities(self, index: int) -> NDArray[np.float64]:
+        """Return the (N, d) peculiar velocities of one packing at the end of its last good frame [length/time].
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        return self._engine(integer("index", index, at_least=0, at_most=len(self) - 1)).velocities()
+
+    def spins(self, index: int) -> NDArray[np.float64] | None:
+        """Return the (N, 1 or 3) spins of one packing [1/time]; None where particles do not turn.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        return self._engine(integer("index", index, at_least=0, at_most=len(self) - 1)).spins()
+
+    def close(self) -> None:
+        """Let the threads go; a later frame takes new ones."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None

@@ -1,0 +1,344 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Bonds in time steps, chosen by type, and bonds made of the contacts of a packing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from packmech.check import instance, one_of
+from packmech.contacts import find_contacts
+from packmech.dynamics.deformation import relative
+from packmech.dynamics.friction import (
+    Pace,
+    add_force,
+    add_reaction,
+    slip_in_plane,
+    slip_in_space,
+    store_reaction,
+    stretch_after,
+    stretch_before,
+    turning_axes,
+    with_moment,
+)
+from packmech.dynamics.pair_lists import NO_SLOT, Slots, blocks_of, collect
+from packmech.effects import Bonds, LinearSpring, law_first
+from packmech.effects.laws import Law
+from packmech.jit.compiled import compiled_form, device, inlined, inlined_form
+from packmech.packing import Packing, without_links
+
+
+class BondTable(NamedTuple):
+    """Bonds between rows: laws for compression and tension, numbers, places, rest lengths, stretches of the springs.
+
+    Bonds are sorted as pairs are: start_s holds the first of each section, those within a block of rows and the cell
+    and the special ones of each block in turn; slot_b and slots what reaches rows of other blocks. place_b is the place
+    of each in the scene's bonds. image_bd is in the loops' lattice. start_n, other_s and image_sd list both ways who is
+    bonded to a row, sorted, so that a bonded pair is found and taken out of the contacts.
+    """
+
+    compression: Any
+    tension: Any
+    tangential_stiffness: float
+    damping: float
+    tangential_damping: float
+    i_b: NDArray[np.uint32]
+    j_b: NDArray[np.uint32]
+    image_bd: NDArray[np.float64]
+    rest_b: NDArray[np.float64]
+    stretch_bk: NDArray[np.float64]
+    place_b: NDArray[np.int64]
+    start_s: NDArray[np.int64]
+    slot_b: NDArray[np.uint32]
+    slots: Slots
+    start_n: NDArray[np.int64]
+    other_s: NDArray[np.int64]
+    image_sd: NDArray[np.int64]
+
+
+@device
+def bond_vector(axes, body, image_bd, lattice, b, i, j):
+    """Return the vector of a bond between two rows."""
+    dx = body[j, 0] - body[i, 0]
+    dy = body[j, 1] - body[i, 1]
+    dz = 0.0
+    for k in range(len(axes)):
+        dx += lattice[0, k] * image_bd[b, k]
+        dy += lattice[1, k] * image_bd[b, k]
+    if len(axes) == 3:
+        dz = body[j, 2] - body[i, 2]
+        for k in range(3):
+            dz += lattice[2, k] * image_bd[b, k]
+    return dx, dy, dz
+
+
+def bond_first(compression: Any, tension: Any, r: float, rest: float) -> float:
+    """Return du/dr of a bond's normal spring [force]."""
+    raise NotImplementedError("bonds act in compiled loops")
+
+
+@compiled_form(bond_first)
+def _choose_bond_first(compression: Any, tension: Any, r: Any, rest: Any) -> Any:
+    if compression == tension:
+        # whether a bond is stretched is not to be foretold: laws of one kind are told apart by their numbers alone
+
+        def alike(compression, tension, r, rest):
+            return law_first(compression if r < rest else tension, r, rest)
+
+        return alike
+
+    def unlike(compression, tension, r, rest):
+        return law_first(compression, r, rest) if r < rest else law_first(tension, r, rest)
+
+    return unlike
+
+
+@inlined
+def _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest):
+    """Return what a bond does: force on its i, moment and arms."""
+    compression, tension = laws
+    k, damping, c = numbers
+    r = math.sqrt(dx * dx + dy * dy + dz * dz)
+    # ends at the same place have no direction: the next step tells them apart
+    inverse = 1.0 / r if r > 0.0 else 0.0
+    nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
+    ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
+    first = 0.0
+    if r == 0.0:
+        # no branch that holds an array: it would be counted at every bond
+        ux = uy = uz = 0.0
+    else:
+        first = bond_first(compression, tension, r, rest) + damping * (ux * nx + uy * ny + uz * nz)
+    sigma = body[i, 3] + body[j, 3]
+    if len(axes) == 2:
+        ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
+        stretch = stretch_bk[b, 0] + pace.before * slip
+        stretch_bk[b, 0] = stretch + pace.after * slip
+        force = k * stretch + c * slip
+        return first * nx - force * ny, first * ny + force * nx, 0.0, 0.0, 0.0, force, ai, aj
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+    x, y, z = stretch_before(stretch_bk, b, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
+    stretch_after(stretch_bk, b, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
+    fx, fy, fz, mx, my, mz, ai, aj = with_moment(nx, ny, nz, k * x + c * sx, k * y + c * sy, k * z + c * sz, ai, aj)
+    return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
+
+
+@inlined
+def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
+    spins = turning_axes(bonds, axes)
+    slot_b, slot_qk = bonds.slot_b, bonds.slots.push_qk
+    i_b, j_b, image_bd, rest_b, stretch_bk = bonds.i_b, bonds.j_b, bonds.image_bd, bonds.rest_b, bonds.stretch_bk
+    laws = bonds.compression, bonds.tension
+    numbers = bonds.tangential_stiffness, bonds.damping, bonds.tangential_damping
+    first = np.uint64(bonds.start_s[2 * block])
+    special = np.uint64(bonds.start_s[2 * block + 1])
+    last = np.uint64(bonds.start_s[2 * block + 2])
+    for b in range(first, special):
+        i, j = i_b[b], j_b[b]
+        dx = body[j, 0] - body[i, 0]
+        dy = body[j, 1] - body[i, 1]
+        dz = 0.0
+        if len(axes) == 3:
+            dz = body[j, 2] - body[i, 2]
+        done = _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
+        add_force(axes, spins, push, i, done)
+        add_reaction(axes, spins, push, j, done)
+    for b in range(special, last):
+        i, j = i_b[b], j_b[b]
+        dx, dy, dz = bond_vector(axes, body, image_bd, lattice, b, i, j)
+        done = _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
+        add_force(axes, spins, push, i, done)
+        slot = slot_b[b]
+        if slot == NO_SLOT:
+            add_reaction(axes, spins, push, j, done)
+        else:
+            store_reaction(axes, spins, slot_qk, slot, done)
+
+
+def bonds_of_block(
+    bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Pace, block: int
+) -> None:
+    """Add what the bonds of a block's rows do; nothing where the scene has none."""
+    raise NotImplementedError("bonds act in compiled loops")
+
+
+@inlined_form(bonds_of_block)
+def _choose_bonds_of_block(
+    bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Any, block: Any
+) -> Any:
+    if isinstance(bonds, types.NoneType):
+        return lambda bonds, rates, axes, body, push, lattice, pace, block: None
+    return lambda bonds, rates, axes, body, push, lattice, pace, block: _bonds_of_block(
+        bonds, rates, axes, body, push, lattice, pace, block
+    )
+
+
+def collect_bonds(bonds: Any, axes: Any, spins: Any, push: Any, block: int) -> None:
+    """Add what bonds of other blocks do to the rows of a block; nothing where the scene has none."""
+    raise NotImplementedError("bonds act in compiled loops")
+
+
+@inlined_form(collect_bonds)
+def _choose_collect_bonds(bonds: Any, axes: Any, spins: Any, push: Any, block: Any) -> Any:
+    if isinstance(bonds, types.NoneType):
+        return lambda bonds, axes, spins, push, block: None
+    return lambda bonds, axes, spins, push, block: collect(axes, spins, bonds.slots, push, block)
+
+
+def bond_table(
+    bonds: Bonds,
+    order_n: NDArray[np.int64],
+    home_nd: NDArray[np.int64],
+    change_dd: NDArray[np.int64],
+    stretch_bk: NDArray[np.float64] | None,
+) -> BondTable:
+    """Return the bonds between rows, sorted for the loops, with images of the loops' lattice.
+
+    Parameters
+    ----------
+    bonds
+        The bonds between particles.
+    order_n
+        (N,) particle of each row.
+    home_nd
+        (N, d) lattice vectors by which particles were moved: x = row + lattice @ home.
+    change_dd
+        (d, d) whole numbers: the loops' lattice is lattice @ change.
+    stretch_bk
+        (B, 1 or 3) stretches of the tangential springs in the order of `bonds`; None: slack.
+
+    """
+    n, d = home_nd.shape
+    row = np.empty(n, dtype=np.int64)
+    row[order_n] = np.arange(n)
+    back = np.rint(np.linalg.inv(change_dd)).astype(np.int64)
+    padded = np.zeros((len(bonds), 3), dtype=np.int64)
+    padded[:, :d] = (bonds.image_bd + home_nd[bonds.j_b] - home_nd[bonds.i_b]) @ back.T
+    i, j = row[bonds.i_b], row[bonds.j_b]
+    # a search finds a pair from either end
+    start, other = np.concatenate([i, j]), np.concatenate([j, i])
+    both = np.concatenate([padded, -padded])
+    order = np.lexsort((*both.T[::-1], other, start))
+    place, first = _sections(i, j, padded, n)
+    slot, slots = _slots(i[place], j[place], n, d + (1 if d == 2 else 3))
+    if stretch_bk is None:
+        stretch_bk = np.zeros((len(bonds), 1 if d == 2 else 3))
+    return BondTable(
+        bonds.compression,
+        bonds.tension,
+        bonds.tangential_stiffness,
+        bonds.damping,
+        bonds.tangential_damping,
+        i[place].astype(np.uint32),
+        j[place].astype(np.uint32),
+        padded[place].astype(np.float64),
+        bonds.rest_length_b[place],
+        stretch_bk[place],
+        place,
+        first,
+        slot,
+        slots,
+        np.searchsorted(start[order], np.arange(n + 1)).astype(np.int64),
+        np.ascontiguousarray(other[order]),
+        np.ascontiguousarray(both[order]),
+    )
+
+
+def bond_stretches(table: BondTable) -> NDArray[np.float64]:
+    """Return the (B, 1 or 3) stretches in the order of the scene's bonds."""
+    stretch = np.empty_like(table.stretch_bk)
+    stretch[table.place_b] = table.stretch_bk
+    return stretch
+
+
+def _block(row_b: NDArray[np.int64], row: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.searchsorted(row_b, row, side="right") - 1
+
+
+def _sections(
+    i_b: NDArray[np.int64], j_b: NDArray[np.int64], image_bd: NDArray[np.int64], n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the bonds section by section, in their own order in each, and the first of each section."""
+    row = blocks_of(n)
+    own = _block(row, i_b)
+    section = 2 * own + ((own != _block(row, j_b)) | image_bd.any(axis=1))
+    place = np.argsort(section, kind="stable")
+    return place, np.searchsorted(section[place], np.arange(2 * len(row) - 1)).astype(np.int64)
+
+
+def _slots(i_b: NDArray[np.int64], j_b: NDArray[np.int64], n: int, width: int) -> tuple[NDArray[np.uint32], Slots]:
+    """Return the slots of sorted bonds, NO_SLOT for those within a block, and these by the block of their j."""
+    row = blocks_of(n)
+    other = _block(row, j_b)
+    away = np.flatnonzero(_block(row, i_b) != other)
+    away = away[np.argsort(other[away], kind="stable")]
+    slot = np.full(len(i_b), NO_SLOT, dtype=np.uint32)
+    slot[away] = np.arange(len(away), dtype=np.uint32)
+    first = np.searchsorted(other[away], np.arange(len(row))).astype(np.int64)
+    return slot, Slots(
+        np.zeros((len(away), width)), j_b[away].astype(np.uint32), first, np.zeros(len(row) - 1, dtype=np.int64)
+    )
+
+
+REST = ("contact", "distance")
+
+
+def bond_contacts(
+    packing: Packing,
+    *,
+    compression: Law | None = None,
+    tension: Law | None = None,
+    tangential_stiffness: float = 1.0,
+    damping: float = 0.0,
+    tangential_damping: float = 0.0,
+    rest: str = "contact",
+    gap_tolerance: float = 0.0,
+) -> Bonds:
+    """Return bonds between all particles that touch.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    compression, tension
+        Laws of the normal springs; LinearSpring() unless given.
+    tangential_stiffness, damping, tangential_damping
+        As of `Bonds`.
+    rest
+        Lengths at which the normal springs are slack: "contact", the sums of the radii, so that bonds made in a
+        compressed packing push; "distance", the distances as they are, so that they do not.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> bonds = bond_contacts(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01))
+    >>> len(bonds), float(bonds.rest_length_b[0])
+    (27, 1.0)
+
+    """
+    instance("packing", packing, Packing)
+    without_links("packing", packing)
+    one_of("rest", rest, REST)
+    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    return Bonds(
+        contacts.i_c,
+        contacts.j_c,
+        contacts.image_cd,
+        contacts.contact_distance_c if rest == "contact" else contacts.distance_c,
+        LinearSpring() if compression is None else compression,
+        LinearSpring() if tension is None else tension,
+        tangential_stiffness,
+        damping,
+        tangential_damping,
+    )

@@ -1,0 +1,495 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""How a box deforms with time, F(t) = 1 + gamma(t) M, chosen by type: a box at rest has no code and no cost of it.
+
+Velocities in the loops are peculiar ones, c = v - L x with L = dF/dt F^-1: the same in all images, and zero where a
+particle follows the box. Newton's equations dv/dt = f / m + (d2F/dt2 F^-1) x become dx/dt = L x + c and
+dc/dt = f / m - L c (SLLOD). Both flows without f are exact: x -> G x, c -> G^-1 c with G = F(end) F(start)^-1, since
+all F commute.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from packmech.check import integer, one_of, positive, real
+from packmech.jit.compiled import compiled_form, device, lean
+
+# places in Flow.number
+GAMMA, ANCHORED, OUTER_ANCHORED = 0, 1, 2
+# norm of M F^-1 at either anchor; whether M M = 0; whether M carries nothing but x along y
+BENDING, OUTER_BENDING, NILPOTENT, ALONG_X = 3, 4, 5, 6
+NUMBERS = 7
+
+
+class Still(NamedTuple):
+    """A profile that does not move: gamma(t) = gamma."""
+
+    gamma: float = 0.0
+
+
+class Ramp(NamedTuple):
+    """gamma from `low` at time `start` with a constant rate; at `end` it stops."""
+
+    low: float
+    rate: float
+    start: float
+    end: float
+
+
+class Sine(NamedTuple):
+    """gamma = amplitude sin(angular_frequency (t - start)) from `start` to `end`, held before and after.
+
+    It starts at zero, so that nothing jumps but the rate.
+    """
+
+    amplitude: float
+    angular_frequency: float
+    start: float
+    end: float
+
+
+class Increments(NamedTuple):
+    """The strain of a `Sine` at every multiple of dt, and equal parts of its increments between: a piecewise line.
+
+    The rate at a multiple of dt is that of the increment before it, so that it lags by half a step.
+    """
+
+    amplitude: float
+    angular_frequency: float
+    start: float
+    end: float
+    dt: float
+
+
+class Driven(NamedTuple):
+    """A piece of a path that is given as it goes: number_k is low and high time, gamma there, and its rates there.
+
+    A cubic between the two; a line where both rates are the mean one. Beyond the piece gamma rests at its end.
+    """
+
+    number_k: NDArray[np.float64]
+
+
+def gamma_at(profile: Any, time: float) -> tuple[float, float]:
+    """Return gamma and its rate [1/time] at a time."""
+    if isinstance(profile, Still):
+        return profile.gamma, 0.0
+    found: tuple[float, float] = _GAMMA[type(profile)](profile, time)
+    return found
+
+
+@device
+def _ramp(profile, time):
+    if time < profile.start:
+        return profile.low, 0.0
+    if time >= profile.end:
+        return profile.low + profile.rate * (profile.end - profile.start), 0.0
+    return profile.low + profile.rate * (time - profile.start), profile.rate
+
+
+@device
+def _sine(profile, time):
+    omega = profile.angular_frequency
+    if time < profile.start:
+        return 0.0, 0.0
+    if time > profile.end:
+        return profile.amplitude * math.sin(omega * (profile.end - profile.start)), 0.0
+    phase = omega * (time - profile.start)
+    return profile.amplitude * math.sin(phase), profile.amplitude * omega * math.cos(phase)
+
+
+@device
+def _increments(profile, time):
+    omega, begin, dt = profile.angular_frequency, profile.start, profile.dt
+    # times are whole or half numbers of steps but for rounding; a whole one ends its step
+    after = math.ceil(time / dt - 0.25) * dt
+    before = after - dt
+    low = profile.amplitude * math.sin(omega * (min(max(before, begin), profile.end) - begin))
+    high = profile.amplitude * math.sin(omega * (min(max(after, begin), profile.end) - begin))
+    rate = (high - low) / dt
+    return high - rate * (after - time), rate
+
+
+@device
+def _driven(profile, time):
+    number = profile.number_k
+    begin, end = number[0], number[1]
+    if time >= end:
+        return number[3], number[5]
+    if time <= begin:
+        return number[2], number[4]
+    span = end - begin
+    u = (time - begin) / span
+    rise = number[3] - number[2]
+    # Hermite's cubic as a line and what bends it: where both rates are the mean one only the line is left
+    mean = rise / span
+    bend_low, bend_high = number[4] - mean, number[5] - mean
+    gamma = number[2] + rise * u + span * u * (1.0 - u) * ((1.0 - u) * bend_low - u * bend_high)
+    rate = mean + (1.0 - u) * (1.0 - 3.0 * u) * bend_low - u * (2.0 - 3.0 * u) * bend_high
+    return gamma, rate
+
+
+_GAMMA = {Ramp: _ramp, Sine: _sine, Increments: _increments, Driven: _driven}
+
+
+@compiled_form(gamma_at)
+def _choose_gamma_at(profile: Any, time: Any) -> Any:
+    cls = getattr(profile, "instance_class", None)
+    if cls is Ramp:
+        return lambda profile, time: _ramp(profile, time)
+    if cls is Sine:
+        return lambda profile, time: _sine(profile, time)
+    if cls is Increments:
+        return lambda profile, time: _increments(profile, time)
+    if cls is Driven:
+        return lambda profile, time: _driven(profile, time)
+    return lambda profile, time: (profile.gamma, 0.0)
+
+
+class Flow(NamedTuple):
+    """A box that deforms: profile, M, F and lattice now, and the numbers named above.
+
+    direction_dd is M; lattice_dd the lattice that the loops use, at gamma = 0; frame_dd and inverse_dd the arrays of
+    the frame that follow it. step_dd and back_dd hold G and its inverse over half a step, rate_dd L.
+    """
+
+    profile: Any
+    direction_dd: NDArray[np.float64]
+    lattice_dd: NDArray[np.float64]
+    rate_dd: NDArray[np.float64]
+    step_dd: NDArray[np.float64]
+    back_dd: NDArray[np.float64]
+    work_dd: NDArray[np.float64]
+    number: NDArray[np.float64]
+
+
+def is_still(flow: Any) -> bool:
+    """Whether the numba type says that nothing deforms."""
+    return isinstance(flow, types.NoneType)
+
+
+@device
+def _invert(a, out):
+    """Write the inverse of a 3 x 3 matrix."""
+    c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
+    c01 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
+    c02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
+    w = 1.0 / (a[0, 0] * c00 + a[0, 1] * c01 + a[0, 2] * c02)
+    out[0, 0] = c00 * w
+    out[1, 0] = c01 * w
+    out[2, 0] = c02 * w
+    out[0, 1] = (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2]) * w
+    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) * w
+    out[2, 1] = (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1]) * w
+    out[0, 2] = (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) * w
+    out[1, 2] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) * w
+    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * w
+
+
+@device
+def _times(a, b, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@device
+def map_between(flow, low, high, out):
+    """Write F(high) F(low)^-1 = (1 + high M) (1 + low M)^-1."""
+    direction, work = flow.direction_dd, flow.work_dd
+    if flow.number[NILPOTENT] != 0.0:
+        # M M = 0, as in simple shear
+        for i in range(3):
+            for j in range(3):
+                out[i, j] = (1.0 if i == j else 0.0) + (high - low) * direction[i, j]
+        return
+    for i in range(3):
+        for j in range(3):
+            work[i, j] = (1.0 if i == j else 0.0) + low * direction[i, j]
+    _invert(work, out)
+    for i in range(3):
+        for j in range(3):
+            work[i, j] = (1.0 if i == j else 0.0) + high * direction[i, j]
+    for j in range(3):
+        x, y, z = out[0, j], out[1, j], out[2, j]
+        for i in range(3):
+            out[i, j] = work[i, 0] * x + work[i, 1] * y + work[i, 2] * z
+
+
+@device
+def entries(matrix):
+    """Return the numbers of a 3 x 3 matrix as rows of a tuple."""
+    return (
+        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
+        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
+        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
+    )
+
+
+@device
+def flow_to(flow, frame, time):
+    """Set gamma, L, and the frame's lattice and inverse to those of a time."""
+    gamma, rate = gamma_at(flow.profile, time)
+    flow.number[GAMMA] = gamma
+    direction, work = flow.direction_dd, flow.work_dd
+    for i in range(3):
+        for j in range(3):
+            work[i, j] = (1.0 if i == j else 0.0) + gamma * direction[i, j]
+    _times(work, flow.lattice_dd, frame.lattice_dd)
+    # L = rate M (1 + gamma M)^-1
+    _bend(flow, gamma, flow.rate_dd)
+    for i in range(3):
+        for j in range(3):
+            flow.rate_dd[i, j] *= rate
+    _set_inverse(frame)
+
+
+@lean
+def set_flow(flow, frame, time):
+    """Set gamma, L, and the frame's lattice and inverse to those of a time."""
+    flow_to(flow, frame, time)
+
+
+@device
+def _bend(flow, gamma, out):
+    """Write M (1 + gamma M)^-1."""
+    direction = flow.direction_dd
+    if flow.number[NILPOTENT] != 0.0:
+        for i in range(3):
+            for j in range(3):
+                out[i, j] = direction[i, j]
+        return
+    map_between(flow, gamma, 0.0, flow.step_dd)
+    _times(direction, flow.step_dd, out)
+
+
+@device
+def bending(flow, gamma):
+    """Return a bound on the spectral norm of M (1 + gamma M)^-1: the square root of the sum of squares."""
+    _bend(flow, gamma, flow.back_dd)
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            square += flow.back_dd[i, j] * flow.back_dd[i, j]
+    return math.sqrt(square)
+
+
+@device
+def _set_inverse(frame):
+    _invert(frame.lattice_dd, frame.inverse_dd)
+    for k in range(3):
+        total = 0.0
+        for j in range(3):
+            total += frame.inverse_dd[k, j] * frame.inverse_dd[k, j]
+        frame.height_d[k] = 1.0 / math.sqrt(total)
+
+
+def rates(flow: Any) -> Any:
+    """Return L as a tuple of nine numbers, row by row; None where nothing deforms."""
+    return None if flow is None else tuple(flow.rate_dd.ravel())
+
+
+@compiled_form(rates)
+def _choose_rates(flow: Any) -> Any:
+    if is_still(flow):
+        return lambda flow: None
+
+    def nine(flow: Any) -> Any:
+        a = flow.rate_dd
+        return (a[0, 0], a[0, 1], a[0, 2], a[1, 0], a[1, 1], a[1, 2], a[2, 0], a[2, 1], a[2, 2])
+
+    return nine
+
+
+def with_flow(rates: Any, ux: float, uy: float, uz: float, dx: float, dy: float, dz: float) -> Any:
+    """Return the relative velocity of two places that are (dx, dy, dz) apart, from the peculiar one."""
+    if rates is None:
+        return ux, uy, uz
+    return _add_flow(rates, ux, uy, uz, dx, dy, dz)
+
+
+@device
+def _add_flow(rates, ux, uy, uz, dx, dy, dz):
+    return (
+        ux + rates[0] * dx + rates[1] * dy + rates[2] * dz,
+        uy + rates[3] * dx + rates[4] * dy + rates[5] * dz,
+        uz + rates[6] * dx + rates[7] * dy + rates[8] * dz,
+    )
+
+
+@compiled_form(with_flow)
+def _choose_with_flow(rates: Any, ux: Any, uy: Any, uz: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    if is_still(rates):
+        return lambda rates, ux, uy, uz, dx, dy, dz: (ux, uy, uz)
+    return lambda rates, ux, uy, uz, dx, dy, dz: _add_flow(rates, ux, uy, uz, dx, dy, dz)
+
+
+def relative(rates: Any, axes: Any, body: Any, i: int, j: int, dx: float, dy: float, dz: float) -> Any:
+    """Return the velocity of row j relative to row i, the flow's included."""
+    raise NotImplementedError("velocities are taken in compiled loops")
+
+
+@compiled_form(relative)
+def _choose_relative(rates: Any, axes: Any, body: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    if len(axes) == 3:
+
+        def space(rates, axes, body, i, j, dx, dy, dz):
+            ux, uy, uz = body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], body[j, 6] - body[i, 6]
+            return with_flow(rates, ux, uy, uz, dx, dy, dz)
+
+        return space
+    if is_still(rates):
+        return lambda rates, axes, body, i, j, dx, dy, dz: (body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], 0.0)
+
+    def plane(rates, axes, body, i, j, dx, dy, dz):
+        # a plane's flow does not pay for the third axis
+        return (
+            body[j, 4] - body[i, 4] + rates[0] * dx + rates[1] * dy,
+            body[j, 5] - body[i, 5] + rates[3] * dx + rates[4] * dy,
+            0.0,
+        )
+
+    return plane
+
+
+def turning(rates: Any) -> Any:
+    """Return the spin of the flow: half its vorticity."""
+    if rates is None:
+        return 0.0, 0.0, 0.0
+    return _turning(rates)
+
+
+@device
+def _turning(rates):
+    return 0.5 * (rates[7] - rates[5]), 0.5 * (rates[2] - rates[6]), 0.5 * (rates[3] - rates[1])
+
+
+@compiled_form(turning)
+def _choose_turning(rates: Any) -> Any:
+    if is_still(rates):
+        return lambda rates: (0.0, 0.0, 0.0)
+    return lambda rates: _turning(rates)
+
+
+MODES = ("shear", "uniaxial", "isotropic")
+
+
+def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
+    a, b = axes
+    if max(a, b) >= dimension:
+        raise ValueError(f"strain.axes must be axes of {dimension} dimensions, got {axes}")
+    matrix = np.zeros((dimension, dimension))
+    if mode == "shear":
+        matrix[a, b] = 1.0
+    elif mode == "uniaxial":
+        matrix[a, a] = 1.0
+    else:
+        matrix[:] = np.eye(dimension)
+    return matrix
+
+
+def _check(mode: str, axes: tuple[int, int]) -> None:
+    one_of("strain.mode", mode, MODES)
+    if not isinstance(axes, tuple) or len(axes) != 2:
+        raise TypeError(f"strain.axes must be two axes, got {axes!r}")
+    for axis in axes:
+        integer("strain.axes", axis, at_least=0, at_most=2)
+    if mode == "shear" and axes[0] == axes[1]:
+        raise ValueError(f"strain.axes must be two different axes, got {axes}")
+
+
+@dataclass(frozen=True)
+class SteadyStrain:
+    """The box deforms at a constant rate: F(t) = 1 + gamma(t) M with gamma = start + rate t.
+
+    Parameters
+    ----------
+    rate
+        Of gamma [1/time].
+    start
+        gamma at time zero [1].
+    duration
+        Time after which it stops; None: never.
+    mode
+        "shear": M has a one at `axes` (displacements along the first, gradient along the second), Lees and Edwards's
+        sliding images in any box. "uniaxial": along the first of the axes. "isotropic": all of them; negative rates
+        compress.
+    axes
+        Two axes.
+
+    """
+
+    rate: float
+    start: float = 0.0
+    duration: float | None = None
+    mode: str = "shear"
+    axes: tuple[int, int] = (0, 1)
+
+    def __post_init__(self) -> None:
+        real("strain.rate", self.rate)
+        real("strain.start", self.start)
+        if self.duration is not None:
+            positive("strain.duration", self.duration)
+        _check(self.mode, self.axes)
+
+    def profile(self) -> Any:
+        """Return gamma(t) as the loops take it."""
+        end = math.inf if self.duration is None else float(self.duration)
+        return Ramp(float(self.start), float(self.rate), 0.0, end)
+
+    def direction(self, dimension: int) -> NDArray[np.float64]:
+        """Return M."""
+        return _direction(self.mode, self.axes, dimension)
+
+
+@dataclass(frozen=True)
+class OscillatoryStrain:
+    """gamma(t) = amplitude sin(2 pi frequency (t - start)), for a number of periods; 0 before, as it ended after.
+
+    Parameters
+    ----------
+    amplitude
+        Of gamma [1].
+    frequency
+        Periods in a unit of time [1/time].
+    start
+        Time at which it starts.
+    periods
+        How many; None: for ever.
+    mode, axes
+        As in `SteadyStrain`.
+
+    """
+
+    amplitude: float
+    frequency: float
+    start: float = 0.0
+    periods: float | None = None
+    mode: str = "shear"
+    axes: tuple[int, int] = (0, 1)
+
+    def __post_init__(self) -> None:
+        positive("strain.amplitude", self.amplitude)
+        positive("strain.frequency", self.frequency)
+        real("strain.start", self.start, at_least=0.0)
+        if self.periods is not None:
+            positive("strain.periods", self.periods)
+        _check(self.mode, self.axes)
+
+    def profile(self) -> Any:
+        """Return gamma(t) as the loops take it."""
+        end = math.inf if self.periods is None else self.start + self.periods / self.frequency
+        return Sine(float(self.amplitude), 2.0 * math.pi * self.frequency, float(self.start), float(end))
+
+    def direction(self, dimension: int) -> NDArray[np.float64]:
+        """Return M."""
+        return _direction(self.mode, self.axes, dimension)
+
+
+Strain = SteadyStrain | OscillatoryStrain

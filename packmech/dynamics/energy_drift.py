@@ -1,0 +1,233 @@
+"""Energy that comes from nowhere: how a time step too long for what it steps is told from motion that is right.
+
+Above its limit of stability a step turns a few stiff motions into ever larger ones. Against the energy of a whole
+packing that may be little for long, and friction or dashpots may keep it so: what is compared is what grew between two
+observations with what was there to grow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics import observables as columns
+from packmech.dynamics.deformation import Strain
+from packmech.effects import BackgroundDamping, Friction, law_scale
+from packmech.scene import Scene
+
+# a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
+_SWING = 100.0
+# what rounding may add, over the unit of energy and the energy itself
+_ROUNDING = 1e-12
+# part of the energy that may be added between two observations
+_PART = 0.25
+# part of the pressure that may come and go as shear stress between two observations
+_UNSEEN = 0.05
+# observations of a box that deforms: after so much strain, or this part of a period, but no more often than every so
+# many steps of one particle, as one takes the time of some, and never more often than every so many steps
+_STRAIN, _PERIOD, _SELDOM, _LEAST = 0.02, 1.0 / 16.0, 5000, 16
+# steps between observations that are compared where the box is at rest
+_APART = 256
+
+
+class Moment(NamedTuple):
+    """Energies of one row of observables: potential, the part of it in tangential springs, kinetic, and `power_of`."""
+
+    time: float
+    energy: float
+    tangential: float
+    kinetic: float
+    power: float
+    pressing: float
+
+
+def energy_unit(scene: Scene) -> float:
+    """Return the largest unit of energy that a law of the scene sets; 0 without laws [energy]."""
+    length = scene.packing.reference_diameter
+    named = [getattr(one, name) for one in scene.effects for name in ("law", "compression") if hasattr(one, name)]
+    return max((law_scale(one, length) for one in named), default=0.0)
+
+
+def knows_its_energy(scene: Scene, *, strained: bool = False) -> bool:
+    """Whether every force on single particles of the scene has an energy or only takes some.
+
+    In a box that deforms what carries them against such a force is not in the stress: there all may only take.
+    """
+    bodies = [type(one) for one in scene.effects if hasattr(type(one), "body_force")]
+    return all(one is BackgroundDamping or (hasattr(one, "body_energy") and not strained) for one in bodies)
+
+
+def steps_between_observations(strain: Strain | None, dt: float, particles: int) -> float:
+    """Return after how many steps at most the work of a box's deformation is to be observed; infinite at rest."""
+    if strain is None:
+        return np.inf
+    seldom = max(_LEAST, _SELDOM // particles)
+    frequency = getattr(strain, "frequency", None)
+    if frequency is not None:
+        fastest = 2.0 * np.pi * frequency * strain.amplitude  # type: ignore[union-attr]
+        return max(seldom, int(min(_PERIOD / (frequency * dt), _STRAIN / (fastest * dt))))
+    fastest = abs(strain.rate)  # type: ignore[union-attr]
+    return max(seldom, int(_STRAIN / (fastest * dt))) if fastest * dt > 0.0 else np.inf
+
+
+def _there(potential: float, kinetic: float, part: float) -> float:
+    """Return the most that may seem to be added to an energy that nothing is given to [energy]."""
+    return min(_SWING * kinetic, part * (abs(potential) + kinetic))
+
+
+@dataclass
+class EnergyWatch:
+    """What is remembered to tell energy from nowhere: an observation some steps ago, and the work done since.
+
+    Parameters
+    ----------
+    unit
+        `energy_unit` of the scene.
+    known
+        `knows_its_energy` of the scene; unless it does, only numbers that are none are noticed.
+    strained
+        Whether the box deforms, and so works.
+    frictional
+        Whether the scene has friction.
+    every
+        Steps between the observations that are compared, at least.
+
+    """
+
+    unit: float
+    known: bool
+    strained: bool
+    frictional: bool
+    every: float
+    energy: float = 0.0
+    kinetic: float = 0.0
+    tangential: float = 0.0
+    steps: int = 0
+    work: float = 0.0
+    unseen: float = 0.0
+    fallen: float = 0.0
+
+    def to_table(self) -> dict[str, float]:
+        """Return what is remembered, as a checkpoint keeps it."""
+        names = ("energy", "kinetic", "tangential", "steps", "work", "unseen", "fallen")
+        return {name: getattr(self, name) for name in names}
+
+    def remember(self, now: Moment, steps: int) -> None:
+        """Compare with this observation from here on."""
+        self.energy, self.kinetic, self.tangential, self.steps = now.energy, now.kinetic, now.tangential, steps
+        self.work = self.unseen = 0.0
+
+    def is_calm(self, now: Moment, last: Moment, start: Moment, steps: int) -> bool:
+        """Whether energy has grown no more than by work, by what was in motion, by what fell from the potential.
+
+        Parameters
+        ----------
+        now, last, start
+            Figures now, at the observation before and at the start.
+        steps
+            Steps taken until now.
+
+        """
+        if not np.isfinite(now.energy + now.kinetic):
+            return False
+        if not self.known:
+            return True
+        time = now.time - last.time
+        self.work += 0.5 * (last.power + now.power) * time
+        self.unseen += (0.5 * (abs(last.power) + abs(now.power)) + _UNSEEN * (last.pressing + now.pressing)) * time
+        self.fallen = max(self.fallen, start.energy - now.energy)
+        tiny = _ROUNDING * (self.unit + abs(self.energy) + abs(start.energy))
+        grown = now.energy + now.kinetic - self.energy - self.kinetic - self.work
+        risen = now.energy + now.kinetic - start.energy - start.kinetic
+        if self.frictional:
+            # a spring at Coulomb's cap is set to what its dashpot leaves of the cap, whatever energy it then holds
+            grown -= max(now.tangential - self.tangential, 0.0)
+            risen -= max(now.tangential - start.tangential, 0.0)
+        fallen = max(self.energy - now.energy, 0.0)
+        good = grown <= _there(self.energy, self.kinetic, _PART) + fallen + self.unseen + tiny
+        if not self.strained:
+            good &= risen <= _there(start.energy, start.kinetic, 1.0) + self.fallen + tiny
+        if steps - self.steps >= self.every:
+            self.remember(now, steps)
+        return bool(good)
+
+
+def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
+    """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
+    often = steps_between_observations(strain, dt, scene.packing.particles)
+    strained = bool(np.isfinite(often))
+    frictional = any(isinstance(one, Friction) for one in scene.effects)
+    apart = often if strained else _APART
+    known = knows_its_energy(scene, strained=strained)
+    return EnergyWatch(energy_unit(scene), known, strained, frictional, apart)
+
+
+def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tuple[float, float]:
+    """Return the power of a box's deformation, V stress : L, and V |pressure| |L|, which it is of the order of.
+
+    Parameters
+    ----------
+    volume
+        Of the box.
+    stress_dd, kinetic_dd
+        Stress of contacts and bonds, and -(1/V) sum m c c of the peculiar velocities themselves.
+    rate_dd
+        L.
+
+    """
+    whole = np.asarray(stress_dd) + kinetic_dd
+    pressing = volume * abs(float(np.trace(whole))) / len(whole) * float(np.linalg.norm(rate_dd))
+    return volume * float(np.sum(whole * rate_dd)), pressing
+
+
+def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64]) -> list[Moment]:
+    """Return the energies of rows of observables, in a box at 1 + gamma direction_dd."""
+    d = len(direction_dd)
+    found = []
+    for row in row_tk:
+        rate = row[columns.RATE] * direction_dd @ np.linalg.inv(np.eye(d) + row[columns.STRAIN] * direction_dd)
+        contact, motion = (row[k : k + 9].reshape(3, 3)[:d, :d] for k in (columns.FORCE, columns.MOTION))
+        tangential = float(row[columns.TANGENTIAL])
+        energy, kinetic = row[columns.POTENTIAL] + tangential, row[columns.KINETIC] + row[columns.ROTATIONAL]
+        power = power_of(1.0, contact, -motion, rate)
+        found.append(Moment(float(row[columns.TIME]), float(energy), tangential, float(kinetic), *power))
+    return found
+
+
+class RowWatch:
+    """Rows of observables, watched as they come.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    direction_dd
+        (d, d) direction of its strain.
+    every
+        Steps from row to row.
+
+    """
+
+    def __init__(self, scene: Scene, direction_dd: NDArray[np.float64], every: int) -> None:
+        frictional = any(isinstance(one, Friction) for one in scene.effects)
+        known = knows_its_energy(scene, strained=True)
+        self.watch = EnergyWatch(energy_unit(scene), known, True, frictional, _APART)
+        self.direction_dd, self.every = direction_dd, every
+        self.start: Moment | None = None
+        self.last: Moment | None = None
+        self.checked = 0
+
+    def is_calm(self, row_tk: NDArray[np.float64]) -> bool:
+        """Whether no row that came since the last call, of all so far, holds energy from nowhere."""
+        good = True
+        for now in moments_of(row_tk[self.checked :], self.direction_dd):
+            if self.start is None or self.last is None:
+                self.start = now
+                self.watch.remember(now, 0)
+            else:
+                good &= self.watch.is_calm(now, self.last, self.start, self.checked * self.every)
+            self.last, self.checked = now, self.checked + 1
+        return good

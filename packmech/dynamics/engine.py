@@ -1,0 +1,673 @@
+"""The engine: the arrays of a scene that is stepped through time, and what keeps them in order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.constraints.compiled_links import make_joints
+from packmech.constraints.rattle import Rattle, affix_rows, along_rattle, linked_pairs, make_rattle, refill_rattle
+from packmech.constraints.redundancy import workable_links
+from packmech.contacts.cells import frame_of, size_levels
+from packmech.dynamics.bonds import bond_stretches, bond_table
+from packmech.dynamics.deformation import (
+    ALONG_X,
+    GAMMA,
+    NILPOTENT,
+    NUMBERS,
+    Driven,
+    Flow,
+    Still,
+    gamma_at,
+    set_flow,
+)
+from packmech.dynamics.friction import Pace, leading_share
+from packmech.dynamics.observables import COLUMNS, Ledger, measure
+from packmech.dynamics.pair_lists import (
+    Pairs,
+    Space,
+    Stretches,
+    Track,
+    empty_pairs,
+    empty_track,
+    read_stretches,
+    search,
+    write_stretches,
+)
+from packmech.dynamics.threads import ThreadRecord, run_together
+from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
+from packmech.effects import Bonds, Friction, Walls
+from packmech.links import Links
+from packmech.loop.checkpoint import IndexBounds
+from packmech.minimize.kernels import RUNNING
+from packmech.minimize.pair_list import SKIN_FULL
+from packmech.minimize.program import space_order
+from packmech.scene import Scene
+
+# skin of the wide pair list in units of the harmonic mean diameter
+_SKIN = 0.6
+# particles that left the cell are moved back every so many steps, or whenever the box has sheared by so much
+_WRAP_EVERY, _SHEARED = 1024, 0.2
+# arrays of the frame that follow a deforming box
+# whole lattice vectors, and entries of a change of lattice vectors, beyond which no run gets
+_FAR, _STEEP = 1 << 31, 1000
+# how far out of the cell a particle may get before it is brought back, in lattice vectors
+_ASTRAY = 1024.0
+# relative rounding of a box that followed its strain step by step
+_ROUNDING = 1e-9
+_FRAME = ("lattice_dd", "inverse_dd", "height_d")
+# other lattice vectors are taken where the loops' are so much flatter than the best
+_FLAT = 0.7
+
+
+@dataclass(eq=False)
+class Engine:
+    """Particles stepped through time. All arrays but home_nd and mass_n are by rows, sorted in space.
+
+    Attributes
+    ----------
+    scene
+        The scene it was built from; its box is that at gamma = 0.
+    mass_n
+        (N,) masses in the order of the packing.
+    order_n
+        (N,) particle of each row.
+    home_nd
+        (N, d) whole lattice vectors (of the scene's box, deformed) by which particles were moved.
+    change_dd
+        (d, d) whole numbers: the loops' lattice vectors are the scene's @ change.
+    profile, direction_dd
+        How the box deforms: F(t) = 1 + gamma(t) direction; no direction where it does not.
+    dt, steps
+        Time step and steps taken.
+    second_order
+        Velocity Verlet, or else semi-implicit Euler.
+    resolution
+        Rounding of positions at the start [length].
+    wrap_every
+        Particles that left the cell are moved back into it every so many steps.
+    threads
+        Number of threads; it changes no bit.
+    force_evaluations
+        Passes over the forces so far.
+    row_links
+        The links between rows, those that depend on others left out; None without.
+    links
+        The same as time steps hold them.
+
+    """
+
+    scene: Scene
+    mass_n: NDArray[np.float64]
+    axes: tuple[int, ...]
+    order_n: NDArray[np.int64]
+    home_nd: NDArray[np.int64]
+    change_dd: NDArray[np.int64]
+    profile: Any
+    direction_dd: NDArray[np.float64] | None
+    acting: Acting
+    state: State
+    space: Space
+    pairs: Pairs
+    track: Track | None
+    dt: float
+    second_order: bool
+    resolution: float
+    steps: int = 0
+    started: bool = False
+    wrap_every: int = _WRAP_EVERY
+    threads: int = 1
+    force_evaluations: int = 0
+    row_links: Links | None = None
+    links: Rattle | None = None
+
+    @property
+    def time(self) -> float:
+        """Time since the start."""
+        return self.steps * self.dt
+
+    @property
+    def pace(self) -> Pace:
+        """How much of a slip is added to a spring before and after the force is taken."""
+        return Pace(0.5 * self.dt, 0.5 * self.dt) if self.second_order else Pace(0.0, self.dt)
+
+    @property
+    def gamma(self) -> float:
+        """Strain of the box now."""
+        return 0.0 if self.space.flow is None else float(gamma_at(self.profile, self.time)[0])
+
+    @property
+    def free_mass(self) -> float:
+        """Mass of all that is not held."""
+        return float(self.mass_n[self.order_n][self.state.weight_nk[:, 0] > 0.0].sum())
+
+    def box(self, steps: int | None = None) -> Box:
+        """Return the box after so many steps, now unless given: the scene's, deformed."""
+        if self.direction_dd is None:
+            return self.scene.packing.box
+        time = (self.steps if steps is None else steps) * self.dt
+        gamma = 0.0 if self.space.flow is None else float(gamma_at(self.profile, time)[0])
+        return Box((np.eye(len(self.axes)) + gamma * self.direction_dd) @ self.scene.packing.box.lattice_dd)
+
+    def positions(self) -> NDArray[np.float64]:
+        """Return the (N, d) positions in the order of the packing, never wrapped [length]."""
+        d = len(self.axes)
+        position = np.empty((len(self.order_n), d))
+        position[self.order_n] = self.state.body[:, :d]
+        return np.asarray(position + self.home_nd @ self.box().lattice_dd.T)
+
+    def velocities(self) -> NDArray[np.float64]:
+        """Return the (N, d) peculiar velocities c = v - L x in the order of the packing [length/time]."""
+        d = len(self.axes)
+        velocity = np.empty((len(self.order_n), d))
+        velocity[self.order_n] = self.state.body[:, 4 : 4 + d]
+        return velocity
+
+    def spins(self) -> NDArray[np.float64] | None:
+        """Return the (N, 1 or 3) spins in the order of the packing [1/time]; None where particles do not turn."""
+        d = len(self.axes)
+        turns = len(self.state.spins)
+        if not turns:
+            return None
+        spin = np.empty((len(self.order_n), turns))
+        spin[self.order_n] = self.state.body[:, 4 + d : 4 + d + turns]
+        return spin
+
+    def set_velocities(self, velocity_nd: NDArray[np.float64]) -> None:
+        """Set the (N, d) peculiar velocities in the order of the packing, and the forces that belong to them.
+
+        What is held stays as it is; what would stretch links is left out.
+        """
+        d = len(self.axes)
+        velocity = velocity_nd[self.order_n]
+        velocity[self.state.weight_nk[:, 0] == 0.0] = 0.0
+        along_rattle(self.links, velocity)
+        self.state.body[:, 4 : 4 + d] = velocity
+        self.begin()
+
+    def thermal_velocities(self, temperature: float, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return (N, d) random velocities without total momentum, along the links, of just the kinetic energy."""
+        d = len(self.axes)
+        free = np.empty(len(self.mass_n), dtype=bool)
+        free[self.order_n] = self.state.weight_nk[:, 0] > 0.0
+        mass = self.mass_n[:, None]
+        draw = rng.standard_normal((len(self.mass_n), d)) * np.sqrt(temperature / mass) * free[:, None]
+        freedom = int(free.sum()) * d
+        if free.all():
+            draw -= (mass * draw).sum(axis=0) / mass.sum()
+            freedom -= d
+        if self.links is not None:
+            row = draw[self.order_n]
+            freedom -= along_rattle(self.links, row)
+            draw[self.order_n] = row
+        kinetic = 0.5 * float((mass * draw**2).sum())
+        if freedom <= 0 or not kinetic > 0.0:
+            raise ValueError(f"temperature must be left out where nothing can move, got {temperature:g}")
+        return np.asarray(draw * math.sqrt(0.5 * freedom * temperature / kinetic))
+
+    def begin(self) -> None:
+        """Take the forces of the present state."""
+        if self.space.flow is not None:
+            set_flow(self.space.flow, self.space.frame, self.time)
+        self._search()
+        self._run(FORCES, 1, None)
+        if self.state.last is not None:
+            self.state.last[:] = self.state.push
+        self.started = True
+        self.force_evaluations += 1
+
+    def advance(self, steps: int, ledger: Ledger | None = None) -> int:
+        """Advance by up to `steps` steps; return how that ended."""
+        if not self.started:
+            self.begin()
+        left = steps
+        start = WHOLE_STEP
+        while left > 0:
+            due = min(left, self.wrap_every - self.steps % self.wrap_every)
+            status, taken = self._run(start, due, ledger)
+            self.steps += taken
+            self.force_evaluations += taken
+            left -= taken
+            start = WHOLE_STEP
+            if status == SEARCH:
+                self._search()
+                start = REST_OF_STEP
+            elif status != RUNNING:
+                return status
+            elif self.steps % self.wrap_every == 0:
+                self.wrap()
+        return RUNNING
+
+    def _run(self, start: int, steps: int, ledger: Ledger | None) -> tuple[int, int]:
+        reach = 2.0 * float(self.state.body[:, 3].min())
+        threads = min(self.threads, len(self.pairs.row_b) - 1)
+
+        def run(thread: ThreadRecord | None) -> tuple[int, int]:
+            space = self.space
+            if thread is not None and space.flow is not None:
+                # room to reckon in is each thread's own
+                space = space._replace(flow=own_room(space.flow))
+            status, taken = take_steps(
+                self.acting,
+                self.axes,
+                self.state,
+                self.links,
+                space,
+                self.pairs,
+                self.track,
+                ledger,
+                thread,
+                start,
+                self.steps,
+                steps,
+                self.dt,
+                self.second_order,
+                reach,
+            )
+            return int(status), int(taken)
+
+        return run(None) if threads == 1 else run_together(run, threads)
+
+    def _search(self) -> None:
+        self.pairs, self.track = search(self.axes, self.state.body, self.space, self.pairs, self.track)
+
+    def observe(self) -> NDArray[np.float64]:
+        """Return the observables of the present moment, in the columns of `observables`; it changes no bit."""
+        if not self.started:
+            self.begin()
+        out, push = np.zeros(COLUMNS), None
+        if self.links is not None and self.track is None and self.space.bonds is None:
+            # links bear what dashpots do at the velocities now, not at those that a step extrapolated
+            push = self.state.push.copy()
+            self._run(FORCES, 1, None)
+        measure(
+            self.acting,
+            self.axes,
+            self.state,
+            self.links,
+            self.space,
+            self.pairs,
+            self.track,
+            self.time,
+            self.pace,
+            out,
+        )
+        if push is not None:
+            self.state.push[:] = push
+        return out
+
+    def tensions(self) -> NDArray[np.float64]:
+        """Return the (L,) tensions of the packing's links that `observe` measured [force]; none in redundant ones."""
+        packing, own = self.scene.packing, self.row_links
+        if packing.links is None or own is None or self.links is None:
+            return np.zeros(0)
+        whole = packing.links
+        i, j = self.order_n[own.i_l], self.order_n[own.j_l]
+        image = own.image_ld @ self.change_dd.T - self.home_nd[j] + self.home_nd[i]
+        named = zip(whole.i_l.tolist(), whole.j_l.tolist(), map(tuple, whole.image_ld.tolist()), strict=True)
+        place = {key: k for k, key in enumerate(named)}
+        found = np.zeros(len(whole))
+        tension_l = self.links.tension_l.tolist()
+        for p, q, z, tension in zip(i.tolist(), j.tolist(), image.tolist(), tension_l, strict=True):
+            back = (q, p, tuple(-part for part in z))
+            found[place[back] if back in place else place[p, q, tuple(z)]] = tension
+        return found
+
+    def stretches(self) -> Stretches:
+        """Return the springs that are stretched, by rows and images of the loops' lattice."""
+        return read_stretches(self.pairs, self.track, len(self.axes))
+
+    def wrap(self) -> None:
+        """Move particles that left the cell by whole lattice vectors, and take better ones where these are flat."""
+        d = len(self.axes)
+        body = self.state.body
+        lattice = self.space.frame.lattice_dd[:d, :d]
+        loops = Box(lattice)
+        fraction = body[:, :d] @ loops.inverse_dd.T
+        shift = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0).astype(np.int64)
+        change = np.eye(d, dtype=np.int64)
+        if self.space.flow is not None:
+            reduced, other = loops.reduced()
+            if loops.height_d.min() < _FLAT * reduced.height_d.min():
+                change = other
+        turned = not np.array_equal(change, np.eye(d, dtype=np.int64))
+        if not shift.any() and not turned:
+            return
+        held = self.stretches()
+        body[:, :d] -= shift @ lattice.T
+        self.home_nd[self.order_n] += shift @ self.change_dd.T
+        back = np.rint(np.linalg.inv(change)).astype(np.int64)
+        self.change_dd = self.change_dd @ change
+        self.renew()
+        # lengths held to rounding in one cell are not in another
+        affix_rows(self.links, body, self.space.frame.lattice_dd)
+        self.renew_lists(held.moved(shift, back))
+
+    def renew(self) -> None:
+        """Make the frame, the images of bonds and links, and empty lists anew."""
+        packing, d = self.scene.packing, len(self.axes)
+        start = Box(packing.box.lattice_dd @ self.change_dd)
+        frame = frame_of(start)
+        flow = None
+        if self.direction_dd is not None:
+            flow = make_flow(self.profile, self.direction_dd, start)
+            set_flow(flow, frame, self.time)
+        table = self.space.bonds
+        if table is not None:
+            bonds = next(one for one in self.scene.effects if isinstance(one, Bonds))
+            table = bond_table(bonds, self.order_n, self.home_nd, self.change_dd, bond_stretches(table))
+        self.space = Space(self.space.sizes, frame, flow, table, None)
+        self._link_rows()
+        self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
+        self.track = None if self.track is None else empty_track(d)
+
+    def _link_rows(self) -> None:
+        packing = self.scene.packing
+        if packing.links is None:
+            return
+        workable = workable_links(packing)
+        home_nd = self.home_nd.astype(np.float64)
+        self.row_links, joints = make_joints(packing, workable, self.order_n, home_nd, self.change_dd)
+        self.links = make_rattle(joints, self.state.weight_nk[:, 0].copy(), self.resolution)
+        self.space = self.space._replace(linked=linked_pairs(joints))
+
+    def renew_lists(self, held: Stretches) -> None:
+        """Make the lists at the present positions and give their springs these stretches; forces stay as they are."""
+        self._search()
+        write_stretches(self.pairs, self.track, held)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what a run cannot make anew from scene and settings, by name: `restore` goes on with the same bits."""
+        state, space, held = self.state, self.space, self.stretches()
+        found: dict[str, Any] = {
+            "steps": np.array(self.steps),
+            "force_evaluations": np.array(self.force_evaluations),
+            "home_nd": self.home_nd.copy(),
+            "change_dd": self.change_dd.copy(),
+            "row_nk": state.body.copy(),
+            "push_nk": state.push.copy(),
+        }
+        if state.last is not None:
+            found["last_push_nk"] = state.last.copy()
+        if self.track is not None:
+            found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
+        if space.bonds is not None:
+            found["bond_stretch_bk"] = bond_stretches(space.bonds)
+        if self.links is not None:
+            found["link_number"] = self.links.number.copy()
+        if space.flow is not None:
+            # the last step's, whose time was summed in another order than `time`
+            found |= {f"frame.{name}": getattr(space.frame, name).copy() for name in _FRAME}
+            found["rate_dd"], found["gamma"] = space.flow.rate_dd.copy(), np.array(space.flow.number[GAMMA])
+            found["profile"] = _numbers(self.profile)
+        return {f"engine.{name}": np.asarray(value) for name, value in found.items()}
+
+    def index_bounds(self) -> dict[str, IndexBounds]:
+        """Return what the integers in `arrays` may be."""
+        n, d = len(self.order_n), len(self.axes)
+        bounds = {
+            "steps": IndexBounds(0, 1 << 62, ()),
+            "force_evaluations": IndexBounds(0, 1 << 62, ()),
+            "home_nd": IndexBounds(-_FAR, _FAR, (n, d)),
+            "change_dd": IndexBounds(-_STEEP, _STEEP + 1, (d, d)),
+            "stretch.i_c": IndexBounds(0, n, (None,)),
+            "stretch.j_c": IndexBounds(0, n, (None,)),
+            "stretch.image_cd": IndexBounds(-_FAR, _FAR, (None, 3)),
+        }
+        return {f"engine.{name}": bound for name, bound in bounds.items()}
+
+    def restore(self, arrays: Mapping[str, Any]) -> None:
+        """Go where the engine was whose `arrays` these are; this one was built for the same scene and settings."""
+
+        def saved(name: str, like: Any) -> NDArray[Any]:
+            value = np.asarray(arrays.get(f"engine.{name}"))
+            if value.shape != np.shape(like) or value.dtype != np.asarray(like).dtype:
+                raise ValueError(
+                    f"engine.{name} must be {np.asarray(like).dtype} of shape {np.shape(like)}, got {value.dtype} of "
+                    f"{value.shape}"
+                )
+            # a strain may go on without end
+            if name != "profile" and value.dtype.kind == "f" and not np.isfinite(value).all():
+                raise ValueError(f"engine.{name} must be finite, got {value[~np.isfinite(value)].flat[0]}")
+            return value
+
+        state = self.state
+        self.steps = int(saved("steps", 0))
+        self.force_evaluations = int(saved("force_evaluations", 0))
+        self.home_nd = saved("home_nd", self.home_nd).copy()
+        self.change_dd = saved("change_dd", self.change_dd).copy()
+        if abs(round(float(np.linalg.det(self.change_dd)))) != 1:
+            raise ValueError(f"engine.change_dd must have the determinant 1 or -1, got {self.change_dd.tolist()}")
+        radius_n = state.body[:, 3].copy()
+        state.body[:] = saved("row_nk", state.body)
+        state.body[:, 3] = radius_n
+        state.push[:] = saved("push_nk", state.push)
+        if state.last is not None:
+            state.last[:] = saved("last_push_nk", state.last)
+        if self.space.flow is not None:
+            numbers = saved("profile", _numbers(self.profile))
+            if not isinstance(self.profile, Driven):
+                self.set_profile(type(self.profile)(*numbers.tolist()))
+        if self.space.bonds is not None:
+            table = self.space.bonds
+            table.stretch_bk[:] = saved("bond_stretch_bk", table.stretch_bk)[table.place_b]
+        self.renew()
+        space = self.space
+        if space.flow is not None:
+            for name in _FRAME:
+                own = getattr(space.frame, name)
+                value = saved(f"frame.{name}", own)
+                if not np.allclose(value, own, rtol=_ROUNDING, atol=_ROUNDING * float(np.abs(own).max())):
+                    raise ValueError(f"engine.frame.{name} must be that of the box at this strain, got another")
+                own[:] = value
+            space.flow.rate_dd[:] = saved("rate_dd", space.flow.rate_dd)
+            space.flow.number[GAMMA] = float(saved("gamma", 0.0))
+        d = len(self.axes)
+        astray = float(np.abs(state.body[:, :d] @ space.frame.inverse_dd[:d, :d].T).max())
+        if not astray < _ASTRAY:
+            raise ValueError(f"engine.row_nk must hold places near the cell, got one {astray:g} lattice vectors away")
+        if self.links is not None:
+            refill_rattle(self.links, state.body, space.frame.lattice_dd)
+            self.links.number[:] = saved("link_number", self.links.number)
+        if self.track is None:
+            self.renew_lists(self.stretches())
+        else:
+            missing = [name for name in Stretches._fields if f"engine.stretch.{name}" not in arrays]
+            if missing:
+                raise ValueError(f"engine.stretch must hold {', '.join(missing)}, got none")
+            pairs = len(arrays["engine.stretch.i_c"])
+            stretch = saved("stretch.stretch_ck", np.zeros((pairs, 1 if d == 2 else 3)))
+            image = saved("stretch.image_cd", np.zeros((pairs, 3), dtype=np.int64))
+            i, j = (saved(f"stretch.{name}", np.zeros(pairs, dtype=np.int64)) for name in ("i_c", "j_c"))
+            self.renew_lists(Stretches(i, j, image, stretch))
+        self.started = True
+
+    def set_profile(self, profile: Any) -> None:
+        """Let the box deform in another way from here on; both are of one kind."""
+        self.profile = profile
+        if self.space.flow is not None:
+            self.space = self.space._replace(flow=self.space.flow._replace(profile=profile))
+        self.wrap_every = _steps_between_wraps(profile, self.direction_dd, self.dt)
+
+
+def aligned_rows(rows: int, columns: int) -> NDArray[np.float64]:
+    """Return rows of zeros; those of up to eight numbers fill one cache line each."""
+    if columns > 8:
+        return np.zeros((rows, columns))
+    space = np.zeros(8 * rows + 8)
+    ahead = (-space.ctypes.data % 64) // 8
+    return space[ahead : ahead + 8 * rows].reshape(rows, 8)
+
+
+def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow:
+    """Return the record of a deforming box whose lattice at gamma = 0 is that of `box`."""
+    d = box.dimension
+    direction, lattice = np.zeros((3, 3)), np.eye(3)
+    direction[:d, :d] = direction_dd
+    lattice[:d, :d] = box.lattice_dd
+    number = np.zeros(NUMBERS)
+    number[NILPOTENT] = not (direction @ direction).any()
+    number[ALONG_X] = direction[0, 1] != 0.0 and np.count_nonzero(direction) == 1
+    return Flow(profile, direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
+
+
+def own_room(flow: Flow) -> Flow:
+    """Return the record with matrices of its own to reckon in."""
+    return flow._replace(step_dd=np.eye(3), back_dd=np.eye(3), work_dd=np.eye(3))
+
+
+def _numbers(profile: Any) -> NDArray[np.float64]:
+    """Return the numbers of a profile."""
+    return np.hstack(list(profile)).astype(np.float64)
+
+
+def refuse_misfits(scene: Scene) -> None:
+    """Refuse bonds of particles or of a dimension that are not the packing's, or whose ends coincide, and walls beyond.
+
+    Bonds without a length have no direction to push in; walls across z mean nothing in a plane; a pair has one
+    tangential spring.
+    """
+    for kind in (Friction, Bonds):
+        number = sum(isinstance(one, kind) for one in scene.effects)
+        if number > 1:
+            raise ValueError(f"scene.effects must hold one {kind.__name__} at most, got {number}")
+    position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
+    n, d = position.shape
+    for k, one in enumerate(scene.effects):
+        if isinstance(one, Walls) and one.axis >= d:
+            raise ValueError(f"scene.effects[{k}].axis must be 0 or 1 in a plane, got {one.axis:g}")
+        if not isinstance(one, Bonds) or not len(one):
+            continue
+        if one.image_bd.shape[1] != d:
+            raise ValueError(f"scene.effects[{k}].image_bd must have shape ({len(one)}, {d}), got {one.image_bd.shape}")
+        if int(one.j_b.max()) >= n:
+            # i < j, so that j tells
+            bond = int(one.j_b.argmax())
+            raise ValueError(f"scene.effects[{k}].j_b must be below {n}, got {int(one.j_b[bond])} for bond {bond}")
+        length = np.linalg.norm(position[one.j_b] - position[one.i_b] + one.image_bd @ lattice.T, axis=1)
+        least = int(np.argmin(length))
+        if length[least] == 0.0:
+            raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {least}")
+
+
+def build_engine(
+    scene: Scene,
+    *,
+    dt: float,
+    mass_n: NDArray[np.float64],
+    velocity_nd: NDArray[np.float64],
+    spin_nk: NDArray[np.float64] | None = None,
+    profile: Any = None,
+    direction_dd: NDArray[np.float64] | None = None,
+    held_n: NDArray[np.bool_] | None = None,
+    second_order: bool = True,
+    threads: int = 1,
+) -> Engine:
+    """Return the engine of a scene, ready to advance; velocities are peculiar ones.
+
+    Parameters
+    ----------
+    scene
+        The scene; with rigid links only in a box that does not deform.
+    dt
+        Time step.
+    mass_n, velocity_nd, spin_nk
+        (N,) masses, (N, d) peculiar velocities, (N, 1 or 3) spins; None: at rest.
+    profile, direction_dd
+        How the box deforms; None: it does not.
+    held_n
+        (N,) particles that nothing pushes.
+    second_order
+        Velocity Verlet, or else semi-implicit Euler.
+    threads
+        Number of threads; it changes no bit.
+
+    """
+    packing, d = scene.packing, scene.packing.dimension
+    refuse_misfits(scene)
+    if direction_dd is not None and packing.links is not None:
+        raise ValueError(
+            "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
+            f"{len(packing.links)} links"
+        )
+    pairs = tuple(one for one in scene.effects if hasattr(type(one), "pair_first"))
+    bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
+    friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
+    bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
+    turns = friction is not None or bonds is not None
+    spins = 0 if not turns else 1 if d == 2 else 3
+    lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
+    order = space_order(packing)
+    n = packing.particles
+    body = aligned_rows(n, 4 + d + spins)
+    body[:, 3] = packing.radius_n[order]
+    body[:, 4 : 4 + d] = velocity_nd[order]
+    if turns and spin_nk is not None:
+        body[:, 4 + d : 4 + d + spins] = spin_nk[order]
+    fraction = packing.position_nd @ packing.box.inverse_dd.T
+    home = np.floor(fraction).astype(np.int64)
+    body[:, :d] = (packing.position_nd - home @ packing.box.lattice_dd.T)[order]
+    mass = np.ascontiguousarray(mass_n[order])
+    inertia = (0.5 if d == 2 else 0.4) * mass * body[:, 3] ** 2
+    weight = np.zeros((n, 2))
+    weight[:, 0] = 1.0 / mass
+    if turns:
+        weight[:, 1] = 1.0 / inertia
+    if held_n is not None:
+        weight[held_n[order]] = 0.0
+    small, change = packing.box.reduced()
+    skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
+    flow = None
+    if direction_dd is not None:
+        flow = make_flow(profile, direction_dd, small)
+    table = None if bonds is None else bond_table(bonds, order, home, change, None)
+    extent = max(float(np.abs(body[:, :d]).max()), float(np.abs(small.lattice_dd).max()))
+    built = Engine(
+        scene=scene,
+        mass_n=mass_n,
+        axes=tuple(range(d)),
+        order_n=order,
+        home_nd=home,
+        change_dd=change,
+        profile=Still() if profile is None else profile,
+        direction_dd=direction_dd,
+        acting=Acting(pairs or None, bodies or None, friction),
+        state=State(
+            tuple(range(spins)),
+            body,
+            np.zeros((n, d + spins)),
+            np.zeros((n, d + spins)),
+            weight,
+            mass,
+            np.zeros((n, d + spins)) if lead else None,
+            lead,
+        ),
+        space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table, None),
+        pairs=empty_pairs(n, d + spins, skin),
+        track=empty_track(d) if friction is not None else None,
+        dt=dt,
+        second_order=second_order,
+        resolution=np.finfo(np.float64).eps * extent,
+        wrap_every=_steps_between_wraps(profile, direction_dd, dt),
+        threads=threads,
+    )
+    built._link_rows()
+    affix_rows(built.links, body, built.space.frame.lattice_dd)
+    return built
+
+
+def _steps_between_wraps(profile: Any, direction_dd: NDArray[np.float64] | None, dt: float) -> int:
+    """Return how many steps may pass before particles are wrapped; the same for every run of the same scene."""
+    if direction_dd is None:
+        return _WRAP_EVERY
+    rate = getattr(profile, "rate", None)
+    if rate is None:
+        rate = getattr(profile, "amplitude", 0.0) * getattr(profile, "angular_frequency", 0.0)
+    fastest = abs(float(rate)) * float(np.linalg.norm(direction_dd, 2)) * dt
+    return max(1, min(_WRAP_EVERY, int(math.floor(_SHEARED / fastest)))) if fastest > 0.0 else _WRAP_EVERY

@@ -1,0 +1,340 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Tangential springs of contacts and bonds, and friction, chosen by type: a scene without it holds none of it.
+
+A row of `body` holds x, y, z, radius, the peculiar velocity (d numbers) and, where particles turn, the spin (1 in a
+plane, 3 in space); a row of `push` the force (d) and the torque.
+
+A tangential displacement is the integral of the slip velocity, by the trapezoidal rule: a pass first adds `before`
+times the slip, takes the force, and then adds `after` times it. In space it turns with the contact by half a step
+before and half a step after.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from numba import types
+
+from packmech.effects import Bonds, Friction
+from packmech.effects.pair import hook_of
+from packmech.jit.compiled import compiled_form, device
+from packmech.scene import Scene
+
+
+class Pace(NamedTuple):
+    """How much of the slip is added before and after the force is taken [time]."""
+
+    before: float
+    after: float
+
+
+@device
+def rotated(x, y, z, ox, oy, oz, time):
+    """Return a stretch turned by the angular velocity o for a time."""
+    # the rotation of Cayley, (1 - W t/2)^-1 (1 + W t/2), keeps lengths and is of second order
+    hx, hy, hz = 0.5 * time * ox, 0.5 * time * oy, 0.5 * time * oz
+    cx, cy, cz = x + hy * z - hz * y, y + hz * x - hx * z, z + hx * y - hy * x
+    dot = hx * cx + hy * cy + hz * cz
+    scale = 1.0 / (1.0 + hx * hx + hy * hy + hz * hz)
+    return (
+        scale * (cx + hy * cz - hz * cy + hx * dot),
+        scale * (cy + hz * cx - hx * cz + hy * dot),
+        scale * (cz + hx * cy - hy * cx + hz * dot),
+    )
+
+
+@device
+def stretch_before(stretch_pk, p, nx, ny, nz, sx, sy, sz, ox, oy, oz, time):
+    """Return the stretch led on by a time at the present slip: turned, laid into the tangent plane, and stretched."""
+    x, y, z = stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2]
+    size = x * x + y * y + z * z
+    if size > 0.0:
+        x, y, z = rotated(x, y, z, ox, oy, oz, time)
+        along = x * nx + y * ny + z * nz
+        x -= along * nx
+        y -= along * ny
+        z -= along * nz
+        left = x * x + y * y + z * z
+        scale = math.sqrt(size / left) if left > 0.0 else 0.0
+        x *= scale
+        y *= scale
+        z *= scale
+    return x + time * sx, y + time * sy, z + time * sz
+
+
+@device
+def stretch_after(stretch_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, time):
+    """Keep the stretch, led on by a time at the present slip: stretched, then turned."""
+    x, y, z = rotated(x + time * sx, y + time * sy, z + time * sz, ox, oy, oz, time)
+    stretch_pk[p, 0] = x
+    stretch_pk[p, 1] = y
+    stretch_pk[p, 2] = z
+
+
+@device
+def slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
+    """Return arms, slip velocity of the contact points, and the angular velocity with which the contact turns."""
+    share = r * (1.0 / sigma)
+    ai = body[i, 3] * share
+    aj = body[j, 3] * share
+    wx = ai * body[i, 7] + aj * body[j, 7]
+    wy = ai * body[i, 8] + aj * body[j, 8]
+    wz = ai * body[i, 9] + aj * body[j, 9]
+    along = ux * nx + uy * ny + uz * nz
+    tx, ty, tz = ux - along * nx, uy - along * ny, uz - along * nz
+    # v_j - v_i - (a_i w_i + a_j w_j) x n, tangential part
+    sx = tx - (wy * nz - wz * ny)
+    sy = ty - (wz * nx - wx * nz)
+    sz = tz - (wx * ny - wy * nx)
+    # the line of centers turns by n x dn/dt, and about itself with the mean spin along it
+    about = 0.5 * ((body[i, 7] + body[j, 7]) * nx + (body[i, 8] + body[j, 8]) * ny + (body[i, 9] + body[j, 9]) * nz)
+    inverse = 1.0 / r if r > 0.0 else 0.0
+    ox = (ny * tz - nz * ty) * inverse + about * nx
+    oy = (nz * tx - nx * tz) * inverse + about * ny
+    oz = (nx * ty - ny * tx) * inverse + about * nz
+    return ai, aj, sx, sy, sz, ox, oy, oz
+
+
+@device
+def slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma):
+    """Return arms, and the slip along t = (-ny, nx)."""
+    share = r * (1.0 / sigma)
+    ai = body[i, 3] * share
+    aj = body[j, 3] * share
+    return ai, aj, uy * nx - ux * ny - ai * body[i, 6] - aj * body[j, 6]
+
+
+@device
+def with_moment(nx, ny, nz, fx, fy, fz, ai, aj):
+    """Return a tangential force on i, its moment for an arm of one, and the arms: the torques are arm times moment."""
+    return fx, fy, fz, ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx, ai, aj
+
+
+@device
+def add_force(axes, spins, push, i, done):
+    """Add a pair's force, and its torque where particles turn, to row i."""
+    fx, fy, fz, mx, my, mz, ai, _ = done
+    push[i, 0] += fx
+    push[i, 1] += fy
+    if len(axes) == 3:
+        push[i, 2] += fz
+    if len(spins) == 1:
+        push[i, 2] += ai * mz
+    if len(spins) == 3:
+        push[i, 3] += ai * mx
+        push[i, 4] += ai * my
+        push[i, 5] += ai * mz
+
+
+@device
+def add_reaction(axes, spins, push, j, done):
+    """Add the reaction to row j: the torque has the same sign on both."""
+    fx, fy, fz, mx, my, mz, _, aj = done
+    push[j, 0] -= fx
+    push[j, 1] -= fy
+    if len(axes) == 3:
+        push[j, 2] -= fz
+    if len(spins) == 1:
+        push[j, 2] += aj * mz
+    if len(spins) == 3:
+        push[j, 3] += aj * mx
+        push[j, 4] += aj * my
+        push[j, 5] += aj * mz
+
+
+@device
+def store_reaction(axes, spins, slot_qk, q, done):
+    """Write the reaction to a slot."""
+    fx, fy, fz, mx, my, mz, _, aj = done
+    slot_qk[q, 0] = -fx
+    slot_qk[q, 1] = -fy
+    if len(axes) == 3:
+        slot_qk[q, 2] = -fz
+    if len(spins) == 1:
+        slot_qk[q, 2] = aj * mz
+    if len(spins) == 3:
+        slot_qk[q, 3] = aj * mx
+        slot_qk[q, 4] = aj * my
+        slot_qk[q, 5] = aj * mz
+
+
+# a little more than 1/3: oscillations up to omega dt = 1/3 then fall, by less than (omega dt)^4 / 100 a step
+_SHARE = 0.35
+# (omega dt)^2 of the fastest tangential springs, over stiffness dt^2 / mass: with 6 neighbors, or 12 in space
+_FASTEST = {2: 36.0, 3: 84.0}
+
+
+def leading_share(scene: Scene, dt: float, least_mass: float) -> float:
+    """Return the share of the forces' last change that belongs in extrapolated velocities [1].
+
+    None, unless some tangential spring k has a dashpot c so weak that what it takes, (c / 2k) omega^2 dt of an
+    oscillation in every step, is less than the growth.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    dt, least_mass
+        Time step, and the least of the masses.
+
+    """
+    springs = []
+    for one in scene.effects:
+        if isinstance(one, Friction) and one.coefficient > 0.0:
+            springs.append((one.stiffness, one.damping))
+        if isinstance(one, Bonds) and len(one):
+            springs.append((one.tangential_stiffness, one.tangential_damping))
+    weak = 0.25 * _FASTEST[scene.packing.dimension] * dt**3 / least_mass
+    return _SHARE if any(k > 0.0 and c < weak * k * k for k, c in springs) else 0.0
+
+
+def uncapped_force(friction: Any, stretch: float, slip: float) -> float:
+    """Return the tangential force of a friction before its cap [force]."""
+    return float(friction.tangential_force(stretch, slip))
+
+
+@compiled_form(uncapped_force)
+def _choose_uncapped_force(friction: Any, stretch: Any, slip: Any) -> Any:
+    function = hook_of(friction, "tangential_force")
+    if function is None:
+        return None
+    return lambda friction, stretch, slip: function(friction, stretch, slip)
+
+
+def turning_axes(friction: Any, axes: Any) -> Any:
+    """Return a tuple as long as the torques that a pair has: none without friction, 1 in a plane, 3 in space."""
+    return () if friction is None else axes if len(axes) == 3 else axes[:1]
+
+
+@compiled_form(turning_axes)
+def _choose_turning_axes(friction: Any, axes: Any) -> Any:
+    if isinstance(friction, types.NoneType):
+        return lambda friction, axes: ()
+    return (lambda friction, axes: axes) if len(axes) == 3 else (lambda friction, axes: (0,))
+
+
+@device
+def _friction_in_plane(friction, body, stretch_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace):
+    ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
+    stretch = stretch_pk[p, 0] + pace.before * slip
+    force = uncapped_force(friction, stretch, slip)
+    cap = friction.coefficient * normal
+    soft = 1.0 / friction.stiffness
+    # whether contacts slide is not to be foretold: without a branch, what the cap takes is taken off the spring too;
+    # never past rest nor beyond what it was, so that a strong dashpot does not wind it
+    capped = min(max(force, -cap), cap)
+    less = stretch + (capped - force) * soft
+    stretch = min(max(less, min(stretch, 0.0)), max(stretch, 0.0))
+    force = capped
+    stretch_pk[p, 0] = stretch + pace.after * slip
+    # along t = (-ny, nx); the moment n x t is one
+    return force * -ny, force * nx, 0.0, 0.0, 0.0, force, ai, aj
+
+
+@device
+def _friction_in_space(friction, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+    x, y, z = stretch_before(stretch_pk, p, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
+    fx = uncapped_force(friction, x, sx)
+    fy = uncapped_force(friction, y, sy)
+    fz = uncapped_force(friction, z, sz)
+    square = fx * fx + fy * fy + fz * fz
+    cap = friction.coefficient * normal
+    soft = 1.0 / friction.stiffness
+    if square > cap * cap:
+        size = math.sqrt(square)
+        # as in a plane: the spring gives way along the force, and no farther than to rest
+        along = (x * fx + y * fy + z * fz) / size
+        less = min((size - cap) * soft, max(along, 0.0)) / size
+        x -= less * fx
+        y -= less * fy
+        z -= less * fz
+        scale = cap / size
+        fx *= scale
+        fy *= scale
+        fz *= scale
+    stretch_after(stretch_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
+    return with_moment(nx, ny, nz, fx, fy, fz, ai, aj)
+
+
+def tangential_force_of_pair(
+    friction: Any,
+    axes: Any,
+    body: Any,
+    stretch_pk: Any,
+    p: int,
+    i: int,
+    j: int,
+    nx: float,
+    ny: float,
+    nz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    r: float,
+    sigma: float,
+    normal: float,
+    pace: Pace,
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return the friction on i of a touching pair with relative velocity u, its moment and arms; zeros without."""
+    raise NotImplementedError("friction acts in compiled loops")
+
+
+@compiled_form(tangential_force_of_pair)
+def _choose_tangential_force_of_pair(
+    friction: Any,
+    axes: Any,
+    body: Any,
+    stretch_pk: Any,
+    p: Any,
+    i: Any,
+    j: Any,
+    nx: Any,
+    ny: Any,
+    nz: Any,
+    ux: Any,
+    uy: Any,
+    uz: Any,
+    r: Any,
+    sigma: Any,
+    normal: Any,
+    pace: Any,
+) -> Any:
+    if isinstance(friction, types.NoneType):
+
+        def none(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
+        return none
+    if len(axes) == 2:
+
+        def plane(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+            return _friction_in_plane(friction, body, stretch_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace)
+
+        return plane
+
+    def space(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
+        return _friction_in_space(friction, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace)
+
+    return space
+
+
+def reset_stretch(axes: Any, stretch_pk: Any, p: int) -> None:
+    """Set the stretch of a pair that does not touch to zero; nothing where no stretches are held."""
+    if stretch_pk is not None:
+        stretch_pk[p] = 0.0
+
+
+@compiled_form(reset_stretch)
+def _choose_reset_stretch(axes: Any, stretch_pk: Any, p: Any) -> Any:
+    if isinstance(stretch_pk, types.NoneType):
+        return lambda axes, stretch_pk, p: None
+
+    def clear(axes, stretch_pk, p):
+        stretch_pk[p, 0] = 0.0
+        if len(axes) == 3:
+            stretch_pk[p, 1] = 0.0
+            stretch_pk[p, 2] = 0.0
+
+    return clear

@@ -1,0 +1,112 @@
+"""Methods of time integration, and the time step that a scene asks for."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
+from packmech.scene import Scene
+
+# overlaps [1] at which the stiffness of a contact is looked up
+_OVERLAPS = (0.0, 0.1)
+
+
+class VelocityVerlet(NamedTuple):
+    """Velocity Verlet, of second order; with rigid links RATTLE. Symplectic, and its own inverse, without dashpots.
+
+    Dashpots see a velocity extrapolated to the end of the step, 2 v(half) - v(start), so that the method stays of
+    second order with them, as long as no contact opens or closes: there a dashpot's force jumps.
+
+    Parameters
+    ----------
+    fraction
+        Where no time step is given it is this fraction of the shortest of sqrt(m / stiffness) and m / damping [1].
+
+    """
+
+    fraction: float = 0.05
+
+
+class SemiImplicitEuler(NamedTuple):
+    """Semi-implicit Euler, v += dt F(x) / m and then x += dt v, of first order; with rigid links as RATTLE does.
+
+    Parameters
+    ----------
+    fraction
+        As for `VelocityVerlet`.
+
+    """
+
+    fraction: float = 0.05
+
+
+INTEGRATORS: tuple[Any, ...] = (VelocityVerlet, SemiImplicitEuler)
+
+
+def choose_time_step(scene: Scene, mass_n: NDArray[np.float64], fraction: float) -> float:
+    """Return fraction times the shortest of sqrt(m / k) and m / c over the particles [time].
+
+    m is the least mass; k the largest stiffness and c the largest damping of whatever acts (`stiffness_and_damping`).
+    How far anything moves has no part in it.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    mass_n
+        (N,) masses.
+    fraction
+        The fraction [1].
+
+    """
+    stiffest, most_damped, drag = stiffness_and_damping(scene)
+    least = float(mass_n.min())
+    # one over each of the two times
+    fastest = max(math.sqrt(stiffest / least), most_damped / least + drag)
+    if not fastest > 0.0:
+        raise ValueError("dt must be given for effects without stiffness, got None")
+    return fraction / fastest
+
+
+def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
+    """Return the largest stiffness k [energy/length^2], damping c [mass/time] and background drag [1/time] of a scene.
+
+    k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
+    at their rest lengths, and for walls, by half their stiffness, as a single particle moves there where otherwise two
+    do. Tangential springs and dashpots count 3 fold in a plane, 3.5 fold in space: they turn particles as well as move
+    them, with the inertia m r^2 / 2 or 2 m r^2 / 5.
+    """
+    sizes = np.unique(scene.packing.diameter_n).tolist()
+    turned = 3.0 if scene.packing.dimension == 2 else 3.5
+    stiff, damped, drag = [0.0], [0.0], 0.0
+    pairs = [one for one in scene.effects if not is_bound(one)]
+    for sigma in sizes:
+        for overlap in _OVERLAPS:
+            r = (1.0 - overlap) * sigma
+            stiff.append(abs(sum(pair_second(one, r, sigma) for one in pairs)))
+            rates = (sum(pair_first(one, r, sigma, rate) for one in pairs) for rate in (1.0, 0.0))
+            damped.append(abs(next(rates) - next(rates)))
+    for one in scene.effects:
+        if isinstance(one, Friction):
+            stiff.append(turned * one.stiffness)
+            damped.append(turned * one.damping)
+        elif isinstance(one, Bonds) and len(one):
+            for rest in (float(one.rest_length_b.min()), float(one.rest_length_b.max())):
+                stiff += [abs(law_second(one.compression, (1.0 - overlap) * rest, rest)) for overlap in _OVERLAPS]
+                stiff.append(abs(law_second(one.tension, rest, rest)))
+            stiff.append(turned * one.tangential_stiffness)
+            damped += [one.damping, turned * one.tangential_damping]
+        elif isinstance(one, Walls):
+            stiff += [0.5 * one.body_stiffness(0.5 * sigma) for sigma in sizes]
+            damped.append(one.damping)
+        elif hasattr(type(one), "body_force"):
+            center = np.zeros(3)
+            center[: scene.packing.dimension] = scene.packing.box.lattice_dd.sum(axis=1) / 2.0
+            radius = 0.5 * scene.packing.reference_diameter
+            slow, fast = (one.body_force(*center.tolist(), speed, 0.0, 0.0, 1.0, radius)[0] for speed in (0.0, 1.0))
+            drag += abs(fast - slow)
+    return max(stiff), max(damped), drag

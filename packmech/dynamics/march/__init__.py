@@ -1,1 +1,0 @@
-"""The march: particles stepped through time in a box that may deform, with friction, bonds, walls and body forces."""

@@ -1,1 +1,0 @@
-"""Rheology: how a scene's stress answers to strain, and its strain to stress."""

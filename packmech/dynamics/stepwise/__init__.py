@@ -1,1 +1,0 @@
-"""Engines that outside hands drive step by step: batches of packings advanced in one compiled call."""

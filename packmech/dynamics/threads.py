@@ -1,0 +1,190 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator, import-untyped"
+"""Several threads in one time step: which blocks each walks, and how they wait for each other.
+
+Every thread runs the same compiled loop without the interpreter's lock; between the parts of a step they meet at a
+barrier. One thread alone has no record (None), and no code of it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from packmech.jit.compiled import compiled_form, device
+
+R = TypeVar("R")
+
+# numbers a thread keeps to itself lie a cache line apart
+_APART = 16
+# turns of waiting before the processor is offered to others
+_PATIENCE = 2000
+
+
+class ThreadRecord(NamedTuple):
+    """One thread of several: its rank, their number, arrivals at the barrier, barriers passed, and what they tell."""
+
+    rank: int
+    size: int
+    arrived: NDArray[np.int64]
+    passed_t: NDArray[np.int64]
+    message_t: NDArray[np.float64]
+
+
+def thread_records(size: int) -> list[ThreadRecord]:
+    """Return the records of so many threads."""
+    arrived = np.zeros(_APART, dtype=np.int64)
+    passed = np.zeros(size * _APART, dtype=np.int64)
+    message = np.zeros((size + 1) * _APART)
+    return [ThreadRecord(rank, size, arrived, passed, message) for rank in range(size)]
+
+
+def run_together(run: Callable[[ThreadRecord], R], size: int) -> R:
+    """Return what the first of so many threads returns; each runs its own part.
+
+    Parameters
+    ----------
+    run
+        Called with the record of each thread; the threads meet inside.
+    size
+        Number of threads.
+
+    """
+    first, *others = thread_records(size)
+    helpers = [threading.Thread(target=run, args=(thread,)) for thread in others]
+    for helper in helpers:
+        helper.start()
+    try:
+        return run(first)
+    finally:
+        for helper in helpers:
+            helper.join()
+
+
+@intrinsic
+def _add(context: Any, array: Any, value: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.atomic_rmw("add", place, arguments[1], "seq_cst")
+
+    return types.int64(types.Array(types.int64, 1, "C"), types.int64), build
+
+
+@intrinsic
+def _read(context: Any, array: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.load_atomic(place, "seq_cst", 8)
+
+    return types.int64(types.Array(types.int64, 1, "C")), build
+
+
+@intrinsic
+def _yield_processor(context: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [])
+        builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
+        return context.get_dummy_value()
+
+    return types.void(), build
+
+
+@device
+def _wait(thread):
+    own = thread.rank * _APART
+    thread.passed_t[own] += 1
+    due = thread.passed_t[own] * thread.size
+    _add(thread.arrived, 1)
+    turns = 0
+    while _read(thread.arrived) < due:
+        turns += 1
+        if turns > _PATIENCE:
+            _yield_processor()
+
+
+def wait(thread: Any) -> None:
+    """Wait for the other threads."""
+    raise NotImplementedError("threads meet in compiled loops")
+
+
+@compiled_form(wait)
+def _choose_wait(thread: Any) -> Any:
+    if isinstance(thread, types.NoneType):
+        return lambda thread: None
+    return lambda thread: _wait(thread)
+
+
+def is_first(thread: Any) -> bool:
+    """Whether this thread does what only one may do."""
+    raise NotImplementedError("threads meet in compiled loops")
+
+
+@compiled_form(is_first)
+def _choose_is_first(thread: Any) -> Any:
+    if isinstance(thread, types.NoneType):
+        return lambda thread: True
+    return lambda thread: thread.rank == 0
+
+
+def share(thread: Any, blocks: int) -> tuple[int, int]:
+    """Return the first of the blocks that this thread walks and the one after its last."""
+    raise NotImplementedError("threads meet in compiled loops")
+
+
+@compiled_form(share)
+def _choose_share(thread: Any, blocks: Any) -> Any:
+    if isinstance(thread, types.NoneType):
+        return lambda thread, blocks: (0, blocks)
+    return lambda thread, blocks: (thread.rank * blocks // thread.size, (thread.rank + 1) * blocks // thread.size)
+
+
+@device
+def _largest(thread, value):
+    thread.message_t[thread.rank * _APART] = value
+    _wait(thread)
+    most = 0.0
+    for t in range(thread.size):
+        sent = thread.message_t[t * _APART]
+        # written so that what is not a number is the largest
+        if not sent <= most:
+            most = sent
+    return most
+
+
+def largest(thread: Any, value: float) -> float:
+    """Return the largest value of all threads; all of them are done with what came before."""
+    raise NotImplementedError("threads meet in compiled loops")
+
+
+@compiled_form(largest)
+def _choose_largest(thread: Any, value: Any) -> Any:
+    if isinstance(thread, types.NoneType):
+        return lambda thread, value: value
+    return lambda thread, value: _largest(thread, value)
+
+
+@device
+def _broadcast(thread, value):
+    if thread.rank == 0:
+        thread.message_t[thread.size * _APART] = value
+    _wait(thread)
+    return np.int64(thread.message_t[thread.size * _APART])
+
+
+def broadcast(thread: Any, value: int) -> int:
+    """Return the number of thread 0; all threads see what it did before."""
+    raise NotImplementedError("threads meet in compiled loops")
+
+
+@compiled_form(broadcast)
+def _choose_broadcast(thread: Any, value: Any) -> Any:
+    if isinstance(thread, types.NoneType):
+        return lambda thread, value: value
+    return lambda thread, value: _broadcast(thread, value)

@@ -1,0 +1,1 @@
+"""Packings, scenes and tables as files."""

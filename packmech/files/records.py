@@ -1,0 +1,162 @@
+"""Small records (laws, effects, sizes, drives) as plain tables and back, with errors that name the field.
+
+A table is a dict as TOML and JSON know it. Its ``kind`` is the record's class name in lower case with hyphens
+(``RepulsiveLennardJones`` is ``repulsive-lennard-jones``); its other entries are the record's fields. What makes a
+packing may also be a function: its kind is the function's name, and its fields are its parameters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from packmech.jit.source_key import written_name
+
+Maker = Callable[..., Any]
+Kinds = Mapping[str, Maker]
+
+_WORD = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_+")
+
+
+def kind_of(maker: Maker) -> str:
+    """Return the name that tables give to a record class, or to a function that makes something.
+
+    >>> kind_of(type("RepulsiveLennardJones", (), {}))
+    'repulsive-lennard-jones'
+    """
+    return _WORD.sub("-", written_name(maker)).strip("-").lower()
+
+
+def kinds_of(makers: Iterable[Maker]) -> dict[str, Maker]:
+    """Return the record classes, or functions, by the names that tables give them."""
+    return {kind_of(maker): maker for maker in makers}
+
+
+def is_record(value: object) -> bool:
+    """Return whether the value is an instance of a NamedTuple or of a dataclass."""
+    return (isinstance(value, tuple) and hasattr(value, "_fields")) or (
+        dataclasses.is_dataclass(value) and not isinstance(value, type)
+    )
+
+
+def to_table(record: Any) -> dict[str, Any]:
+    """Return the record as a table; fields that are None are left out."""
+    table: dict[str, Any] = {"kind": kind_of(type(record))}
+    for name in inspect.signature(type(record)).parameters:
+        value = getattr(record, name)
+        if is_record(value):
+            table[name] = to_table(value)
+        elif isinstance(value, tuple):
+            table[name] = list(value)
+        elif value is not None:
+            table[name] = value
+    return table
+
+
+def from_table(table: Any, where: str, kinds: Kinds, nested: Mapping[str, Kinds] | None = None) -> Any:
+    """Return the record that a table describes.
+
+    Parameters
+    ----------
+    table
+        Dict with ``kind`` and the record's fields. A string stands for a table with this kind and every default.
+    where
+        Path of the table in its file, such as ``effects[0].law``, for the messages.
+    kinds
+        The record classes that may stand here, by name.
+    nested
+        For each field name that holds a record itself, the classes that may stand there.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the path of the field, what it must be and what came.
+
+    """
+    return make(*read_fields(table, where, kinds, nested), where)
+
+
+def read_fields(
+    table: Any,
+    where: str,
+    kinds: Kinds,
+    nested: Mapping[str, Kinds] | None = None,
+    *,
+    given: Iterable[str] = (),
+) -> tuple[Maker, dict[str, Any]]:
+    """Return what makes the thing that a table describes, and its checked fields; see ``from_table``.
+
+    Parameters that are `given` by other means than the table are no fields of it.
+    """
+    if isinstance(table, str):
+        table = {"kind": table}
+    if not isinstance(table, dict):
+        raise TypeError(f"{where} must be a table with a kind, got {table!r}")
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        got = repr(kind) if "kind" in table else "nothing"
+        raise ValueError(f"{where}.kind must be one of {', '.join(map(repr, sorted(kinds)))}, got {got}")
+    maker = kinds[kind]
+    fields = {name: one for name, one in inspect.signature(maker).parameters.items() if name not in given}
+    hints = _hints(maker)
+    values: dict[str, Any] = {}
+    for name, value in table.items():
+        path = f"{where}.{name}"
+        if name == "kind":
+            continue
+        if name not in fields:
+            raise ValueError(f"{path} must be a field of {kind_of(maker)} ({', '.join(fields)}), got an unknown one")
+        if nested and name in nested:
+            values[name] = from_table(value, path, nested[name], nested)
+        else:
+            values[name] = _value(path, value, hints.get(name, Any))
+    for name, field in fields.items():
+        if name not in values and field.default is inspect.Parameter.empty:
+            raise ValueError(f"{where}.{name} must be given, got nothing")
+    return maker, values
+
+
+def make(maker: Maker, values: Mapping[str, Any], where: str, renamed: Mapping[str, str] | None = None) -> Any:
+    """Return what is made of the values; an error names the path of the field.
+
+    `renamed` holds the fields of the table by the names that errors use for them.
+    """
+    try:
+        return maker(**values)
+    except (TypeError, ValueError, OSError) as error:
+        argument, must, rest = str(error).partition(" must ")
+        message = f"{(renamed or {}).get(argument, argument)}{must}{rest}"
+        raise type(error)(message if message.startswith(f"{where}.") else f"{where}.{message}") from error
+
+
+def _hints(maker: Maker) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(maker)
+    except NameError:  # a user's class may be annotated with names that only its checker sees
+        return {}
+
+
+_WORDS = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}
+
+
+def _value(path: str, value: Any, hint: Any) -> Any:
+    """Return the plain value in the type that the annotation asks for; annotations other than plain ones accept any."""
+    options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    options = tuple(option for option in options if option is not type(None))
+    if not all(option in _WORDS or typing.get_origin(option) is tuple for option in options):
+        return tuple(value) if isinstance(value, list) else value
+    for option in options:
+        if typing.get_origin(option) is tuple and isinstance(value, list):
+            inner = typing.get_args(option)[0]
+            return tuple(_value(f"{path}[{k}]", entry, inner) for k, entry in enumerate(value))
+        if option is float and isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        if option in (int, str, bool) and type(value) is option:
+            return value
+    words = " or ".join(_WORDS.get(option, "a list") for option in options)
+    raise TypeError(f"{path} must be {words}, got {value!r}")

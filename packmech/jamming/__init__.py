@@ -1,0 +1,1 @@
+"""Is it jammed? The verdict and its grounds, and the exact hard packing."""

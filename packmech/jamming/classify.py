@@ -1,0 +1,250 @@
+"""Is it jammed? The verdict on a packing, with its grounds."""
+
+from __future__ import annotations
+
+import functools
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, integer, one_of, real
+from packmech.contacts import Contacts
+from packmech.contacts.rattlers import check_given
+from packmech.effects import Friction
+from packmech.jamming.backbone import EMPTY, carrying_contacts, judge_network, standing_contacts
+from packmech.jamming.certificates import Finding, certify
+from packmech.jamming.contact_selection import LEAST_GAP, Touching, check_rest, find_touching
+from packmech.jamming.gap_sensitivity import by_level, judged_by_fewest, off_plateau, settle, undecided, unrest
+from packmech.jamming.loads import yield_to_loads
+from packmech.jamming.motion_cone import MotionCone
+from packmech.jamming.programs import SOLVERS
+from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
+from packmech.jit.blas import single_thread
+from packmech.measure.rattlers import without
+from packmech.mechanics.stability import is_stable
+from packmech.packing import Packing, no_own_images
+from packmech.scene import Scene
+
+METHODS = ("certificate", "loads")
+STRAINS = ("free", "isochoric")
+BOUNDS = ("ball", "box")
+
+
+def classify_jamming(
+    packing: Packing | Scene,
+    *,
+    method: str = "certificate",
+    solver: str = "clarabel",
+    strain: str = "free",
+    gap_tolerance: float | None = None,
+    contacts: Contacts | None = None,
+    rest_tolerance: float = 1e-5,
+    tolerance: float = 1e-8,
+    bound: str = "ball",
+    seed: int = 0,
+) -> Verdict:
+    """Return whether a packing is locally, collectively and strictly jammed, with grounds that can be checked.
+
+    Rattlers are taken out first. What is left is collectively jammed when no motion but a translation opens or keeps
+    all contacts in the fixed box, strictly jammed when none does that with a strain of the box that does not enlarge
+    it. Motions are judged to first order, which decides for discs and spheres. Particles whose contacts can carry no
+    force are taken out too if the others are jammed by themselves. Two contacts of a particle that are opposite to
+    within 1e-8 rad count as opposite: held by forces smaller than that part of the others nothing is jammed for sure.
+
+    With rigid links motions keep these, and the certificate holds their forces, of either sign, beside those of the
+    contacts. There a first-order motion may be blocked at second order: where the Hessian says so (`prestress_stable`,
+    of the backbone) the answer is ambiguous, and `first_order_jammed` tells the first order apart.
+
+    Parameters
+    ----------
+    packing
+        The packing, or a scene: with its law the Hessian's stability is answered too, and rest is judged by its forces.
+        Friction is left out, and `Verdict.friction` says so.
+    method
+        "certificate": rank of the rigidity matrix, and the state of self stress with the largest smallest force (Roth
+        and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b; what these move
+        relative to the largest group at rest is taken out, again and again, and an empty backbone is not jammed.
+    solver
+        "clarabel", "cvxpy" (the same programs as they read on paper) or "highs" (simplex; loads in a box). Where an
+        interior-point method gives no answer that passes its check, simplex decides up to N = 1000.
+    strain
+        "free" or "isochoric": what the box may do in the strict question: any strain whose volume does not grow, or
+        only those that keep it. The same for discs and spheres; clusters that
+        are not convex might interlock.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching. By default
+        max(7 x mean relative overlap, 1e-9). Where a tenth or ten times that tolerance gives another number of excess
+        contacts, the answer is ambiguous, unless the pairs in question cannot matter: it is not jammed with all of them
+        either, or jammed without them already and either its self stress is the only one or the overlaps are so small
+        (mean overlap times N'^2 below 0.1) that pressure has closed no gap.
+    contacts
+        The contacts to judge, instead of those within a gap tolerance; then neither gaps nor rest are checked. They
+        must be pairs of this packing as it stands, each once.
+    rest_tolerance
+        Largest net force over mean contact force [1] at which a packing with overlaps counts as at rest; at least eight
+        rounding floors are allowed. Without a scene the forces are those of a harmonic law. Beyond it: ambiguous.
+        Infinity leaves the check out, for hard particles with coordinates of few digits.
+    tolerance
+        Of the solvers.
+    bound
+        "ball" or "box": what bounds the motion of the load programs. "highs" solves linear programs only and always
+        takes the box; `Verdict.bound` says what was taken.
+    seed
+        Draws the load.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> verdict = classify_jamming(pm.lattice_packing("triangular", repeats=(4, 4)))
+    >>> verdict.collective, verdict.strict, verdict.contacts, verdict.isostatic_contacts
+    ('jammed', 'jammed', 48, 33)
+    >>> verdict = classify_jamming(pm.lattice_packing("kagome", repeats=(2, 2)))
+    >>> verdict.collective, verdict.collectively.floppy_modes, round(verdict.unjamming_motion.closing, 9)
+    ('not jammed', 4, 0.0)
+
+    """
+    start = time.process_time()
+    scene = packing if isinstance(packing, Scene) else None
+    if isinstance(packing, Scene):
+        packing = packing.packing
+    instance("packing", packing, Packing)
+    no_own_images("packing", packing)
+    one_of("method", method, METHODS)
+    one_of("solver", solver, SOLVERS)
+    one_of("strain", strain, STRAINS)
+    one_of("bound", bound, BOUNDS)
+    if gap_tolerance is not None:
+        gap_tolerance = real("gap_tolerance", gap_tolerance, above=-0.1, below=1.0)
+    real("tolerance", tolerance, above=0.0, at_most=1e-3)
+    if rest_tolerance != np.inf:
+        rest_tolerance = real("rest_tolerance", rest_tolerance, above=0.0)
+    integer("seed", seed, at_least=0)
+    if method == "loads" and solver == "highs":
+        bound = "box"
+
+    def decide(cone: MotionCone) -> Finding:
+        if method == "certificate":
+            return certify(cone, solver=solver, tolerance=tolerance)
+        rng = np.random.default_rng(seed)
+        return yield_to_loads(cone, rng, bound=bound, solver=solver, tolerance=tolerance)
+
+    def part(cone: MotionCone, finding: Finding, network: Contacts) -> Contacts | None:
+        if method == "certificate":
+            return carrying_contacts(packing, cone, network, solver, tolerance)
+        return standing_contacts(cone, network, finding)
+
+    with single_thread():
+        if contacts is None:
+            touching = find_touching(packing, gap_tolerance)
+            rest = check_rest(packing, None if scene is None else scene.effects, rest_tolerance)
+        else:
+            check_given(packing, contacts)
+            touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
+        judge = functools.partial(judge_network, packing, strain=strain, decide=decide, part=part)
+        within = by_level(touching, judge)
+        # the load programs give no forces that would have to be those at the tolerance
+        implied = judged_by_fewest(packing, touching, rest, within, strain) if method == "loads" else None
+        judged = within(1) if implied is None else implied
+        collectively, strictly = (
+            _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
+        )
+        if method == "loads" and judged.emptied:
+            collectively, strictly = (_emptied(answer, judged.emptied) for answer in (collectively, strictly))
+        rattlers = np.ones(packing.particles, dtype=bool)
+        if len(judged.network):
+            rattlers[judged.collective[0].kept_n] = False
+        if scene is not None and rest is not None and rest.at_rest:
+            closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
+            collectively = replace(collectively, stable=_stable(scene, rattlers, strain="none", gap_tolerance=closed))
+            strictly = replace(strictly, stable=_stable(scene, rattlers, strain="isochoric", gap_tolerance=closed))
+        collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
+        collectively, strictly = settle(collectively, strictly, touching, rest, within)
+    held = len(judged.network) > 0
+    local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
+    emptied = len({level.contacts > 0 for level in touching.levels}) > 1
+    if not held and judged.jammed[0] is None:
+        local, local_reason = AMBIGUOUS, judged.collective[1].reason
+    doubt = unrest(rest, touching) or (off_plateau(touching) if emptied else "")
+    if doubt:
+        local, local_reason = AMBIGUOUS, doubt
+    return Verdict(
+        local,
+        local_reason,
+        collectively,
+        strictly,
+        rattlers,
+        judged.network,
+        touching,
+        rest,
+        method,
+        solver,
+        strain,
+        time.process_time() - start,
+        None if packing.links is None else packing.links.clusters(packing.particles),
+        bound if method == "loads" else None,
+        scene is not None
+        and any(isinstance(effect, Friction) and effect.coefficient > 0.0 for effect in scene.effects),
+    )
+
+
+def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: str, gap_tolerance: float) -> bool:
+    """Return whether the Hessian is positive, in packings with links on the backbone as it was judged."""
+    if scene.packing.links is None:
+        return is_stable(scene, strain=strain, gap_tolerance=gap_tolerance)
+    if rattling_n.all():
+        return False
+    backbone, _ = without(scene.packing, rattling_n)
+    return is_stable(scene.replace(packing=backbone), strain=strain, gap_tolerance=gap_tolerance, free_turns=False)
+
+
+def _emptied(answer: Answer, rounds: int) -> Answer:
+    """Return the answer, told that the source's rule to take out what moves, again and again, left nothing."""
+    if answer.verdict != NOT_JAMMED:
+        return answer
+    times = "once" if rounds == 1 else f"{rounds} times"
+    reason = f"{EMPTY.partition(':')[0]}: {answer.reason}, and nothing is left when what moves is taken out {times}"
+    return replace(answer, reason=reason)
+
+
+def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], count: int) -> Answer:
+    cone, finding = judged
+    # without a backbone there is nothing to count
+    independent = cone.unknowns - cone.dimension if count else 0
+    floppy = 0 if finding.jammed or not independent else cone.floppy_modes(loose=finding.loose)
+    states = count + cone.bound_rows - (independent - floppy) if count else 0
+    return Answer(
+        verdict=AMBIGUOUS if finding.jammed is None else JAMMED if finding.jammed else NOT_JAMMED,
+        reason=finding.reason,
+        first_order_jammed=finding.jammed,
+        isostatic_contacts=independent + 1 - cone.bound_rows if count else 0,
+        states_of_self_stress=states,
+        floppy_modes=floppy,
+        smallest_singular_value=cone.softest()[0] if finding.implied and method == "certificate" else finding.softest,
+        smallest_force=finding.smallest_force,
+        contact_force_c=_forces(finding.weight, count),
+        link_tension_l=_tensions(cone, finding.weight, count),
+        balance=finding.balance,
+        unjamming_motion=None
+        if finding.motion is None
+        else unjamming_motion(packing, cone, cone.keeping_rules(finding.motion)),
+        solves=finding.solves,
+    )
+
+
+def _forces(weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
+    return None if weight is None else weight[:count]
+
+
+def _tensions(cone: MotionCone, weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
+    if weight is None or cone.links is None:
+        return None
+    # a contact's weight pushes
+    tension: NDArray[np.float64] = -(cone.links.share.T @ weight[count : count + cone.link_rows])
+    return tension

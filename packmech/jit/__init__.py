@@ -1,0 +1,1 @@
+"""Functions compiled by numba, their machine code on disk, and Ctrl-C while code is made."""

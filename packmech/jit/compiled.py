@@ -1,0 +1,276 @@
+"""Compiled functions: what numba makes of ours and of users' records, with errors that name the user's method."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeVar
+
+from numba import njit, typeof, types
+from numba.core import event
+from numba.core.errors import NumbaError
+from numba.extending import overload, register_jitable
+
+from packmech.jit.cache import KernelCache, record_types
+from packmech.jit.compiling import CompileListener
+from packmech.jit.source_key import written_name
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# contraction to fused multiply-add and no signed zeros; everything else stays IEEE, so infinities and NaN are seen
+OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "fastmath": {"contract", "nsz"},
+    "nogil": True,
+    "no_cfunc_wrapper": True,
+}
+
+event.register("numba:compile", CompileListener())
+
+
+def _equal(self: Any, other: object) -> bool:
+    return bool(type(self) is type(other)) and tuple.__eq__(self, other)
+
+
+def _different(self: Any, other: object) -> bool:
+    return not _equal(self, other)
+
+
+def _hash(self: Any) -> int:
+    return hash((type(self), tuple.__hash__(self)))
+
+
+def _repr(self: Any) -> str:
+    fields = ", ".join(f"{name}={value!r}" for name, value in zip(self._fields, self, strict=True))
+    return f"{written_name(type(self))}({fields})"
+
+
+_TAKEN: set[str] = set()
+
+
+def tell_apart(cls: Any) -> None:
+    """Give a record class a `__name__` of its own (`__qualname__` stays as written) and make its records no others'.
+
+    Numba looks up compiled code by the name of a record's class and by its fields' names. A law that is defined again
+    under the same name, as happens at a prompt, would silently get the code of the law before it. And named tuples of
+    two classes count as equal where their numbers are.
+    """
+    if vars(cls).get("__eq__") is _equal:
+        return
+    cls.__eq__, cls.__ne__, cls.__hash__, cls.__repr__ = _equal, _different, _hash, _repr
+    names = itertools.chain([written_name(cls)], (f"{written_name(cls)}_{n}" for n in itertools.count(2)))
+    cls.__name__ = next(name for name in names if name not in _TAKEN)
+    _TAKEN.add(cls.__name__)
+
+
+_METHODS: dict[type, tuple[str, dict[str, Callable[..., Any]]]] = {}
+
+
+def compiled_methods(what: str, cls: type, methods: dict[str, Callable[..., Any]]) -> dict[str, Callable[..., Any]]:
+    """Return the methods of a record class for compiled code to call; one that does not compile will be named."""
+    _METHODS[cls] = what, methods
+    return {name: device(method) for name, method in methods.items()}
+
+
+def own_name(what: str, cls: type, known: Iterable[type]) -> None:
+    """Refuse a user's class under the name of one that ships: files name laws and effects by their class names."""
+    shipped = {written_name(one) for one in known if one.__module__.startswith("packmech.") and one is not cls}
+    if written_name(cls) in shipped and not cls.__module__.startswith("packmech."):
+        raise ValueError(f"{what} must have a name that none of packmech's has, got {written_name(cls)}")
+
+
+def _reason(error: NumbaError) -> str:
+    """Return the first line of numba's message that says more than that it failed."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    lines = [line for line in lines if line and not line.startswith("Failed in")]
+    return " ".join(lines[:2] if lines and lines[0].endswith(":") else lines[:1]) or type(error).__name__
+
+
+def _refusal(classes: dict[type, Any]) -> TypeError | None:
+    """Return the error that names the first method of these record classes that compiled code cannot use."""
+    for cls, numba_type in classes.items():
+        what, methods = _METHODS.get(cls, ("", {}))
+        for name, method in methods.items():
+            told = f"{what} {written_name(cls)}.{name} must"
+            dispatcher = njit(**OPTIONS)(method)
+            numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
+            try:
+                dispatcher.compile((numba_type, *numbers))
+            except NumbaError as error:
+                refusal = TypeError(f"{told} compile: {_reason(error)}")
+                refusal.__cause__ = error
+                return refusal
+            given = dispatcher.nopython_signatures[0].return_type
+            if not isinstance(given, types.Integer | types.Float | types.Boolean):
+                return TypeError(f"{told} return a number, got {given} when compiled")
+    return None
+
+
+def _naming_refusals(compile_for: Callable[..., Any]) -> Callable[..., Any]:
+    """Return numba's entry to compilation, but a user's method that does not compile is named in one line."""
+
+    def compile_or_name(*arguments: Any, **named: Any) -> Any:
+        try:
+            return compile_for(*arguments, **named)
+        except NumbaError as error:
+            original = error
+        found = [typeof(part) for part in arguments]
+        refusal = _refusal({cls: part for whole in found for cls, part in record_types(whole)})
+        if refusal is None:
+            raise original
+        raise refusal from refusal.__cause__ or original
+
+    return compile_or_name
+
+
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Return numba's compiled form of a function of ours, its machine code kept on disk."""
+    # numba takes what is not said here from the first caller: code on disk would then depend on who that was
+    options = {"_nrt": True, "forceinline": False, **options}
+    dispatcher = njit(**options)(function)
+    dispatcher._cache = KernelCache(function, options)
+    return dispatcher
+
+
+def kernel(function: Callable[..., Any], *, contract: bool = True) -> Any:
+    """Return the function compiled by numba on first use, its machine code cached on disk.
+
+    The code of module-level functions only is kept. What a function outside packmech calls must stand in its own file
+    or in packmech.
+
+    Parameters
+    ----------
+    function
+        What numba can compile, without arguments by keyword.
+    contract
+        Whether a product and a sum may be rounded once, together, and zeros may lose their sign; otherwise numbers are
+        those of plain Python. Division by zero gives infinity or nan, never an error.
+
+    Raises
+    ------
+    TypeError
+        If it is no Python function, or `contract` is not True or False.
+
+    Examples
+    --------
+    >>> def half(number):
+    ...     return 0.5 * number
+    >>> kernel(half)(3.0)
+    1.5
+
+    """
+    if not inspect.isfunction(function):
+        raise TypeError(f"function must be a Python function, got {function!r}")
+    if not isinstance(contract, bool):
+        raise TypeError(f"contract must be True or False, got {contract!r}")
+    dispatcher = _dispatcher(function, OPTIONS if contract else {**OPTIONS, "fastmath": False})
+    dispatcher._compile_for_args = _naming_refusals(dispatcher._compile_for_args)
+    return dispatcher
+
+
+class _InnerKernel:
+    """What stands for a kernel without an entry from Python; numba reads the type where another kernel names it."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self._function = function
+        self._dispatcher = _dispatcher(function, {**OPTIONS, "no_cpython_wrapper": True})
+        self._numba_type_ = types.Dispatcher(self._dispatcher)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._function(*arguments)
+
+
+def inner_kernel(function: Callable[..., Any]) -> Any:
+    """Return a kernel for other kernels to call, its machine code cached on disk; plain Python runs it uncompiled.
+
+    To unpack records of many arrays that come from Python takes up to a second to compile; and helpers that are called
+    from here and from other helpers are compiled once, while those that a `kernel` calls are compiled anew for it.
+    """
+    return _InnerKernel(function)
+
+
+def lean(function: Callable[..., Any]) -> Any:
+    """Return a kernel that counts no references to arrays: every part of a record would be counted in every step.
+
+    It must not make arrays and no helper that it calls may return one, not even one that it was given: helpers are
+    compiled once, and a caller that does count would count it wrongly. Where the first argument brings a user's law
+    that makes arrays, the counting kernel takes over. Kernels that count may call it too.
+    """
+    counting = kernel(function)
+    without = {**OPTIONS, "_nrt": False}
+    dispatcher = _dispatcher(function, without)
+    refused: set[Any] = set()
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        if not refused or typeof(arguments[0]) not in refused:
+            try:
+                return dispatcher(*arguments)
+            except NumbaError:
+                refused.add(typeof(arguments[0]))
+        return counting(*arguments)
+
+    overload(call, jit_options=without, strict=False)(lambda *_: function)
+    return call
+
+
+def device(function: F) -> F:
+    """Return a helper that kernels may call and that plain Python may call too."""
+    return register_jitable(**OPTIONS)(function)  # type: ignore[no-any-return]
+
+
+def compiled_form(target: Callable[..., Any]) -> Callable[[F], F]:
+    """Return a decorator for a function that picks, by argument types, what compiled code runs for the target."""
+
+    def register(chooser: F) -> F:
+        overload(target, jit_options=OPTIONS, strict=False)(chooser)
+        return chooser
+
+    return register
+
+
+def inlined(function: F) -> F:
+    """Return a helper as `device` does, written into its callers however long it is.
+
+    A call that passes all that a contact needs costs as much as the contact.
+    """
+    return register_jitable(**OPTIONS, forceinline=True)(function)  # type: ignore[no-any-return]
+
+
+def inlined_form(target: Callable[..., Any]) -> Callable[[F], F]:
+    """Return a decorator as `compiled_form` does, whose code is written into the callers.
+
+    Records of arrays are handed to a function word by word: lists and state alone take longer than a hundred contacts.
+    """
+
+    def register(chooser: F) -> F:
+        overload(target, jit_options={**OPTIONS, "forceinline": True}, strict=False)(chooser)
+        return chooser
+
+    return register
+
+
+@contextlib.contextmanager
+def compile_clock() -> Iterator[Callable[[], float]]:
+    """Give a function that tells how many seconds of the time since were spent compiling [s]; 0 with a warm cache."""
+    clock = event.TimingListener()
+    with event.install_listener("numba:compile", clock):
+        yield lambda: float(clock.duration) if clock.done else 0.0
+
+
+def compiling_noted(note: str, compiling: float, seconds: float) -> str:
+    """Return a stage's note, and how much of its time was compiling where that was a good part of it.
+
+    Examples
+    --------
+    >>> compiling_noted("", 1.2, 1.3), compiling_noted("found", 1.2, 1.3), compiling_noted("found", 0.1, 1.3)
+    ('1.2 s of it compiling, once for all runs', 'found; 1.2 s of it compiling, once for all runs', 'found')
+
+    """
+    if compiling <= 0.1 * seconds:
+        return note
+    return "; ".join(filter(None, [note, f"{compiling:.1f} s of it compiling, once for all runs"]))

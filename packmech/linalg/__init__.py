@@ -1,0 +1,1 @@
+"""Sparse linear algebra: factorizations with inertia, block systems, linear programs, Mandel components."""

@@ -1,0 +1,1 @@
+"""One run loop and one checkpoint file for everything that is stepped."""

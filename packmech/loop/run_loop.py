@@ -1,0 +1,272 @@
+"""The run loop: the clock, Ctrl-C and SIGTERM, the time limit, progress and checkpoints of everything that is stepped.
+
+How a run ends: what it reached decides (CONVERGED, FINISHED, STEP_TOO_LONG, ...), else the limit that it met first
+(STEP_LIMIT, or INTERRUPTED when time is up); Ctrl-C and SIGTERM are a KeyboardInterrupt whose `.run` has INTERRUPTED.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from packmech.check import function, instance, integer, positive
+from packmech.jit.compiled import compile_clock
+from packmech.jit.interrupts import held_interrupts, safe_interrupts
+from packmech.loop.checkpoint import check_path
+from packmech.result import NotConverged, Outcome, Run
+
+Progress = Callable[[str, dict[str, Any]], None]
+R = TypeVar("R", bound=Run)
+
+# CPU time between two looks at the clock that is aimed at [s]
+_SLICE = 0.1
+# steps before the first look where there is a time limit, and by how much more are dared while a look comes early
+_FIRST, _BOLDER = 1, 8.0
+# a step limit that is none
+_ENDLESS = 1 << 62
+# checkpoints are written so often where nothing else is asked for [s]
+_WRITE_EVERY = 30.0
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Checked settings that mean the same in each call.
+
+    Attributes
+    ----------
+    time_limit
+        CPU time after which a run ends with Outcome.INTERRUPTED [s].
+    step_limit
+        Steps after which it ends with Outcome.STEP_LIMIT.
+    checkpoint, checkpoint_every
+        The file, and the steps between two writings; None: none, and every half minute.
+    threads
+        Number of threads.
+    progress
+        Called as progress(stage, figures).
+    check
+        Whether whatever is no success raises NotConverged.
+
+    """
+
+    time_limit: float = math.inf
+    step_limit: int = _ENDLESS
+    checkpoint: Path | None = None
+    checkpoint_every: int | None = None
+    threads: int = 1
+    progress: Progress | None = None
+    check: bool = True
+
+
+def run_settings(
+    *,
+    time_limit: Any = None,
+    step_limit: Any = _ENDLESS,
+    least_steps: int = 0,
+    checkpoint: Any = None,
+    checkpoint_every: Any = None,
+    threads: Any = 1,
+    progress: Any = None,
+    check: Any = True,
+) -> RunSettings:
+    """Return the settings of a run after checking them; `least_steps` is the smallest step limit that makes sense.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what is required and what came.
+
+    Examples
+    --------
+    >>> run_settings(time_limit=0.5).time_limit
+    0.5
+    >>> run_settings(threads=0)
+    Traceback (most recent call last):
+    ...
+    ValueError: threads must be an integer at least 1, got 0
+
+    """
+    if progress is not None:
+        function("progress", progress)
+    instance("check", check, bool)
+    if checkpoint_every is not None:
+        integer("checkpoint_every", checkpoint_every, at_least=1)
+        if checkpoint is None:
+            raise ValueError(
+                f"checkpoint_every must be left out where no checkpoint is given, got {checkpoint_every!r}"
+            )
+    return RunSettings(
+        math.inf if time_limit is None else positive("time_limit", time_limit),
+        integer("step_limit", step_limit, at_least=least_steps),
+        None if checkpoint is None else check_path(checkpoint),
+        checkpoint_every,
+        integer("threads", threads, at_least=1),
+        progress,
+        check,
+    )
+
+
+class Task(Protocol):
+    """What the loop steps: a minimization, a simulation, a strained run."""
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far."""
+
+    def next_stop(self) -> int | Outcome:
+        """Return the step at which `observe` is due next, or how it ended. No clock may decide on it."""
+
+    def advance(self, steps: int) -> Outcome | None:
+        """Take so many steps, with the same bits in whatever portions; return how it ended, None if it goes on."""
+
+    def observe(self) -> Outcome | None:
+        """Keep what is to be kept of this stop; return how it ended, None if it goes on."""
+
+    def figures(self) -> tuple[str, dict[str, Any]] | None:
+        """Return the stage and the figures that `progress` is called with at this stop, None if it is not."""
+
+
+class RunLoop:
+    """The clock, the limit, the interrupts and the checkpoints of one call; its stages share it.
+
+    Parameters
+    ----------
+    settings
+        The call's settings.
+
+    """
+
+    def __init__(self, settings: RunSettings) -> None:
+        self.settings = settings
+        self.deadline = time.process_time() + settings.time_limit
+        self.compiling: Callable[[], float] = lambda: 0.0
+        # writes the checkpoint of the task that is being stepped
+        self._save: Callable[[], None] | None = None
+        self._written = time.monotonic()
+
+    @property
+    def late(self) -> bool:
+        """Whether time is up."""
+        return time.process_time() > self.deadline
+
+    def report(self, stage: str, **figures: Any) -> None:
+        """Call the progress callback, if there is one."""
+        if self.settings.progress is not None:
+            self.settings.progress(stage, figures)
+
+    def advance(self, task: Task, save: Callable[[], None] | None = None) -> Outcome:
+        """Step a task to its end or to a limit; return how it ended.
+
+        Each portion of steps is taken wholly before Ctrl-C or SIGTERM is heard. Its size follows from the measured
+        speed, so that the clock is looked at several times a second however long a step takes.
+
+        Parameters
+        ----------
+        task
+            What to step.
+        save
+            Writes a checkpoint of the task: now and then, at the end of the run, and when it is interrupted.
+
+        """
+        self._save = save
+        every, portion = self.settings.checkpoint_every, math.inf if math.isinf(self.deadline) else _FIRST
+        while True:
+            stop = task.next_stop()
+            if isinstance(stop, Outcome):
+                return stop
+            with held_interrupts():
+                part = int(min(stop - task.steps, portion))
+                if every is not None:
+                    part = min(part, every - task.steps % every)
+                began = time.process_time()
+                outcome = task.advance(part)
+                portion = _next_portion(portion, part, time.process_time() - began)
+                observed = outcome is None and task.steps == stop
+                if observed:
+                    outcome = task.observe()
+                if outcome is None and save is not None and self._is_due(task.steps):
+                    self._write(save, warn=True)
+            if outcome is not None:
+                # the state after a step that was too long is no state to go on from
+                self._save = None if outcome is Outcome.STEP_TOO_LONG else save
+                return outcome
+            if observed and self.settings.progress is not None:
+                figures = task.figures()
+                if figures is not None:
+                    self.settings.progress(*figures)
+            if self.late and not isinstance(task.next_stop(), Outcome):
+                return Outcome.INTERRUPTED
+
+    def _is_due(self, steps: int) -> bool:
+        every = self.settings.checkpoint_every
+        if every is not None and steps % every == 0:
+            return True
+        return time.monotonic() - self._written > _WRITE_EVERY
+
+    def _write(self, save: Callable[[], None], *, warn: bool = False) -> OSError | None:
+        """Write a checkpoint; return what went wrong, and warn of it where nobody will raise it."""
+        self._written = time.monotonic()
+        try:
+            with held_interrupts():
+                save()
+        except OSError as failure:
+            if warn:
+                warnings.warn(f"the checkpoint could not be written, the one before stays: {failure}", stacklevel=4)
+            return failure
+        return None
+
+    def run(self, work: Callable[[], Outcome], finished: Callable[[Outcome], R], *, check: bool | None = None) -> R:
+        """Return the run that comes of some work, as far as it came.
+
+        Parameters
+        ----------
+        work
+            Does it, stepping tasks by `advance`; returns how it ended.
+        finished
+            Makes the run of how it ended.
+        check
+            In place of that of the settings, where this is a part of the call's run.
+
+        Raises
+        ------
+        NotConverged
+            If it is no success, unless that is not to be checked.
+        KeyboardInterrupt
+            Passed on, and raised at SIGTERM, with `.run` set to what was reached.
+        OSError
+            If the checkpoint at the end cannot be written; `.run` is the run.
+
+        """
+        self._save, failure = None, None
+        with safe_interrupts():
+            try:
+                with compile_clock() as self.compiling:
+                    outcome = work()
+                if self._save is not None:
+                    failure = self._write(self._save)
+                run = finished(outcome)
+            except KeyboardInterrupt as stop:
+                if self._save is not None:
+                    self._write(self._save, warn=True)
+                stop.run = finished(Outcome.INTERRUPTED)  # type: ignore[attr-defined]
+                raise
+        if failure is not None:
+            failure.run = run
+            raise failure
+        if (self.settings.check if check is None else check) and not run.ok:
+            raise NotConverged(run)
+        return run
+
+
+def _next_portion(portion: float, steps: int, seconds: float) -> float:
+    """Return how many steps to take before the clock is looked at again."""
+    if seconds > _SLICE:
+        return max(1.0, steps * _SLICE / seconds)
+    if steps >= portion and seconds < _SLICE / _BOLDER:
+        return portion * _BOLDER
+    return portion

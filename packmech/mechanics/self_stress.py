@@ -1,0 +1,388 @@
+"""States of self stress and floppy modes: the null spaces of the rigidity matrix, counted and, if they fit, spanned.
+
+With C contacts and the rank r of the rigidity matrix: states of self stress = C - r, floppy modes = columns - r - d,
+where the d uniform translations are trivial and never counted. Rigid links restrict motions and bear what forces they
+must: their rows are appended to the matrix, and taken off the counts again. Strains are admitted as "none" (the box
+stays), "isochoric" (its shape changes, its volume stays; the multiplier of the volume is the pressure) or "free".
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.check import one_of, positive, real
+from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
+from packmech.constraints.jacobian import distance_gradients
+from packmech.contacts import Contacts
+from packmech.jit.blas import single_thread
+from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
+from packmech.linalg.mandel import isochoric_basis
+from packmech.mechanics.linked_systems import weighted_rows
+from packmech.mechanics.rigidity import TOUCHING, contacts_of, strain_columns
+from packmech.packing import Packing
+
+# what the box may do; with isotropic strains alone nobody counts
+STRAINS = ("none", "isochoric", "free")
+METHODS = ("auto", "dense", "sparse")
+# singular values below this fraction of the largest are zero (1e-10 in eigenvalues of A^T A)
+RANK_TOLERANCE = 1e-5
+_DENSE_ENTRIES = 40_000
+_SWEEPS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class SelfStress:
+    """States of self stress: contact forces in balance without load.
+
+    Attributes
+    ----------
+    count
+        Number of independent states, contacts - rank.
+    contacts, rank
+        Rows and rank of the rigidity matrix on the motions that rigid links admit.
+    motions
+        Dimension N_dof of these motions, translations included: its columns.
+    trivial
+        Number of uniform translations, d.
+    force_kc
+        (count, C) orthonormal states on the contacts, links bearing the rest, positive for repulsion up to the sign of
+        the whole; None if they would not fit the limit.
+    residual
+        Largest unbalanced force component of a state of unit size [1].
+    certain
+        Whether the rank stays the same for tolerances ten times looser and tighter.
+    method
+        "dense" (singular values) or "sparse" (inertia of A^T A, then projections).
+    seconds
+        CPU time.
+
+    """
+
+    count: int
+    contacts: int
+    rank: int
+    motions: int
+    trivial: int
+    force_kc: NDArray[np.float64] | None
+    residual: float
+    certain: bool
+    method: str
+    seconds: float
+
+    @property
+    def isostatic_contact_count(self) -> int:
+        """Number of contacts, N_dof - d + 1, at which a packing without floppy modes has one state of self stress.
+
+        In the boundary conditions that were asked for: "none" a fixed box, "isochoric" a shear-stabilized packing.
+        Every particle counts: take rattlers out first.
+        """
+        return self.motions - self.trivial + 1
+
+
+@dataclass(frozen=True, eq=False)
+class FloppyModes:
+    """Floppy modes: motions, and strains if admitted, that change no contact distance to first order.
+
+    Attributes
+    ----------
+    count
+        Number of independent modes, columns - rank - trivial.
+    columns, rank
+        Columns (N_dof, the motions that rigid links admit) and rank of the rigidity matrix with the admitted strains.
+    trivial
+        Number of uniform translations, d; they are in no mode.
+    displacement_knd
+        (count, N, d) displacements with zero mean, or None if they would not fit the limit.
+    strain_ke
+        (count, s) Mandel strains of the modes times the strain scale of `residual`, or None. Zero when no strain is
+        admitted.
+    residual
+        Largest change of contact distance of a mode of unit size [1].
+    certain, method, seconds
+        As in `SelfStress`.
+
+    """
+
+    count: int
+    columns: int
+    rank: int
+    trivial: int
+    displacement_knd: NDArray[np.float64] | None
+    strain_ke: NDArray[np.float64] | None
+    residual: float
+    certain: bool
+    method: str
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The rigidity matrix with admitted strains as columns of average size, one particle pinned; link rows last."""
+
+    contacts: Contacts
+    matrix: sp.csr_array
+    links: int
+    strain_map: NDArray[np.float64]  # (s, k): Mandel strain of a unit of each strain column
+    pinned: int
+    largest: float  # bound on the singular values
+
+    @property
+    def kept(self) -> NDArray[np.int64]:
+        d = self.contacts.dimension
+        return np.delete(np.arange(self.matrix.shape[1]), np.arange(self.pinned * d, self.pinned * d + d))
+
+    @property
+    def reduced(self) -> sp.csc_array:
+        return sp.csc_array(self.matrix.tocsc()[:, self.kept])
+
+
+def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
+    dimension = packing.dimension
+    position = distance_gradients(contacts)
+    components = dimension * (dimension + 1) // 2
+    admitted = {"none": np.zeros((components, 0)), "isochoric": isochoric_basis(dimension), "free": np.eye(components)}[
+        strain
+    ]
+    side = strain_columns(contacts) @ admitted
+    # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
+    mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
+    size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
+    scale = mean / size if size > 0 else 1.0
+    matrix = sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr"))
+    links = 0
+    if packing.links is not None:
+        rows = weighted_rows(ConstraintFactor(packing), np.ones(position.shape[1]), admitted, 1.0 / scale)
+        links = rows.shape[0]
+        matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
+    pinned = int(np.argmax(contacts.count_n()))
+    normal = abs(matrix.T @ matrix)
+    largest = float(np.sqrt(normal.sum(axis=0).max())) if matrix.shape[0] else 0.0
+    return _Problem(contacts, matrix, links, admitted * scale, pinned, largest)
+
+
+def _dense_rank(problem: _Problem, tolerance: float) -> tuple[int, bool, NDArray[np.float64], NDArray[np.float64]]:
+    """Return rank, certainty, and the left and right null vectors of the pinned matrix as columns."""
+    left, value, right = np.linalg.svd(problem.reduced.toarray(), full_matrices=True)
+    ranks = [int(np.count_nonzero(value > factor * tolerance * problem.largest)) for factor in (1.0, 0.1, 10.0)]
+    return ranks[0], len(set(ranks)) == 1, left[:, ranks[0] :], right[ranks[0] :].T
+
+
+def _sparse_rank(problem: _Problem, tolerance: float) -> tuple[int, bool]:
+    reduced = problem.reduced
+    square = sp.csc_array(reduced.T @ reduced)
+    # the larger Gram matrix is A A^T, but strain columns fill it; both have the same rank
+    ranks = [
+        square.shape[0] - eigenvalues_below(square, (factor * tolerance * problem.largest) ** 2)
+        for factor in (1.0, 0.1, 10.0)
+    ]
+    return ranks[0], len(set(ranks)) == 1
+
+
+def _shifted(problem: _Problem, tolerance: float) -> tuple[sp.csc_array, Factorization]:
+    reduced = problem.reduced
+    shift = (tolerance * problem.largest) ** 2
+    square = reduced.T @ reduced + shift * sp.eye_array(reduced.shape[1])
+    return reduced, factorize(sp.csc_array(square))
+
+
+def _orthonormal(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    q: NDArray[np.float64] = np.linalg.qr(columns)[0]
+    return q
+
+
+def _sparse_left(problem: _Problem, tolerance: float, count: int) -> NDArray[np.float64]:
+    """Return an orthonormal basis of the left null space: what is left of generic forces after balancing them."""
+    reduced, factor = _shifted(problem, tolerance)
+    state = _orthonormal(np.random.default_rng(0).normal(size=(reduced.shape[0], count)))
+    for _ in range(_SWEEPS):
+        unbalanced = reduced.T @ state
+        if np.abs(unbalanced).max(initial=0.0) < 1e-15 * problem.largest:
+            break
+        state = _orthonormal(state - reduced @ factor.solve(unbalanced))
+    return state
+
+
+def _sparse_right(problem: _Problem, tolerance: float, count: int) -> NDArray[np.float64]:
+    """Return an orthonormal basis of the right null space by inverse iteration on a block."""
+    reduced, factor = _shifted(problem, tolerance)
+    motion = _orthonormal(np.random.default_rng(0).normal(size=(reduced.shape[1], count)))
+    for _ in range(_SWEEPS):
+        motion = _orthonormal(factor.solve(motion))
+        if np.abs(reduced @ motion).max(initial=0.0) < 1e-15 * problem.largest:
+            break
+    return motion
+
+
+def _signed(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rows with the first entry of nearly the largest size positive."""
+    if not rows.size:
+        return rows
+    size = np.abs(rows)
+    first = np.argmax(size > 0.999 * size.max(axis=1, keepdims=True), axis=1)
+    sign: NDArray[np.float64] = np.sign(rows[np.arange(len(rows)), first])
+    return rows * sign[:, None]
+
+
+def _prepare(
+    packing: Packing,
+    strain: str,
+    contacts: Contacts | None,
+    gap_tolerance: float,
+    tolerance: float,
+    method: str,
+    limit: float,
+) -> tuple[_Problem, str]:
+    one_of("strain", strain, STRAINS)
+    one_of("method", method, METHODS)
+    real("rank_tolerance", tolerance, above=0.0, below=0.1)
+    positive("basis_limit", limit)
+    found = contacts_of(packing, contacts, gap_tolerance)
+    problem = _problem(packing, strain, found)
+    if method == "auto":
+        method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
+    return problem, method
+
+
+def states_of_self_stress(
+    packing: Packing,
+    strain: str = "none",
+    *,
+    contacts: Contacts | None = None,
+    gap_tolerance: float = TOUCHING,
+    rank_tolerance: float = RANK_TOLERANCE,
+    method: str = "auto",
+    basis_limit: float = BASIS_LIMIT,
+) -> SelfStress:
+    """Return the states of self stress: contact forces in balance on every particle and against the admitted strains.
+
+    Parameters
+    ----------
+    packing
+        The packing; rattlers may stay, they carry no self stress.
+    strain
+        "none": forces balance on particles only (a fixed box). "isochoric": they also have no stress but pressure (a
+        shear-stabilized packing). "free": they have no stress at all.
+    contacts
+        The contacts to use, instead of those that `gap_tolerance` finds.
+    gap_tolerance
+        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+    rank_tolerance
+        Singular values below this fraction of the (bound on the) largest count as zero [1].
+    method
+        "dense" or "sparse"; "auto" takes the dense one for matrices of at most 40 000 entries.
+    basis_limit
+        Largest memory of the basis [bytes]; beyond it `force_kc` is None and only the counts are given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or a name is unknown.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4))
+    >>> pm.states_of_self_stress(crystal).count, pm.states_of_self_stress(crystal, "free").count
+    (18, 15)
+
+    """
+    start = time.process_time()
+    with single_thread():
+        problem, method = _prepare(packing, strain, contacts, gap_tolerance, rank_tolerance, method, basis_limit)
+        rows = problem.matrix.shape[0]
+        basis: NDArray[np.float64] | None = None
+        if not rows:
+            rank, certain, basis = 0, True, np.zeros((0, 0))
+        elif method == "dense":
+            rank, certain, basis, _ = _dense_rank(problem, rank_tolerance)
+        else:
+            rank, certain = _sparse_rank(problem, rank_tolerance)
+        count = rows - rank
+        if 8.0 * count * rows > basis_limit:
+            basis = None
+        elif basis is None:
+            basis = _sparse_left(problem, rank_tolerance, count)
+        if basis is not None and problem.links and count:
+            # states of size 1 on the contacts, whatever the links bear
+            _, right = np.linalg.qr(basis[: len(problem.contacts)])
+            basis = np.linalg.solve(right.T, basis.T).T
+        residual = float("nan") if basis is None else float(np.abs(problem.matrix.T @ basis).max(initial=0.0))
+    found = len(problem.contacts)
+    force = None if basis is None else _signed(np.ascontiguousarray(basis[:found].T))
+    return SelfStress(
+        count, found, rank - problem.links, problem.matrix.shape[1] - problem.links, packing.dimension, force, residual,
+        certain, method, time.process_time() - start,
+    )  # fmt: skip
+
+
+def floppy_modes(
+    packing: Packing,
+    strain: str = "none",
+    *,
+    contacts: Contacts | None = None,
+    gap_tolerance: float = TOUCHING,
+    rank_tolerance: float = RANK_TOLERANCE,
+    method: str = "auto",
+    basis_limit: float = BASIS_LIMIT,
+) -> FloppyModes:
+    """Return the floppy modes: motions without extension of any contact, uniform translations left out.
+
+    Parameters
+    ----------
+    packing
+        The packing; each rattler that stays adds its d motions (or what its contacts leave of them).
+    strain
+        Which strains of the box the motions may use: "none", "isochoric" or "free".
+    contacts, gap_tolerance, rank_tolerance, method
+        As in `states_of_self_stress`.
+    basis_limit
+        Largest memory of the basis [bytes]; beyond it the modes are None and only the counts are given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or a name is unknown.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> square = pm.lattice_packing("square", repeats=(4, 4))
+    >>> pm.floppy_modes(square).count, pm.floppy_modes(square, "free").count
+    (6, 7)
+
+    """
+    start = time.process_time()
+    with single_thread():
+        problem, method = _prepare(packing, strain, contacts, gap_tolerance, rank_tolerance, method, basis_limit)
+        columns, dimension, particles = problem.matrix.shape[1], packing.dimension, packing.particles
+        basis: NDArray[np.float64] | None = None
+        if not problem.matrix.shape[0]:
+            rank, certain, basis = 0, True, np.eye(columns - dimension)
+        elif method == "dense":
+            rank, certain, _, basis = _dense_rank(problem, rank_tolerance)
+        else:
+            rank, certain = _sparse_rank(problem, rank_tolerance)
+        count = columns - dimension - rank
+        if 8.0 * count * columns > basis_limit:
+            basis = None
+        elif basis is None:
+            basis = _sparse_right(problem, rank_tolerance, count)
+        displacement = strain_ke = None
+        residual = float("nan")
+        if basis is not None:
+            motion = np.zeros((columns, count))
+            motion[problem.kept] = basis
+            free = motion[: particles * dimension].reshape(particles, dimension, count)
+            free -= free.mean(axis=0)
+            motion = _signed(_orthonormal(motion).T)
+            residual = float(np.abs(problem.matrix @ motion.T).max(initial=0.0))
+            displacement = np.ascontiguousarray(motion[:, : particles * dimension].reshape(count, particles, dimension))
+            strain_ke = motion[:, particles * dimension :] @ problem.strain_map.T
+    seconds = time.process_time() - start
+    columns, rank = columns - problem.links, rank - problem.links
+    return FloppyModes(count, columns, rank, dimension, displacement, strain_ke, residual, certain, method, seconds)

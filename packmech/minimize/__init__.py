@@ -1,0 +1,1 @@
+"""Minimizers, and the compiled program that they move."""

@@ -1,0 +1,442 @@
+"""`QuenchBatch`: many packings of one kind, strained and relaxed step by step as a caller decides."""
+
+from __future__ import annotations
+
+import itertools
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.box import Box
+from packmech.check import finite_array, instance, integer, one_of, positive, real
+from packmech.constraints.compiled_links import row_links
+from packmech.effects import Harmonic, Repulsion
+from packmech.links import Links, image_offsets
+from packmech.measure import packing_fraction
+from packmech.minimize import batch_kernels as kernels
+from packmech.minimize.damped import DampedDynamics
+from packmech.minimize.fire import Fire, Fire2
+from packmech.minimize.kernels import Goal
+from packmech.minimize.program import OUTCOME_OF, Program, build_program
+from packmech.packing import Packing
+from packmech.result import Outcome
+from packmech.scene import Scene
+
+# an overlap [1] above which a law that diverges at the center must not be the one to part the particles
+_DEEP = 0.2
+# whether a status code is a success
+_SUCCESS = np.array([OUTCOME_OF[code].ok for code in sorted(OUTCOME_OF)])
+# packings are dealt out to threads in this many parts for each, as they take unequal times
+_PARTS = 8
+# packing fractions below which particles hardly meet, and above which pairs are too many
+_LIMITS = {2: (0.1, 1.3), 3: (0.05, 1.1)}
+
+
+class _Recorder:
+    """Takes the place of a program, to return the numbers that a minimizer gives its loop."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    def advance(self, loop: Any, numbers: Any, goal: Any, progress: Any, steps: int, largest_step: float) -> Any:
+        return numbers, largest_step
+
+
+def bodies_of(program: Program) -> kernels.Bodies:
+    """Return the bodies of a program: clusters of linked rows, or single rows."""
+    packing = program.scene.packing
+    n, d = packing.particles, packing.dimension
+    links = program.links
+    offset = np.zeros((n, 3))
+    if packing.links is None or links is None:
+        cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
+        i, j, image = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+    else:
+        cluster = packing.links.clusters(n)[program.order_n]
+        _, offsets = row_links(packing.links, program.order_n, program.home_nd, program.change_dd)
+        offset[:, :d] = offsets
+        winding = image_offsets(packing.links, n)[1][program.order_n].copy()
+        freedom = d * np.bincount(cluster) - np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
+        i, j, image = links.i_l.copy(), links.j_l.copy(), np.zeros((len(links), 3))
+        image[:, :d] = links.image_ld
+    clusters = len(freedom)
+    return kernels.Bodies(
+        cluster_n=np.ascontiguousarray(cluster, dtype=np.int64),
+        freedom_c=freedom.astype(np.int64),
+        offset_nd=offset,
+        winding_n=winding,
+        i_l=i,
+        j_l=j,
+        image_ld=image,
+        volume=packing_fraction(packing) * packing.box.volume,
+        last_nd=np.zeros((n, 3)),
+        last_dd=np.zeros((3, 3)),
+        center_cd=np.zeros((clusters, 3)),
+        contacts_c=np.zeros(clusters, dtype=np.int64),
+        rattler_c=np.zeros(clusters, dtype=np.bool_),
+    )
+
+
+def relax_deep_overlaps(program: Program) -> None:
+    """Relax deep overlaps with the harmonic law where the scene's own diverges, as pm.quench does."""
+    if not program.diverges or program.evaluate().deepest_overlap < _DEEP:
+        return
+    harmonic = program.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=program.scene.energy_scale)),))
+    program.place(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).position_nd)
+
+
+class QuenchBatch:
+    """A batch of packings that are strained, then relaxed, in one compiled call on any number of threads.
+
+    All packings have the same number of particles, and the scene's effects. A step changes the packing fraction of each
+    by scaling its box, shears it, and then minimizes the energy in the box as it is. Scaling and shear displace
+    particles with the box, or the centers of clusters of linked particles, which keep their shape; a cluster that winds
+    around the box is strained with it. Each packing is independent of the others and of the number of threads, to the
+    bit.
+
+    Figures are arrays with one entry for each packing, after the last step: `packing_fraction_b` [1], `energy_b`
+    [energy], `pressure_b` [energy/length^d], `stress_bdd` (Cauchy, tension positive), `max_force_b`, the largest net
+    force on a particle, and `mean_force_b`, the mean contact force [force], `contacts_b`, `rattlers_b` and
+    `excess_contacts_b`, see `step`, `strain_b`, all shear since the restart [1], `steps_b` and `force_evaluations_b` of
+    the last step.
+
+    Parameters
+    ----------
+    scene
+        The scene whose packing all start from; effects without an energy are left out, as in pm.quench.
+    batch
+        How many packings.
+    relax
+        "full": every step relaxes to the tolerance, and the minimizer starts anew each time. A number k: every step
+        takes k steps of the minimizer, which goes on where it was, so that the quench itself can be followed.
+    force_tolerance
+        Largest net force over mean contact force at which a packing counts as relaxed [1].
+    force_floor
+        Mean contact force at which it counts as unjammed [energy_scale / reference diameter].
+    method
+        pm.Fire(), pm.Fire2() or pm.DampedDynamics(); None: Fire().
+    step_limit
+        Most steps of a full relaxation.
+    packing_fraction_limits
+        (low, high) between which steps keep the packing fraction [1]; None: (0.1, 1.3) in two dimensions, (0.05, 1.1)
+        in three.
+    threads
+        How many packings are advanced at a time.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=1)
+    >>> batch = pm.QuenchBatch(pm.Scene(packing, (pm.Repulsion(),)), 2, force_tolerance=1e-8)
+    >>> batch.step([-0.1, 0.0], [0.0, 0.01])
+    >>> batch.packing_fraction_b.round(6).tolist(), [batch.outcome(b).name for b in range(2)]
+    ([0.8, 0.9], ['UNJAMMED', 'CONVERGED'])
+
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        batch: int = 1,
+        *,
+        relax: str | int = "full",
+        force_tolerance: float = 1e-8,
+        force_floor: float = 0.0,
+        method: Fire | Fire2 | DampedDynamics | None = None,
+        step_limit: int = 100_000,
+        packing_fraction_limits: ArrayLike | None = None,
+        threads: int = 1,
+    ) -> None:
+        instance("scene", scene, Scene)
+        self.scene = scene
+        self.batch = integer("batch", batch, at_least=1)
+        if isinstance(relax, str):
+            one_of("relax", relax, ("full",))
+            self.relax: str | int = relax
+        else:
+            self.relax = integer("relax", relax, at_least=1)
+        limits = _LIMITS[scene.packing.dimension] if packing_fraction_limits is None else packing_fraction_limits
+        low, high = finite_array("packing_fraction_limits", limits, shape=(2,), what="limit").tolist()
+        if not 0.0 < low < high:
+            raise ValueError(f"packing_fraction_limits must be positive and rise, got ({low:g}, {high:g})")
+        self.packing_fraction_limits = (low, high)
+        self.force_tolerance = positive("force_tolerance", force_tolerance)
+        floor = real("force_floor", force_floor, at_least=0.0) * scene.energy_scale / scene.packing.reference_diameter
+        limit = integer("step_limit", step_limit, at_least=1)
+        self.threads = integer("threads", threads, at_least=1)
+        method = Fire() if method is None else method
+        if not isinstance(method, Fire | Fire2 | DampedDynamics):
+            raise TypeError(f"method must be Fire(), Fire2() or DampedDynamics(), got {method!r}")
+        self._programs: list[Program] = []
+        program = build_program(scene)
+        self._effects, self._axes = program.effects, program.axes
+        begun, goal = method.start(program), Goal(self.force_tolerance, floor)
+        self._start_k, self._vectors = begun.number.copy(), begun.vector_kf
+        self._numbers, cap = cast("tuple[Any, float]", method.advance(cast("Any", _Recorder(scene)), goal, begun, 0))
+        self._settings = kernels.Settings(
+            steps=limit if isinstance(self.relax, str) else self.relax,
+            restart=self.relax == "full",
+            force_tolerance=self.force_tolerance,
+            force_floor=floor,
+            cap=cap * program.step_unit,
+            low=low,
+            high=high,
+        )
+        self._figure_bk = np.zeros((self.batch, kernels.FIGURES))
+        self._stress_bdd = np.zeros((self.batch, 3, 3))
+        self._none_b = np.zeros(self.batch)
+        self._packings: Any = None
+        # the minimizer's state of each packing
+        self._number_bk: list[NDArray[np.float64]] = []
+        self._all = np.arange(self.batch)
+        self._pool: ThreadPoolExecutor | None = None
+        for b in range(self.batch):
+            self._place(b, build_program(scene) if b else program)
+        self._advance(self._all, self._none_b, self._none_b, relax=False)
+
+    def restart(self, index: int, packing: Packing, *, relax: bool = False) -> None:
+        """Replace one packing. Nothing of the old one is kept: no pair list, velocity or count.
+
+        Under a law that diverges at the center, deep overlaps are first relaxed with the harmonic law, as in pm.quench.
+
+        Parameters
+        ----------
+        index
+            Which one.
+        packing
+            The packing, with as many particles as the scene's; with links if that has links.
+        relax
+            Take the minimizer's steps as in `step`, in the box as it is.
+
+        """
+        b = self._index(index)
+        instance("packing", packing, Packing)
+        own = self.scene.packing
+        if (packing.particles, packing.dimension) != (own.particles, own.dimension):
+            raise ValueError(
+                f"packing must have {own.particles} particles in {own.dimension} dimensions, "
+                f"got {packing.particles} in {packing.dimension}"
+            )
+        if (packing.links is None) != (own.links is None):
+            raise ValueError(f"packing must have links just if the scene's has, got {packing.links!r:.60}")
+        instance("relax", relax, bool)
+        program = build_program(self.scene.replace(packing=packing))
+        relax_deep_overlaps(program)
+        self._figure_bk[b] = 0.0
+        self._place(b, program)
+        self._advance(np.array([b]), self._none_b, self._none_b, relax=relax)
+
+    def step(
+        self,
+        packing_fraction_change_b: ArrayLike,
+        shear_strain_b: ArrayLike,
+        *,
+        active_b: ArrayLike | None = None,
+    ) -> None:
+        """Strain every packing, or the active ones, and relax it.
+
+        Particles, or clusters, with at most d contacts are removed until none are left: their particles are
+        `rattlers_b`. `excess_contacts_b` is the number of contacts left less that of one state of self stress in a box
+        of fixed shape, N_dof - d + 1, N_dof the degrees of freedom left. It may be negative. Where forces overflow or
+        links would be lost, a packing stays where it was before the step, with Outcome.STALLED.
+
+        Parameters
+        ----------
+        packing_fraction_change_b
+            (B,) changes of the packing fraction [1], kept inside the limits.
+        shear_strain_b
+            (B,) simple shear along the first axis with its gradient along the second, in [-1, 1] [1].
+        active_b
+            (B,) which packings to advance; None: all.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Numbers of another shape, not finite, or too large.
+
+        """
+        change = finite_array(
+            "packing_fraction_change_b", packing_fraction_change_b, shape=(self.batch,), what="packing"
+        )
+        strain = finite_array("shear_strain_b", shear_strain_b, shape=(self.batch,), what="packing")
+        if (np.abs(strain) > 1.0).any():
+            b = int(np.argmax(np.abs(strain)))
+            raise ValueError(f"shear_strain_b must lie between -1 and 1, got {strain[b]} for packing {b}")
+        if active_b is None:
+            index = self._all
+        else:
+            active = np.asarray(active_b)
+            if active.dtype != np.bool_ or active.shape != (self.batch,):
+                raise TypeError(f"active_b must be ({self.batch},) booleans, got {active_b!r:.60}")
+            index = np.flatnonzero(active)
+        self._advance(index, change, strain, relax=True)
+
+    def packing(self, index: int) -> Packing:
+        """Return a packing as it is now; its lattice vectors and images may be others of the same lattice.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        program = self._programs[self._index(index)]
+        self._update_box(program)
+        return program.scene.packing.replace(position_nd=program.positions(), box=program.box)
+
+    def outcome(self, index: int) -> Outcome:
+        """Return how the last relaxation of a packing ended; STEP_LIMIT while it goes on.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        return OUTCOME_OF[int(self._figure_bk[self._index(index), kernels.STATUS])]
+
+    @property
+    def packing_fraction_b(self) -> NDArray[np.float64]:
+        """The (B,) packing fractions [1]."""
+        return self._figures(kernels.FRACTION)
+
+    @property
+    def energy_b(self) -> NDArray[np.float64]:
+        """The (B,) energies [energy]."""
+        return self._figures(kernels.ENERGY)
+
+    @property
+    def pressure_b(self) -> NDArray[np.float64]:
+        """The (B,) pressures [energy/length^d]."""
+        return self._figures(kernels.PRESSURE)
+
+    @property
+    def stress_bdd(self) -> NDArray[np.float64]:
+        """The (B, d, d) Cauchy stresses, tension positive [energy/length^d]."""
+        d = len(self._axes)
+        return self._stress_bdd[:, :d, :d] + 0.0
+
+    @property
+    def max_force_b(self) -> NDArray[np.float64]:
+        """The (B,) largest net forces on a particle [force]."""
+        return self._figures(kernels.MAX_FORCE)
+
+    @property
+    def mean_force_b(self) -> NDArray[np.float64]:
+        """The (B,) mean contact forces [force]."""
+        return self._figures(kernels.MEAN_FORCE)
+
+    @property
+    def contacts_b(self) -> NDArray[np.int64]:
+        """The (B,) numbers of touching pairs."""
+        return self._figures(kernels.CONTACTS).astype(np.int64)
+
+    @property
+    def rattlers_b(self) -> NDArray[np.int64]:
+        """The (B,) numbers of rattlers."""
+        return self._figures(kernels.RATTLERS).astype(np.int64)
+
+    @property
+    def excess_contacts_b(self) -> NDArray[np.int64]:
+        """The (B,) contacts beyond those of one state of self stress."""
+        return self._figures(kernels.EXCESS).astype(np.int64)
+
+    @property
+    def strain_b(self) -> NDArray[np.float64]:
+        """The (B,) sums of the shear strains since the restart [1]."""
+        return self._figures(kernels.STRAIN)
+
+    @property
+    def steps_b(self) -> NDArray[np.int64]:
+        """The (B,) steps that the minimizer took in the last step."""
+        return self._figures(kernels.STEPS).astype(np.int64)
+
+    @property
+    def force_evaluations_b(self) -> NDArray[np.int64]:
+        """The (B,) force evaluations of the last step, the one for the figures among them."""
+        return self._figures(kernels.EVALUATIONS).astype(np.int64)
+
+    @property
+    def relaxed_b(self) -> NDArray[np.bool_]:
+        """Whether the last relaxation of each packing met the tolerance, or found no contacts."""
+        return np.asarray(_SUCCESS[self._figure_bk[:, kernels.STATUS].astype(np.int64)])
+
+    def _figures(self, k: int) -> NDArray[np.float64]:
+        return self._figure_bk[:, k] + 0.0  # no negative zeros
+
+    def _index(self, index: int) -> int:
+        return integer("index", index, at_least=0, at_most=self.batch - 1)
+
+    def _place(self, b: int, program: Program, number_k: NDArray[np.float64] | None = None) -> None:
+        """Put a program at its place, with the minimizer's state as it is, or as it starts."""
+        number = self._start_k.copy() if number_k is None else number_k
+        packing = (
+            program.row, program.force_nd, program.velocity_nd, program.space, program.pairs, bodies_of(program),
+            number, self._vectors.copy(),
+        )  # fmt: skip
+        if self._packings is None:
+            self._packings = kernels.new_list(packing)
+        else:
+            kernels.put(self._packings, b, packing)
+        self._programs[b : b + 1] = [program]
+        self._number_bk[b : b + 1] = [number]
+
+    def _advance(self, index_k: Any, change_b: Any, strain_b: Any, *, relax: bool) -> None:
+        """Strain these packings and relax them, or only measure them, each thread taking one part after the other."""
+        settings = self._settings if relax else self._settings._replace(steps=-1)
+        count = len(index_k)
+        size = max(1, -(-count // (_PARTS * self.threads)))
+        if self.threads == 1 or count <= size:
+            size = count
+        lows = itertools.count(0, max(size, 1))
+
+        def work() -> None:
+            while (low := next(lows)) < count:
+                kernels.advance_packings(
+                    self._packings, index_k, low, min(low + size, count), self._effects, self._axes, self._numbers,
+                    settings, self._start_k, change_b, strain_b, self._figure_bk, self._stress_bdd,
+                )  # fmt: skip
+
+        others = [self._threads().submit(work) for _ in range(self.threads - 1)] if size < count else []
+        try:
+            work()
+        finally:
+            for other in others:
+                other.result()
+        for b in index_k[self._figure_bk[index_k, kernels.OUTSIDE] > 0.0]:
+            self._wrap(int(b))
+
+    def _threads(self) -> ThreadPoolExecutor:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads - 1)
+            weakref.finalize(self, self._pool.shutdown, wait=False)
+        return self._pool
+
+    def _update_box(self, program: Program) -> None:
+        """Set the program's box to the one that the compiled loops strained."""
+        d = len(self._axes)
+        back = np.rint(np.linalg.inv(program.change_dd))
+        program.box = Box(program.space.frame.lattice_dd[:d, :d] @ back)
+
+    def _wrap(self, b: int) -> None:
+        """Choose short lattice vectors and wrap the particles into their cell; velocities and the minimizer go on."""
+        old = self._programs[b]
+        packing = self.packing(b)
+        box, change = packing.box.reduced()
+        links = packing.links
+        if links is not None:
+            back = np.rint(np.linalg.inv(change)).astype(np.int64)
+            links = Links(links.i_l, links.j_l, links.image_ld @ back.T, links.length_l, links.shape_l)
+        program = build_program(self.scene.replace(packing=packing.replace(box=box, links=links).wrapped()))
+        velocity = np.empty_like(old.velocity_nd)
+        velocity[old.order_n] = old.velocity_nd
+        program.velocity_nd[:] = velocity[program.order_n]
+        self._place(b, program, self._number_bk[b])

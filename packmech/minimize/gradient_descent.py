@@ -1,0 +1,77 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Gradient descent: down the force by steps that the stiffest particle bounds. Slow, simple, and true to the basin."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from packmech.check import positive, real
+from packmech.constraints.compiled_links import affix
+from packmech.jit.compiled import kernel
+from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, settle, survey
+from packmech.minimize.pair_list import follow, is_stale
+from packmech.minimize.program import Program, Progress
+
+# places in Progress.number
+_STEP, _EVALUATIONS, _STIFFNESS, _NUMBERS = range(4)
+_RENEW = 16
+
+
+class GradientDescent(NamedTuple):
+    """Explicit Euler steps of dx/dt = F: x = x + step F / k, k the largest sum of contact stiffnesses on one particle.
+
+    Parameters
+    ----------
+    step
+        Step [1]; stable below 1. Smaller ones follow the path of steepest descent more closely.
+    largest_step
+        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+
+    """
+
+    step: float = 0.8
+    largest_step: float = 0.1
+
+    def check(self) -> None:
+        """Check every number; the error names the first that is wrong."""
+        real("method.step", self.step, above=0.0, at_most=1.0)
+        positive("method.largest_step", self.largest_step)
+
+    def start(self, program: Program) -> Progress:
+        """Return the state of a run that has not started."""
+        self.check()
+        return program.progress(_NUMBERS, 0)
+
+    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps; return the status code."""
+        return program.advance(gradient_descent_steps, self, goal, progress, steps)
+
+
+@kernel
+def gradient_descent_steps(
+    effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
+):
+    """Advance up to `steps` steps and return how they ended and the pair list."""
+    if is_stale(pairs, affix(space.joints, axes, row, space)):
+        pairs = follow(axes, row, space, pairs)
+    clear(force_nd)
+    clear(velocity_nd)
+    step = 0
+    while True:
+        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+        number[_EVALUATIONS] += 1.0
+        if int(number[_STEP]) % _RENEW == 0:
+            number[_STIFFNESS] = survey(effects, row, pairs).stiffness
+        status = judge(sums, number[_STIFFNESS], space, goal)
+        if status != RUNNING or step == steps:
+            break
+        push = settings.step / number[_STIFFNESS]
+        push = min(push, largest_step / math.sqrt(sums.most))
+        _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
+        if is_stale(pairs, math.sqrt(fastest2) + affix(space.joints, axes, row, space)):
+            pairs = follow(axes, row, space, pairs)
+        number[_STEP] += 1.0
+        step += 1
+    return status, pairs

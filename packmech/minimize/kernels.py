@@ -1,0 +1,293 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""The compiled passes over pairs and particles that every minimizer is made of.
+
+A row holds x, y, z, radius, fx, fy, fz and a stiffness: one cache line a particle (z = 0 in two dimensions). Passes
+take the scene's tuple of effects and walk it with `literal_unroll`, so that code for an absent effect does not exist,
+and a tuple `axes` as long as the dimension, so that a plane does not pay for the third axis.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import literal_unroll
+from numpy.typing import NDArray
+
+from packmech.constraints.compiled_links import Joints, has_links, projected, refresh
+from packmech.contacts.cells import Frame, Sizes
+from packmech.effects import pair_energy, pair_first, pair_second
+from packmech.jit.compiled import compiled_form, device, inner_kernel, kernel
+from packmech.minimize.pair_list import BLOCK, follow, is_stale
+
+# how a chunk of steps ended
+RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
+
+
+class Space(NamedTuple):
+    """What stays fixed while particles move: sizes, box, resolution of positions (rounding times extent), links."""
+
+    sizes: Sizes
+    frame: Frame
+    resolution: float
+    joints: Joints | None = None
+
+
+class Goal(NamedTuple):
+    """When to stop: largest net force over mean contact force [1]; mean contact force [force] that counts as none."""
+
+    force_tolerance: float
+    force_floor: float
+
+
+@device
+def coincident_direction(i, j, dimension):
+    """Return a fixed unit vector for two particles at the same place, made of their numbers only."""
+    turn = (i + 1) * 0.6180339887498949 + (j + 1) * 0.7548776662466927
+    angle = 2.0 * math.pi * (turn - math.floor(turn))
+    if dimension == 2:
+        return math.cos(angle), math.sin(angle), 0.0
+    rise = (i + 1) * 0.5698402909980532 + (j + 1) * 0.8191725133961645
+    height = 2.0 * (rise - math.floor(rise)) - 1.0
+    across = math.sqrt(1.0 - height * height)
+    return across * math.cos(angle), across * math.sin(angle), height
+
+
+class Sums(NamedTuple):
+    """What one pass over the forces adds up.
+
+    `total` of the contact forces, their number, F.v and F.F over all particles, and the largest squared net force.
+    """
+
+    total: float
+    touching: int
+    power: float
+    square: float
+    most: float
+
+
+@device
+def _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Add the forces of a touching pair, and return their size."""
+    r = math.sqrt(square)
+    inverse = 1.0 / r
+    if square == 0.0:
+        dx, dy, dz = coincident_direction(i, j, len(axes))
+        inverse = 1.0
+    rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * dx + (velocity_nd[j, 1] - velocity_nd[i, 1]) * dy
+    if len(axes) == 3:
+        rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
+    rate *= inverse
+    first = 0.0
+    for one in literal_unroll(effects):
+        first += pair_first(one, r, sigma, rate)
+    push = first * inverse
+    force_nd[i, 0] += push * dx
+    force_nd[i, 1] += push * dy
+    force_nd[j, 0] -= push * dx
+    force_nd[j, 1] -= push * dy
+    if len(axes) == 3:
+        force_nd[i, 2] += push * dz
+        force_nd[j, 2] -= push * dz
+    return abs(first)
+
+
+@kernel
+def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
+    """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
+    shift_kd = pairs.shift_kd
+    n = row.shape[0]
+    total = 0.0
+    touching = 0
+    power = 0.0
+    whole = 0.0
+    most = 0.0
+    for p in range(pairs.count_b[1]):
+        i = pairs.crossing_i_p[p]
+        j = pairs.crossing_j_p[p]
+        k = pairs.crossing_k_p[p]
+        dx = row[j, 0] - row[i, 0] + shift_kd[k, 0]
+        dy = row[j, 1] - row[i, 1] + shift_kd[k, 1]
+        dz = 0.0
+        square = dx * dx + dy * dy
+        if len(axes) == 3:
+            dz = row[j, 2] - row[i, 2] + shift_kd[k, 2]
+            square += dz * dz
+        sigma = row[i, 3] + row[j, 3]
+        if square < sigma * sigma:
+            total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+            touching += 1
+    i_p = pairs.i_p
+    j_p = pairs.j_p
+    for b in range(pairs.block_b.shape[0] - 1):
+        for p in range(pairs.block_b[b], pairs.block_b[b + 1]):
+            i = i_p[p]
+            j = j_p[p]
+            dx = row[j, 0] - row[i, 0]
+            dy = row[j, 1] - row[i, 1]
+            dz = 0.0
+            square = dx * dx + dy * dy
+            if len(axes) == 3:
+                dz = row[j, 2] - row[i, 2]
+                square += dz * dz
+            sigma = row[i, 3] + row[j, 3]
+            if square < sigma * sigma:
+                total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+                touching += 1
+        # pairs are sorted by i < j: the forces on this block of rows are complete, and still near
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            fx = force_nd[i, 0]
+            fy = force_nd[i, 1]
+            own = fx * fx + fy * fy
+            power += fx * velocity_nd[i, 0] + fy * velocity_nd[i, 1]
+            if len(axes) == 3:
+                fz = force_nd[i, 2]
+                own += fz * fz
+                power += fz * velocity_nd[i, 2]
+            whole += own
+            most = max(most, own)
+    return Sums(total, touching, power, whole, most)
+
+
+@device
+def _settle(joints, axes, force_nd, velocity_nd, sums):
+    power, square, most = projected(joints, axes, force_nd, velocity_nd)
+    return Sums(sums.total, sums.touching, power, square, most)
+
+
+def settle(joints: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Sums) -> Sums:
+    """Project the forces of a pass onto the motions that the links admit; return the sums over what is left."""
+    return sums if joints is None else _settle(joints, axes, force_nd, velocity_nd, sums)
+
+
+@compiled_form(settle)
+def _choose_settle(joints: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Any) -> Any:
+    if has_links(joints):
+        return _settle
+    return lambda joints, axes, force_nd, velocity_nd, sums: sums
+
+
+@inner_kernel
+def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
+    """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
+    square = 0.0
+    most = 0.0
+    for i in range(row.shape[0]):
+        vx = keep * velocity_nd[i, 0] + push * force_nd[i, 0]
+        vy = keep * velocity_nd[i, 1] + push * force_nd[i, 1]
+        velocity_nd[i, 0] = vx
+        velocity_nd[i, 1] = vy
+        row[i, 0] += dt * vx
+        row[i, 1] += dt * vy
+        force_nd[i, 0] = 0.0
+        force_nd[i, 1] = 0.0
+        own = vx * vx + vy * vy
+        if len(axes) == 3:
+            vz = keep * velocity_nd[i, 2] + push * force_nd[i, 2]
+            velocity_nd[i, 2] = vz
+            row[i, 2] += dt * vz
+            force_nd[i, 2] = 0.0
+            own += vz * vz
+        square += own
+        most = max(most, own)
+    return square, most
+
+
+@device
+def clear(array_nd):
+    """Set all entries to zero."""
+    for i in range(array_nd.shape[0]):
+        for a in range(array_nd.shape[1]):
+            array_nd[i, a] = 0.0
+
+
+class Survey(NamedTuple):
+    """Energy, virial, and largest sum of contact stiffnesses on one particle, half a bound on the largest curvature.
+
+    virial_dd is the sum over pairs of (du/dr) n v (outer product), in three dimensions; deepest the largest relative
+    overlap.
+    """
+
+    energy: float
+    virial_dd: NDArray[np.float64]
+    stiffness: float
+    deepest: float
+
+
+@inner_kernel
+def survey(effects, row, pairs):
+    """Return the Survey of the touching pairs."""
+    stiffness_n = np.zeros(row.shape[0])
+    energy = 0.0
+    virial = np.zeros((3, 3))
+    deepest = 0.0
+    within = pairs.count_b[0]
+    for p in range(within + pairs.count_b[1]):
+        if p < within:
+            i = pairs.i_p[p]
+            j = pairs.j_p[p]
+            sx = sy = sz = 0.0
+        else:
+            i = pairs.crossing_i_p[p - within]
+            j = pairs.crossing_j_p[p - within]
+            k = pairs.crossing_k_p[p - within]
+            sx, sy, sz = pairs.shift_kd[k, 0], pairs.shift_kd[k, 1], pairs.shift_kd[k, 2]
+        dx = row[j, 0] - row[i, 0] + sx
+        dy = row[j, 1] - row[i, 1] + sy
+        dz = row[j, 2] - row[i, 2] + sz
+        square = dx * dx + dy * dy + dz * dz
+        sigma = row[i, 3] + row[j, 3]
+        if square < sigma * sigma:
+            r = math.sqrt(square)
+            deepest = max(deepest, (sigma - r) / sigma)
+            first = 0.0
+            second = 0.0
+            for one in literal_unroll(effects):
+                energy += pair_energy(one, r, sigma)
+                first += pair_first(one, r, sigma, 0.0)
+                second += pair_second(one, r, sigma)
+            stiffness_n[i] += abs(second)
+            stiffness_n[j] += abs(second)
+            if r > 0.0:
+                first /= r
+            virial[0, 0] += first * dx * dx
+            virial[0, 1] += first * dx * dy
+            virial[1, 1] += first * dy * dy
+            virial[0, 2] += first * dx * dz
+            virial[1, 2] += first * dy * dz
+            virial[2, 2] += first * dz * dz
+    virial[1, 0] = virial[0, 1]
+    virial[2, 0] = virial[0, 2]
+    virial[2, 1] = virial[1, 2]
+    stiffness = 0.0
+    for i in range(row.shape[0]):
+        stiffness = max(stiffness, stiffness_n[i])
+    return Survey(energy, virial, stiffness, deepest)
+
+
+@kernel
+def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
+    """Return Sums, Survey and the pair list at the positions in row; the forces are left in force_nd."""
+    if is_stale(pairs, np.inf):
+        pairs = follow(axes, row, space, pairs)
+    clear(force_nd)
+    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    refresh(space.joints, row, space)
+    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+    return sums, survey(effects, row, pairs), pairs
+
+
+@device
+def judge(sums, stiffness, space, goal):
+    """Return how things stand after a pass over the forces."""
+    if not (sums.total < np.inf and sums.most < np.inf):
+        return NOT_FINITE
+    floor = stiffness * space.resolution
+    if sums.total <= sums.touching * max(floor, goal.force_floor):
+        return UNJAMMED
+    if math.sqrt(sums.most) * sums.touching <= goal.force_tolerance * sums.total:
+        return CONVERGED
+    if math.sqrt(sums.most) <= floor:
+        return FLOOR
+    return RUNNING

@@ -1,0 +1,544 @@
+"""The program: a scene compiled to one loop over exactly the effects that it names, and what a minimizer of it is."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.box import Box
+from packmech.check import finite_array, instance, integer, positive, real
+from packmech.constraints.compiled_links import make_joints
+from packmech.constraints.redundancy import workable_links
+from packmech.contacts.cells import Sizes, frame_of, size_levels
+from packmech.effects import pair_energy, refuse_bound
+from packmech.links import Links
+from packmech.loop.run_loop import RunLoop, RunSettings
+from packmech.minimize.kernels import (
+    CONVERGED,
+    FLOOR,
+    NOT_FINITE,
+    RUNNING,
+    STALLED,
+    UNJAMMED,
+    Goal,
+    Space,
+    Sums,
+    Survey,
+    evaluate,
+    judge,
+)
+from packmech.minimize.pair_list import SKIN_FULL, PairList, empty_list, strain_list
+from packmech.packing import Packing
+from packmech.result import Outcome
+from packmech.scene import Scene
+
+
+class Progress(NamedTuple):
+    """The state of a minimization between two chunks of steps: numbers, of which the first two count, and vectors."""
+
+    number: NDArray[np.float64]
+    vector_kf: NDArray[np.float64]
+
+    @property
+    def steps(self) -> int:
+        """Steps so far."""
+        return int(self.number[0])
+
+    @property
+    def force_evaluations(self) -> int:
+        """Passes over the forces so far."""
+        return int(self.number[1])
+
+
+class Minimizer(Protocol):
+    """What every minimization method is: a record of settings that starts a run on a program, and advances it."""
+
+    def start(self, program: Program) -> Progress:
+        """Return the state of a run that has not started."""
+        ...
+
+    def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps; return the status code."""
+        ...
+
+
+class Evaluation(NamedTuple):
+    """Energy and forces of a scene at given positions.
+
+    energy [energy]; pressure [energy/length^d]; stress_dd, Cauchy, tension positive; contacts touching pairs;
+    max_force the largest net force on a particle and mean_force the mean contact force [force]; residual their ratio,
+    0 when nothing touches; force_nd (N, d) net forces; force_floor the net force that rounding of positions alone can
+    cause [force]; deepest_overlap the largest relative overlap [1].
+    """
+
+    energy: float
+    pressure: float
+    stress_dd: NDArray[np.float64]
+    contacts: int
+    max_force: float
+    mean_force: float
+    residual: float
+    force_nd: NDArray[np.float64]
+    force_floor: float
+    deepest_overlap: float
+
+
+class Relaxation(NamedTuple):
+    """What a minimization of arrays arrived at: the positions in the caller's order, and figures as in Evaluation."""
+
+    position_nd: NDArray[np.float64]
+    outcome: Outcome
+    residual: float
+    max_force: float
+    mean_force: float
+    energy: float
+    pressure: float
+    contacts: int
+    steps: int
+    force_evaluations: int
+
+
+# skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
+_SKIN = 0.6
+
+OUTCOME_OF = {
+    RUNNING: Outcome.STEP_LIMIT,
+    CONVERGED: Outcome.CONVERGED,
+    FLOOR: Outcome.ROUNDING_FLOOR,
+    UNJAMMED: Outcome.UNJAMMED,
+    NOT_FINITE: Outcome.STALLED,
+    STALLED: Outcome.STALLED,
+}
+
+
+@dataclass(eq=False)
+class Program:
+    """A scene compiled for its effects, with its working arrays: rows sorted in space, velocities and pair lists.
+
+    The rows are sorted once, when the program is built, by the places of the particles; relabelled particles therefore
+    go through the same arithmetic. Build one with `build_program`; one program serves many positions and boxes of the
+    same particles, one at a time.
+
+    Attributes
+    ----------
+    scene
+        The scene it was built from.
+    effects
+        Those of its effects that have an energy.
+    order_n
+        (N,) particle of each row.
+    diverges
+        Whether the energy of two particles grows beyond measure as their centers meet.
+    links
+        The links between rows, if there are any.
+    build_seconds
+        CPU seconds spent on building.
+
+    """
+
+    scene: Scene
+    effects: tuple[Any, ...]
+    order_n: NDArray[np.int64]
+    axes: tuple[int, ...]
+    row: NDArray[np.float64]
+    force_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    sizes: Sizes
+    home_nd: NDArray[np.float64]
+    box: Box
+    change_dd: NDArray[np.int64]
+    space: Space
+    pairs: PairList
+    diverges: bool
+    links: Links | None = None
+    build_seconds: float = 0.0
+
+    @property
+    def step_unit(self) -> float:
+        """Unit of a method's largest step [length]: the largest diameter; the smallest under a law that diverges."""
+        radius = self.row[:, 3]
+        return 2.0 * float(radius.min() if self.diverges else radius.max())
+
+    @property
+    def chunk(self) -> int:
+        """Steps of some tens of milliseconds: compiled loops come back as often, so that an interrupt is seen."""
+        return max(1, 1_000_000 // self.velocity_nd.size)
+
+    def place(self, position_nd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
+        """Put the particles at the given positions, in the given box, at rest.
+
+        Pair lists are kept as far as they still hold: they follow an affine change of the box and are checked against
+        what is left of the displacements.
+
+        Parameters
+        ----------
+        position_nd
+            (N, d) positions in the order of the scene's packing [length].
+        lattice_dd
+            (d, d) lattice vectors as columns [length]; the present box when left out.
+
+        """
+        d = len(self.axes)
+        position = finite_array("position_nd", position_nd, shape=(len(self.order_n), d))
+        affine = np.eye(d)
+        if lattice_dd is not None and not np.array_equal(lattice_dd, self.box.lattice_dd):
+            box = lattice_dd if isinstance(lattice_dd, Box) else Box(np.asarray(lattice_dd, dtype=np.float64))
+            affine = box.lattice_dd @ self.box.inverse_dd
+            self._set_box(box)
+        self.row[:, :d] = (position - self.home_nd @ self.box.lattice_dd.T)[self.order_n]
+        self.velocity_nd[:] = 0.0
+        extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
+        self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
+        strain_list(self.pairs, affine, 4.0 * float(self.sizes.largest_a.max()))
+
+    def _set_box(self, box: Box) -> None:
+        self.box = box
+        lattice = Box(box.lattice_dd @ self.change_dd)
+        shortest = box.reduced()[0].height_d.min()
+        if lattice.height_d.min() < 0.3 * shortest:
+            # the box was strained so far that other vectors are short now: start the lists afresh
+            lattice, self.change_dd = box.reduced()
+            self.pairs = empty_list(len(self.order_n), float(self.pairs.number[SKIN_FULL]))
+            self.join()
+        self.space = self.space._replace(frame=frame_of(lattice))
+
+    def join(self) -> None:
+        """Make the links anew, for the lattice vectors that the loops use."""
+        packing = self.scene.packing
+        if packing.links is not None:
+            self.links, joints = make_joints(
+                packing, workable_links(packing), self.order_n, self.home_nd, self.change_dd
+            )
+            self.space = self.space._replace(joints=joints)
+
+    def _link_virial(self) -> NDArray[np.float64]:
+        """Return the links' part of V times the stress, at the last evaluation."""
+        joints, d = self.space.joints, len(self.axes)
+        if joints is None or self.links is None:
+            return np.zeros((d, d))
+        vector = self.links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
+        distance = np.sqrt((vector**2).sum(axis=1))
+        return np.asarray(np.einsum("l,la,lb->ab", joints.multiplier_l / distance, vector, vector))
+
+    def positions(self) -> NDArray[np.float64]:
+        """Return the (N, d) positions in the order of the scene's packing [length]."""
+        d = len(self.axes)
+        position = np.empty((len(self.order_n), d))
+        position[self.order_n] = self.row[:, :d]
+        return position + self.home_nd @ self.box.lattice_dd.T
+
+    def evaluate(self, position_nd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None) -> Evaluation:
+        """Return energy, stress, forces and contacts at the given, or else the present, positions.
+
+        Parameters
+        ----------
+        position_nd, lattice_dd
+            As in `place`.
+
+        """
+        if position_nd is not None:
+            self.place(position_nd, lattice_dd)
+        sums, totals, self.pairs = evaluate(
+            self.effects, self.axes, self.row, self.force_nd, self.velocity_nd, self.space, self.pairs
+        )
+        return self._evaluation(sums, totals)
+
+    def _evaluation(self, sums: Sums, totals: Survey) -> Evaluation:
+        d = len(self.axes)
+        force = np.empty((len(self.order_n), d))
+        force[self.order_n] = self.force_nd
+        stress = totals.virial_dd[:d, :d] / self.box.volume
+        if self.links is not None:
+            stress += self._link_virial() / self.box.volume
+        mean = sums.total / sums.touching if sums.touching else 0.0
+        largest = math.sqrt(sums.most)
+        return Evaluation(
+            energy=float(totals.energy),
+            pressure=(0.0 - float(np.trace(stress))) / d,
+            stress_dd=stress,
+            contacts=int(sums.touching),
+            max_force=largest,
+            mean_force=mean,
+            residual=largest / mean if mean > 0 else 0.0,
+            force_nd=force,
+            force_floor=float(totals.stiffness * self.space.resolution),
+            deepest_overlap=float(totals.deepest),
+        )
+
+    def judge(self, goal: Goal) -> tuple[int, Evaluation]:
+        """Return how the present positions stand to the goal, as a status code, and the evaluation that says so.
+
+        A minimizer written in Python goes on while the code is RUNNING, which is 0, and returns any other as it is.
+        """
+        sums, totals, self.pairs = evaluate(
+            self.effects, self.axes, self.row, self.force_nd, self.velocity_nd, self.space, self.pairs
+        )
+        return int(judge(sums, totals.stiffness, self.space, goal)), self._evaluation(sums, totals)  # type: ignore[no-untyped-call]
+
+    def progress(self, numbers: int, vectors: int) -> Progress:
+        """Return the empty state of a minimization: so many numbers, and so many vectors over all coordinates."""
+        return Progress(np.zeros(numbers), np.zeros((vectors, self.velocity_nd.size)))
+
+    def advance(
+        self,
+        steps_kernel: Any,
+        settings: Any,
+        goal: Goal,
+        progress: Progress,
+        steps: int,
+        largest_step: float | None = None,
+    ) -> int:
+        """Run a minimizer's compiled loop for up to `steps` steps; return its status code.
+
+        Parameters
+        ----------
+        steps_kernel
+            The loop.
+        settings
+            The record of its numbers.
+        goal, progress, steps
+            When to stop, the state, which is updated, and the largest number of steps.
+        largest_step
+            Bound on every particle's displacement in a step [step_unit]; that of the settings when left out.
+
+        """
+        cap = settings.largest_step if largest_step is None else largest_step
+        status, self.pairs = steps_kernel(
+            self.effects,
+            self.axes,
+            self.row,
+            self.force_nd,
+            self.velocity_nd,
+            self.space,
+            self.pairs,
+            settings,
+            goal,
+            cap * self.step_unit,
+            progress.number,
+            progress.vector_kf,
+            steps,
+        )
+        return int(status)
+
+    def relax(
+        self,
+        position_nd: ArrayLike | None = None,
+        lattice_dd: ArrayLike | None = None,
+        *,
+        force_tolerance: float,
+        method: Minimizer,
+        step_limit: int = 500_000,
+        force_floor: float = 0.0,
+    ) -> Relaxation:
+        """Return where a minimizer ends in the box as it is; a failure to converge is told by `outcome` only.
+
+        Parameters
+        ----------
+        position_nd, lattice_dd
+            As in `place`; the present positions when left out.
+        force_tolerance
+            Stop when the largest net force falls to this times the mean contact force [1].
+        method
+            The minimizer.
+        step_limit
+            Largest number of steps.
+        force_floor
+            Call the packing unjammed when the mean contact force falls to this [force].
+
+        """
+        goal = Goal(positive("force_tolerance", force_tolerance), real("force_floor", force_floor, at_least=0.0))
+        limit = integer("step_limit", step_limit, at_least=0)
+        if position_nd is None:
+            self.velocity_nd[:] = 0.0
+        else:
+            self.place(position_nd, lattice_dd)
+        task = Minimization(self, method, goal, limit)
+        return task.relaxation(RunLoop(RunSettings()).advance(task))
+
+
+class Minimization:
+    """A minimizer on its way down a program, as the run loop steps it.
+
+    Parameters
+    ----------
+    program
+        The program, its particles where the minimization starts and at rest.
+    method, goal, step_limit
+        The minimizer and when to stop.
+    stop_every
+        Most steps from stop to stop; those of `Program.chunk` when left out.
+    keep, keep_every, before
+        Called with the number of steps, those taken before this minimization included, at the start and at every
+        stop; a multiple of keep_every of these is one.
+    describe
+        Returns what `progress` is called with after so many steps of this minimization.
+
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        method: Minimizer,
+        goal: Goal,
+        step_limit: int,
+        *,
+        stop_every: int | None = None,
+        keep: Callable[[int], None] | None = None,
+        keep_every: int | None = None,
+        before: int = 0,
+        describe: Callable[[int], tuple[str, dict[str, Any]]] | None = None,
+    ) -> None:
+        self.program, self.method, self.goal, self.step_limit = program, method, goal, step_limit
+        self.stop_every = program.chunk if stop_every is None else stop_every
+        self.keep, self.keep_every, self.before, self.describe = keep, keep_every, before, describe
+        self.progress = method.start(program)
+        # a loop that is entered again takes the forces again where it was left
+        self._again = 0
+        self.stop = 0
+        self.observe()
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return self.progress.steps
+
+    @property
+    def force_evaluations(self) -> int:
+        """Passes over the forces, the same in whatever portions steps were taken."""
+        return self.progress.force_evaluations - self._again
+
+    def next_stop(self) -> int | Outcome:
+        """Return the step of the next stop."""
+        return self.stop
+
+    def advance(self, steps: int) -> Outcome | None:
+        """Advance by up to so many steps."""
+        status = self.method.advance(self.program, self.goal, self.progress, steps)
+        if status != RUNNING or self.steps >= self.step_limit:
+            return OUTCOME_OF[status]
+        self._again += self.steps < self.stop
+        return None
+
+    def observe(self) -> Outcome | None:
+        """Keep what is to be kept here, and set the next stop."""
+        if self.keep is not None:
+            self.keep(self.before + self.steps)
+        further = min(self.stop_every, self.step_limit - self.steps)
+        if self.keep_every is not None:
+            further = min(further, self.keep_every - (self.before + self.steps) % self.keep_every)
+        self.stop = self.steps + further
+        return None
+
+    def figures(self) -> tuple[str, dict[str, Any]]:
+        """Return what `progress` is called with."""
+        if self.describe is not None:
+            return self.describe(self.steps)
+        return type(self.method).__name__, {"steps": self.steps}
+
+    def relaxation(self, outcome: Outcome) -> Relaxation:
+        """Return what was arrived at."""
+        end = self.program.evaluate()
+        return Relaxation(
+            position_nd=self.program.positions(),
+            outcome=outcome,
+            residual=end.residual,
+            max_force=end.max_force,
+            mean_force=end.mean_force,
+            energy=end.energy,
+            pressure=end.pressure,
+            contacts=end.contacts,
+            steps=self.steps,
+            force_evaluations=self.force_evaluations + 1,
+        )
+
+
+def space_order(packing: Packing) -> NDArray[np.int64]:
+    """Return the order of rows: along a Z-shaped curve through the box, ties by place and radius."""
+    d = packing.dimension
+    box, _ = packing.box.reduced()
+    fraction = packing.position_nd @ box.inverse_dd.T
+    fraction -= np.floor(fraction)
+    bits = max(1, int(np.ceil(np.log2(packing.particles) / d)) + 1)
+    cell = np.minimum((fraction * (1 << bits)).astype(np.int64), (1 << bits) - 1)
+    key = np.zeros(packing.particles, dtype=np.int64)
+    for b in range(bits):
+        for k in range(d):
+            key |= ((cell[:, k] >> b) & 1) << (d * b + k)
+    order: NDArray[np.int64] = np.lexsort((packing.radius_n, *fraction.T[::-1], key))
+    return order
+
+
+def _diverges(scene: Scene) -> bool:
+    sigma = scene.packing.reference_diameter
+    try:
+        near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return True
+    return not near < 1e3 * scene.energy_scale
+
+
+def build_program(scene: Scene) -> Program:
+    """Return the scene compiled for its effects, its particles sorted in space.
+
+    Parameters
+    ----------
+    scene
+        The scene; effects without an energy (damping) have no part in minimization and are left out.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.Packing([[0.0, 0.0], [0.5, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    >>> program = build_program(pm.Scene(packing, (pm.Repulsion(),)))
+    >>> program.evaluate().force_nd[1].tolist()
+    [0.5, 0.0]
+    >>> program.relax(force_tolerance=1e-10, method=pm.Fire()).outcome.name
+    'UNJAMMED'
+
+    """
+    started = time.process_time()
+    instance("scene", scene, Scene)
+    packing = scene.packing
+    refuse_bound("effects", scene.effects)
+    effects = tuple(one for one in scene.effects if hasattr(type(one), "pair_energy"))
+    if not effects:
+        raise ValueError("effects must contain one with an energy, such as Repulsion(...), got none")
+    d = packing.dimension
+    fraction = packing.position_nd @ packing.box.inverse_dd.T
+    # positions stay as given unless some lie far outside: their image vectors would make the table of images long
+    home = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
+    order = space_order(packing)
+    row = np.zeros((packing.particles, 4))
+    row[:, 3] = packing.radius_n[order]
+    small, change = packing.box.reduced()
+    sizes = size_levels(row[:, 3].copy())
+    skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
+    program = Program(
+        scene=scene,
+        effects=effects,
+        order_n=order,
+        axes=tuple(range(d)),
+        row=row,
+        force_nd=np.zeros((packing.particles, d)),
+        velocity_nd=np.zeros((packing.particles, d)),
+        sizes=sizes,
+        home_nd=home,
+        box=packing.box,
+        change_dd=change,
+        space=Space(sizes, frame_of(small), 0.0),
+        pairs=empty_list(packing.particles, skin),
+        diverges=_diverges(scene),
+    )
+    program.join()
+    program.place(packing.position_nd)
+    program.build_seconds = time.process_time() - started
+    return program
+
+
+__all__ = ["OUTCOME_OF", "Evaluation", "Minimizer", "Program", "Relaxation", "build_program"]

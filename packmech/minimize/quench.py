@@ -1,0 +1,318 @@
+"""Quench: from where the particles are to a nearby minimum of the energy, in the box as it is, by any minimizer."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, integer, positive
+from packmech.contacts import crossing_links
+from packmech.effects import Harmonic, Repulsion
+from packmech.jit.compiled import compiling_noted
+from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.minimize.fire import Fire
+from packmech.minimize.kernels import Goal
+from packmech.minimize.lbfgs import LBFGS
+from packmech.minimize.minimizers import check_minimizer
+from packmech.minimize.newton import Newton, polish
+from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
+from packmech.observables import State, measure_added
+from packmech.packing import Packing
+from packmech.result import Outcome, Run, Stage, Trace
+from packmech.scene import Scene
+
+# the default route hands over to Newton's method here, where contacts no longer change
+_HAND_OVER = 1e-6
+# beyond this ratio of sizes stiffnesses differ so much that FIRE, which knows one time scale, falls behind L-BFGS
+_BROAD = 20.0
+# a symmetric start can lead to a saddle: so often, and so far [reference diameter], particles are moved off it
+_KICKS, _KICK = 4, 1e-4
+# an overlap [1] at which a law that diverges at the center must not be the one to part the particles
+_DEEP = 0.2
+_IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
+# forces within this many floors of balance may be rounding
+_FLOORS = 8.0
+
+
+def quench(
+    scene: Scene,
+    *,
+    force_tolerance: float,
+    method: Any = None,
+    step_limit: int = 500_000,
+    trace_every: int | None = None,
+    trace_positions: bool = False,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> Run:
+    """Return the run to a minimum of the energy in the box as it is.
+
+    Starts with coincident or deeply overlapping particles are fine: steps are bounded, and coincident ones part along
+    a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones), deep overlaps
+    are first relaxed with the harmonic law. Effects without an energy, such as damping, have no part in it.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    force_tolerance
+        Stop when the largest net force on a particle falls to this times the mean contact force [1].
+    method
+        Fire(), Fire2(), ConjugateGradient(), LBFGS(), DampedDynamics(), GradientDescent() or Newton(). Unless given:
+        FIRE (L-BFGS for size ratios above 20), and below a tolerance of 1e-6 Newton's method for the last digits,
+        which also tells a saddle from a minimum.
+    step_limit
+        Largest number of steps; on the default route those of Newton's method, at most 60 a time, are not counted.
+    trace_every
+        Keep energy, pressure, contacts and largest force every so many steps, in `Run.trace`; Newton's steps are not
+        among them.
+    trace_positions
+        Keep the positions with them.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures), figures a dict with "steps" and "residual".
+    check
+        Raise NotConverged when the outcome is not a success; otherwise return the run all the same.
+
+    Returns
+    -------
+    Run
+        Outcome.ROUNDING_FLOOR, a success, where the tolerance lies below what the coordinates' rounding allows;
+        Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
+        pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
+        "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
+        the box that nobody can tell). A small
+        `largest_step` bounds early displacements, but deep overlaps push links through each other all the same:
+        only starts without them (pm.cluster_packing(..., largest_overlap=0.1)) keep links apart.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the tolerance was not met and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was reached.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=1)
+    >>> run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-10)
+    >>> run.outcome.name, run.residual <= 1e-10
+    ('CONVERGED', True)
+
+    """
+    instance("scene", scene, Scene)
+    tolerance = positive("force_tolerance", force_tolerance)
+    instance("trace_positions", trace_positions, bool)
+    if method is not None:
+        check_minimizer(method)
+    every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)
+    settings = run_settings(step_limit=step_limit, time_limit=time_limit, progress=progress, check=check)
+    descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
+
+    def work() -> Outcome:
+        failed = descent.soften()
+        if failed is not None:
+            return failed
+        if method is None:
+            return _default_route(descent, tolerance)
+        if isinstance(method, Newton):
+            return descent.polish(tolerance, method, descent.step_limit - descent.steps)
+        return descent.follow(type(method).__name__, method, tolerance)
+
+    return descent.loop.run(work, lambda outcome: descent.finish(outcome, tolerance))
+
+
+def _default_route(descent: _Descent, tolerance: float) -> Outcome:
+    """FIRE or L-BFGS until contacts settle, then Newton's method; the first again where that finds no minimum."""
+    radius = descent.scene.packing.radius_n
+    method: Any
+    name, method = ("L-BFGS", LBFGS()) if radius.max() > _BROAD * radius.min() else ("FIRE", Fire())
+    outcome = descent.follow(name, method, max(tolerance, _HAND_OVER))
+    if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
+        return outcome
+    for _ in range(_KICKS):
+        before = descent.program.positions()
+        polished = descent.polish(tolerance)
+        if polished.ok or outcome is Outcome.STEP_LIMIT:
+            return polished if polished.ok else outcome
+        if polished is not Outcome.UNSTABLE:
+            descent.program.place(before)
+            return descent.follow(f"{name}, to the end", method, tolerance)
+        descent.kick()
+        outcome = descent.follow(f"{name}, off the saddle", method, max(tolerance, _HAND_OVER))
+        if outcome is not Outcome.CONVERGED:
+            return outcome
+    return Outcome.UNSTABLE
+
+
+class _Descent:
+    """One quench on its way: its program, its stages so far, and what is kept."""
+
+    def __init__(self, scene: Scene, settings: RunSettings, trace: _TraceBuilder | None) -> None:
+        self.loop = RunLoop(settings)
+        self.began = time.process_time()
+        self.scene = scene
+        self.program = build_program(scene)
+        self.build_seconds = time.process_time() - self.began
+        self.step_limit = settings.step_limit
+        self.stages: list[Stage] = []
+        self.steps = 0
+        self.evaluations = 0
+        self._trace = trace
+
+    def soften(self) -> Outcome | None:
+        """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
+        if not self.program.diverges or self.program.evaluate().deepest_overlap < _DEEP:
+            return None
+        harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)),))
+        own, self.program = self.program, build_program(harmonic)
+        keep, self._trace = self._trace, None
+        outcome = self.follow("harmonic law first", Fire(), 1e-2)
+        position = self.program.positions()
+        self.program, self._trace = own, keep
+        self.program.place(position)
+        return None if outcome.ok or outcome is Outcome.STEP_LIMIT else outcome
+
+    def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:
+        """Advance by one method until it ends or a limit is met; return how it ended."""
+        began, before, trace = self._now(), self.steps, self._trace
+        self.program.velocity_nd[:] = 0.0
+        task = Minimization(
+            self.program,
+            method,
+            Goal(tolerance, 0.0),
+            self.step_limit - self.steps,
+            keep=None if trace is None else lambda step: trace.add_in_turn(step, self.program),
+            keep_every=None if trace is None else trace.every,
+            before=before,
+            describe=lambda steps: (name, {"steps": before + steps, "residual": self.program.evaluate().residual}),
+        )
+        try:
+            return self.loop.advance(task)
+        finally:
+            self.steps += task.steps
+            self.evaluations += task.force_evaluations
+            self._keep(name, self.program.evaluate(), task.steps, task.force_evaluations, began)
+
+    def polish(self, tolerance: float, method: Any = None, step_limit: int = 60) -> Outcome:
+        """Take Newton steps; return how they ended."""
+        began = self._now()
+        done = polish(
+            self.packing(),
+            self.program.effects,
+            force_tolerance=tolerance,
+            step_limit=max(step_limit, 0),
+            method=method,
+            deadline=self.loop.deadline,
+        )
+        self.program.place(done.packing.position_nd)
+        self.steps += done.steps
+        self.evaluations += done.force_evaluations
+        note = f"{done.negative} unstable directions" if done.negative else ""
+        self._keep("Newton", self.program.evaluate(), done.steps, done.force_evaluations, began, note)
+        return done.outcome
+
+    def kick(self) -> None:
+        """Move every particle a little, each in a fixed direction of its own."""
+        packing = self.scene.packing
+        turn = np.modf((np.arange(packing.particles)[:, None] + 1.0) * _IRRATIONAL[: packing.dimension])[0]
+        self.program.place(self.program.positions() + _KICK * packing.reference_diameter * (2.0 * turn - 1.0))
+
+    def packing(self) -> Packing:
+        """Return the packing as it is now."""
+        return self.scene.packing.replace(position_nd=self.program.positions())
+
+    def _now(self) -> tuple[float, float]:
+        """Return the CPU time, and how much time went into compiling so far [s]."""
+        return time.process_time(), self.loop.compiling()
+
+    def _keep(
+        self, name: str, now: Evaluation, steps: int, evaluations: int, began: tuple[float, float], note: str = ""
+    ) -> None:
+        self.evaluations += 1
+        seconds, compiling = (end - start for start, end in zip(began, self._now(), strict=True))
+        note = compiling_noted(note, compiling, seconds)
+        self.stages.append(Stage(name, now.residual, steps, evaluations, seconds, note))
+        self.loop.report(name, steps=self.steps, residual=now.residual)
+
+    def finish(self, outcome: Outcome, tolerance: float) -> Run:
+        """Return the run; its figures are those of the positions that are returned."""
+        packing = self.packing()
+        end = self.program.evaluate(packing.position_nd)
+        if outcome is Outcome.CONVERGED and end.residual > tolerance:
+            near = end.max_force <= _FLOORS * end.force_floor
+            outcome = Outcome.ROUNDING_FLOOR if near else Outcome.STALLED
+        trace = None
+        if self._trace is not None:
+            self._trace.add(self.steps, self.program)
+            trace = self._trace.build()
+        return Run(
+            packing=packing,
+            outcome=outcome,
+            residual=end.residual,
+            steps=self.steps,
+            force_evaluations=self.evaluations + 1,
+            seconds=time.process_time() - self.began - self.build_seconds,
+            build_seconds=self.build_seconds,
+            stages=tuple(self.stages),
+            trace=trace,
+            report=_crossings(self.scene.packing, packing),
+        )
+
+
+def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
+    """Return which links cross at the end, and which of them did not at the start; nothing but in two dimensions."""
+    if end.links is None or end.dimension != 2:
+        return {}
+    try:
+        found = [crossing_links(one) for one in (start, end)]
+    except ValueError:
+        # links much longer than the box pass over more images than can be listed
+        return {"crossing_links": None, "crossed_links": None}
+    # the lists stand in one order, and images are those of the positions as they are in both
+    before, after = (
+        {(a, b, *z) for a, b, z in zip(one.first_c.tolist(), one.second_c.tolist(), one.image_cd.tolist(), strict=True)}
+        for one in found
+    )
+    return {
+        "crossing_links": tuple(sorted({key[:2] for key in after})),
+        "crossed_links": tuple(sorted({key[:2] for key in after - before})),
+    }
+
+
+class _TraceBuilder:
+    """Rows of observables kept on the way, every so many steps. Measuring them changes no bit of what follows."""
+
+    def __init__(self, scene: Scene, every: int, positions: bool) -> None:
+        self.scene, self.every = scene, every
+        self.rows: list[dict[str, Any]] = []
+        self.position_t: list[NDArray[np.float64]] | None = [] if positions else None
+
+    def add_in_turn(self, step: int, program: Program) -> None:
+        """Keep the figures of this step if its turn has come."""
+        if step % self.every == 0:
+            self.add(step, program)
+
+    def add(self, step: int, program: Program) -> None:
+        """Keep the observables of this step, once."""
+        if self.rows and self.rows[-1]["step"] == step:
+            return
+        now = program.evaluate()
+        measured = {name: getattr(now, name) for name in ("energy", "pressure", "contacts", "max_force")}
+        packing = self.scene.packing
+        added = measure_added(lambda: State(packing.replace(position_nd=program.positions()), self.scene.effects, step))
+        self.rows.append({"step": step, **measured, **added})
+        if self.position_t is not None:
+            self.position_t.append(program.positions())
+
+    def build(self) -> Trace:
+        """Return what was kept."""
+        return Trace.of_rows(self.rows, position_tnd=None if self.position_t is None else np.array(self.position_t))

@@ -1,0 +1,315 @@
+"""What Newton's method needs of a soft packing, with links or without: contacts, forces, slopes of the enthalpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.redundancy import workable_links
+from packmech.contacts.excluded import Excluded
+from packmech.contacts.neighbors import Candidates, candidate_pairs
+from packmech.contacts.network import Contacts, pair_contacts
+from packmech.effects import contact_terms
+from packmech.linalg.block_system import BlockSystem, Factored, gather
+from packmech.linalg.factor import factor_saddle
+from packmech.packing import Packing
+
+# pairs are searched within this reach beyond contact, relative to it
+REACH = 0.05
+
+
+def length_unit(packing: Packing) -> float:
+    """Return the power of two nearest to the mean diameter: dividing by it changes no digits of the coordinates."""
+    return float(2.0 ** np.round(np.log2(packing.diameter_n.mean())))
+
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """Length and energy that turn a scene's numbers into numbers of order one."""
+
+    effects: tuple[Any, ...]
+    length: float
+    energy: float
+
+    def reduced(self, packing: Packing) -> Packing:
+        """Return the packing in reduced lengths."""
+        links = None if packing.links is None else packing.links.scaled(1.0 / self.length)
+        box = Box(packing.box.lattice_dd / self.length)
+        return Packing(packing.position_nd / self.length, packing.radius_n / self.length, box, links)
+
+    def restored(self, packing: Packing, like: Packing) -> Packing:
+        """Return a packing of reduced lengths in true ones, with radii and links exactly those of another."""
+        box = Box(packing.box.lattice_dd * self.length)
+        return Packing(packing.position_nd * self.length, like.radius_n, box, like.links)
+
+    def terms(self, contacts: Contacts, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""
+        return self.derivatives(contacts.distance_c, contacts.contact_distance_c, closing)
+
+    def derivatives(
+        self, distance_c: NDArray[np.float64], sigma_c: NDArray[np.float64], closing: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return du/dr and d2u/dr2 at given distances."""
+        terms = contact_terms(self.effects, distance_c * self.length, sigma_c * self.length, closing=closing)
+        return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)
+
+    def overlap_of(self, force_c: NDArray[np.float64], sigma_c: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the relative overlaps, at most one half, at which the law gives the forces; by bisection."""
+        low, high = np.full(len(force_c), np.log(1e-18)), np.full(len(force_c), np.log(0.5))
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            weaker = -self.derivatives(sigma_c * (1.0 - np.exp(middle)), sigma_c)[0] < force_c
+            low, high = np.where(weaker, middle, low), np.where(weaker, high, middle)
+        overlap: NDArray[np.float64] = np.exp(0.5 * (low + high))
+        return overlap
+
+
+def isochoric_part(basis_kdd: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+    """Return an orthonormal basis of the strains without trace among the given ones.
+
+    Parameters
+    ----------
+    basis_kdd
+        (k, d, d) strains.
+    dimension
+        Number of Cartesian axes.
+
+    """
+    trace = np.einsum("kaa->k", basis_kdd)
+    flat = (basis_kdd - trace[:, None, None] * np.eye(dimension) / dimension).reshape(len(basis_kdd), dimension**2)
+    _, size, rows = np.linalg.svd(flat, full_matrices=False)
+    kept: NDArray[np.float64] = rows[size > 1e-9].reshape(-1, dimension, dimension)
+    return kept
+
+
+class Bonds(NamedTuple):
+    """Pairs that are stiff or bear a force: stiffness along and across, the latter du/dr / r."""
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    normal_cd: NDArray[np.float64]
+    vector_cd: NDArray[np.float64]
+    along_c: NDArray[np.float64]
+    across_c: NDArray[np.float64]
+
+
+class SoftNetwork:
+    """Pairs that touch or may soon, their forces and the parts of the enthalpy's gradient."""
+
+    def __init__(self, packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> None:
+        self.packing, self.units, self.pressure = packing, units, 0.0 if pressure is None else pressure
+        d = packing.dimension
+        # a held volume leaves the parts of the strains without trace, and takes for pressure what it finds
+        self.volume = packing.box.volume if pressure is None else None
+        self.basis_kdd = basis_kdd if pressure is not None else isochoric_part(basis_kdd, d)
+        basis_kdd = self.basis_kdd
+        self.pairs = self.search(packing)
+        self.system: BlockSystem | None = None
+        # of another length than any list: the first look lays out the system
+        self._touching = np.zeros(len(self.pairs.i_c) + 1, dtype=bool)
+        self.trace_k = np.einsum("kaa->k", basis_kdd)
+        self.measure(packing)
+
+    def search(self, packing: Packing) -> Candidates:
+        """Return the pairs that touch or may soon."""
+        return candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + REACH)
+
+    def measure(self, packing: Packing) -> None:
+        """Take the packing in: its contacts, forces and errors."""
+        self.packing = packing
+        contacts = pair_contacts(packing, *self.pairs)
+        touching = contacts.gap_c < 0.0
+        self.contacts = contacts.select(touching)
+        self.first_c, self.second_c = self.units.terms(self.contacts)
+        if not np.array_equal(touching, self._touching):
+            self.lay_out()
+        self._touching = touching
+        self.balance()
+
+    def lay_out(self) -> None:
+        """Make what depends on which pairs touch, not on where they are."""
+        contacts = self.contacts
+        self.system = BlockSystem(contacts.i_c, contacts.j_c, contacts.particles, contacts.dimension)
+
+    def balance(self) -> None:
+        """Set the slopes of the enthalpy and how far from balance they are."""
+        contacts, packing = self.contacts, self.packing
+        self.stretch_ck = np.einsum("ca,kab,cb->ck", contacts.normal_cd, self.basis_kdd, contacts.vector_cd)
+        self.uphill_nd, load_k, virial = self.slopes()
+        volume = packing.box.volume
+        if self.volume is not None:
+            self.pressure = -virial / (packing.dimension * volume)
+        self.uphill_k = load_k + self.pressure * volume * self.trace_k
+        mean = float(np.abs(self.first_c).mean()) if len(contacts) else 0.0
+        self.residual = float(np.sqrt((self.uphill_nd**2).sum(axis=1)).max()) / mean if mean > 0 else np.inf
+        scale = self.pressure * volume
+        self.stress_error = float(np.abs(self.uphill_k).max()) / scale if len(self.basis_kdd) and scale > 0.0 else 0.0
+        # one figure to judge steps by: net forces and stress in units of what they balance
+        self.merit = max(self.residual, self.stress_error)
+
+    def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return the energy's slopes along positions and strains, and the virial sum of du/dr r."""
+        contacts = self.contacts
+        out = np.empty((contacts.particles, contacts.dimension))
+        gather(contacts.i_c, contacts.j_c, contacts.normal_cd, self.first_c, out)
+        return out, self.stretch_ck.T @ self.first_c, float((self.first_c * contacts.distance_c).sum())
+
+    def close(self, contacts: Contacts) -> None:
+        """Take the contacts as touching, those that just part with the stiffness of the closed side."""
+        self.contacts = contacts
+        self.first_c, self.second_c = self.units.terms(contacts, closing=True)
+        self.lay_out()
+        self.balance()
+
+    def bonds(self) -> Bonds:
+        """Return what is stiff or bears a force: the contacts."""
+        one = self.contacts
+        return Bonds(one.i_c, one.j_c, one.normal_cd, one.vector_cd, self.second_c, self.first_c / one.distance_c)
+
+    def factor(self, bonds: Bonds, tie: float) -> Factored:
+        """Return the factored system of the positions; `tie` is added to every particle's stiffness."""
+        assert self.system is not None
+        extra = np.where(self.contacts.count_n() == 0, 1.0, tie)
+        return self.system.factor(bonds.normal_cd, bonds.along_c, bonds.across_c, extra_n=extra)
+
+    def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the coupling of the positions to the strains with that of the system's other unknowns below."""
+        return coupling
+
+    def direction(self, tie: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Return the Newton step and the number of negative pivots."""
+        bonds, packing = self.bonds(), self.packing
+        factored = self.factor(bonds, tie)
+        along, across = bonds.along_c, bonds.across_c
+        strained_ckd = np.einsum("kab,cb->cka", self.basis_kdd, bonds.vector_cd)
+        stretch_ck = np.einsum("ca,cka->ck", bonds.normal_cd, strained_ckd)
+        pushed_ckd = across[:, None, None] * strained_ckd
+        pushed_ckd += ((along - across)[:, None] * stretch_ck)[:, :, None] * bonds.normal_cd[:, None, :]
+        k, n, d = len(self.basis_kdd), packing.particles, packing.dimension
+        coupling = np.zeros((n * d, k))
+        for m in range(k):
+            for a in range(d):
+                column = np.bincount(bonds.j_c, pushed_ckd[:, m, a], n) - np.bincount(bonds.i_c, pushed_ckd[:, m, a], n)
+                coupling[a::d, m] = column
+        coupling = self.border(coupling)
+        corner = np.einsum("cka,cla->kl", strained_ckd, pushed_ckd)
+        twice = np.outer(self.trace_k, self.trace_k) - np.einsum("kab,lab->kl", self.basis_kdd, self.basis_kdd)
+        corner += self.pressure * packing.box.volume * twice + tie * n * np.eye(k)
+        right = np.zeros(len(coupling))
+        right[: n * d] = -self.uphill_nd.ravel()
+        rough = factored.solve(right)
+        if k == 0:
+            return rough[: n * d].reshape(n, d), np.zeros(0), factored.negative
+        relaxed = factored.solve(coupling)
+        schur = corner - coupling.T @ relaxed
+        strain_k = np.linalg.solve(schur, -self.uphill_k - coupling.T @ rough)
+        negative = factored.negative + int((np.linalg.eigvalsh(0.5 * (schur + schur.T)) < 0).sum())
+        return (rough - relaxed @ strain_k)[: n * d].reshape(n, d), strain_k, negative
+
+    def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
+        """Return the packing after displacements and strains, at the volume that is held."""
+        strain = np.einsum("k,kab->ab", strain_k, self.basis_kdd)
+        position = self.packing.position_nd + u_nd + self.packing.position_nd @ strain.T
+        box = self.packing.box.strained(strain) if strain.any() else self.packing.box
+        if self.volume is not None and strain.any():
+            factor = (self.volume / box.volume) ** (1.0 / self.packing.dimension)
+            position, box = position * factor, box.scaled(factor)
+        return self.packing.replace(position_nd=position, box=box)
+
+
+class LinkedNetwork(SoftNetwork):
+    """Contacts and links of a packing; `uphill_nd` is what the links do not bear, `tension_l` what they do."""
+
+    def __init__(self, packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> None:
+        self.links = links = workable_links(packing)
+        self._constraints = ConstraintFactor(packing, links)
+        self._excluded = Excluded(packing)
+        self.tension_l = np.zeros(len(links))
+        self._cluster_n = links.clusters(packing.particles)
+        super().__init__(self._constraints.reaffixed(packing), units, basis_kdd, pressure)
+
+    def search(self, packing: Packing) -> Candidates:
+        """Return the pairs that touch or may soon, neither linked nor of one rigid cluster."""
+        pairs = super().search(packing)
+        apart = ~self._excluded.mask(*pairs)
+        return Candidates(*(part[apart] for part in pairs))
+
+    def lay_out(self) -> None:
+        """Do nothing: the system with links is laid out when it is factored."""
+
+    def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return the slopes along the motions that the links admit, their tension included, and the virial."""
+        out, load_k, virial = super().slopes()
+        packing = self.packing
+        left, self.tension_l, _ = self._constraints.at(packing).project(-out)
+        vector = self.links.vectors(packing.position_nd, packing.box.lattice_dd)
+        distance = np.sqrt((vector**2).sum(axis=1))
+        self._vector_ld, self._normal_ld = vector, vector / distance[:, None]
+        self._distance_l = distance
+        self._stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, self.basis_kdd, vector)
+        return -left, load_k + self._stretch_lk.T @ self.tension_l, virial + float((self.tension_l * distance).sum())
+
+    def bonds(self) -> Bonds:
+        """Return the contacts and the links, which are stiff across by their tension."""
+        links, none = self.links, np.zeros(len(self.links))
+        own = Bonds(
+            links.i_l, links.j_l, self._normal_ld, self._vector_ld, none, self.tension_l / self._distance_l
+        )  # fmt: skip
+        return Bonds(*(np.concatenate(both) for both in zip(super().bonds(), own, strict=True)))
+
+    def factor(self, bonds: Bonds, tie: float) -> Factored:
+        """Return the factored system of positions and tensions; negative pivots beyond one a link are unstable."""
+        packing = self.packing
+        n, d, count = packing.particles, packing.dimension, len(self.links)
+        unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
+        normal = bonds.normal_cd
+        block = (bonds.along_c - bonds.across_c)[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        block += bonds.across_c[:, None, None] * np.eye(d)
+        i, j = bonds.i_c, bonds.j_c
+        sign = np.array([1.0, 1.0, -1.0, -1.0])
+        rows, columns = np.stack([i, j, i, j]), np.stack([i, j, j, i])
+        values = sign[:, None, None, None] * block
+        axis = np.arange(d)
+        row = (rows[:, :, None, None] * d + axis[:, None]) + 0 * axis
+        column = (columns[:, :, None, None] * d + axis) + 0 * axis[:, None]
+        # a cluster that nothing touches is held, all others tied a trace
+        held = np.bincount(self._cluster_n, self.contacts.count_n(), minlength=n)[self._cluster_n] == 0
+        diagonal = np.repeat(np.where(held, unit, tie), d)
+        pinned = int(np.argmax(np.where(held, -1, self.contacts.count_n())))
+        diagonal[pinned * d : pinned * d + d] += unit
+        links = self.links
+        everything = np.arange(n * d)
+        stiff = sp.coo_array(
+            (
+                np.concatenate([values.ravel(), diagonal]),
+                (np.concatenate([row.ravel(), everything]), np.concatenate([column.ravel(), everything])),
+            ),
+            shape=(n * d, n * d),
+        ).tocsr()
+        gradient = sp.coo_array(
+            (
+                np.concatenate([-self._normal_ld, self._normal_ld]).ravel(),
+                (
+                    np.repeat(np.tile(np.arange(count), 2), d),
+                    (np.concatenate([links.i_l, links.j_l])[:, None] * d + axis).ravel(),
+                ),
+            ),
+            shape=(count, n * d),
+        ).tocsr()
+        done = factor_saddle(stiff, gradient, d, stiffness=unit)
+        return Factored(done.solve, done.inertia.negative - count, pinned)
+
+    def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the coupling with the links' stretches below, in the unit of their rows."""
+        unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
+        return np.concatenate([coupling, unit * self._stretch_lk])
+
+    def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
+        """Return the packing after displacements and strains, back on its links."""
+        return self._constraints.reaffixed(super().moved(u_nd, strain_k))

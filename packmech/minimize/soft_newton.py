@@ -1,0 +1,173 @@
+"""Newton's method for soft packings, at constant pressure or volume, with the free strains among the unknowns.
+
+Unknowns are displacements and the free strains; the enthalpy U + p V is stationary where forces balance and the
+stress is -p on every free strain. Prestress is included: without it Newton's method stalls at a residual of 1e-2 near
+jamming. A packing with links keeps them: their tensions are unknowns too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts.network import pair_contacts
+from packmech.minimize.soft_network import REACH, LinkedNetwork, SoftNetwork, Units
+from packmech.packing import Packing
+from packmech.result import Outcome
+
+_ITERATIONS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class SoftState:
+    """A soft packing in balance, or as near as Newton's method came: how well, and after how many iterations.
+
+    `stress_error` is the largest missing stress on a free strain over the pressure; `negative` counts unstable
+    directions; `reached` is the depth of the overlaps over that asked for; `floor` the residual that rounding of
+    positions alone can cause; `mean_force` is in reduced units; `evaluations` counts looks at the forces.
+    """
+
+    packing: Packing
+    residual: float
+    stress_error: float
+    iterations: int
+    negative: int
+    reached: float = 1.0
+    floor: float = 0.0
+    mean_force: float = 0.0
+    evaluations: int = 0
+
+    def balanced(self, tolerance: float) -> bool:
+        """Return whether forces and stress balance to the tolerance."""
+        return self.residual <= tolerance and self.stress_error <= tolerance
+
+    def sound(self, tolerance: float) -> bool:
+        """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
+        # positions are multiples of their last digit: eight such floors is as still as a packing can be in double
+        # precision
+        return self.negative == 0 and self.balanced(max(tolerance, 8.0 * self.floor))
+
+
+def network_of(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> SoftNetwork:
+    """Return what Newton's method sees of the packing, with or without links."""
+    if packing.links is None:
+        return SoftNetwork(packing, units, basis_kdd, pressure)
+    return LinkedNetwork(packing, units, basis_kdd, pressure)
+
+
+def newton(
+    packing: Packing,
+    units: Units,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | None,
+    *,
+    iterations: int = _ITERATIONS,
+) -> SoftState:
+    """Return the packing that Newton's method reaches at constant pressure or volume, in reduced units.
+
+    Steps are halved until net forces and stress come closer to balance; the last digits stop at rounding.
+
+    Parameters
+    ----------
+    packing
+        Where to start; it must overlap already.
+    units
+        The law and the units.
+    basis_kdd
+        (k, d, d) free strains; none keeps the box.
+    pressure
+        Pressure [reduced energy / reduced length^d], or None to hold the volume.
+    iterations
+        Most iterations.
+
+    """
+    network = network_of(packing, units, basis_kdd, pressure)
+    best = network.packing, network.merit, network.residual, network.stress_error
+    negative = 0
+    used = idle = 0
+    looks = 1
+    travelled = 0.0
+    for _ in range(iterations):
+        used += 1
+        start, merit = network.packing, network.merit
+        if not np.isfinite(merit):
+            break
+        tie = 1e-10 * float(np.abs(network.second_c).mean())
+        try:
+            u_nd, strain_k, negative = network.direction(tie)
+        except (np.linalg.LinAlgError, RuntimeError, ValueError):
+            break
+        size = 1.0
+        longest = float(np.abs(u_nd).max()) + float(np.abs(strain_k).max(initial=0.0))
+        if not np.isfinite(longest):
+            break
+        size = min(1.0, 0.3 * REACH / max(longest, 1e-300))
+        travelled += size * longest
+        if travelled > 0.8 * REACH:
+            network = network_of(start, units, basis_kdd, pressure)
+            travelled = size * longest
+        for _ in range(8):
+            network.packing = start
+            looks += 1
+            network.measure(network.moved(size * u_nd, size * strain_k))
+            # a contact that opens or closes may raise the merit once before it falls
+            if network.merit < (4.0 if merit > 1e-4 else 1e3) * merit:
+                break
+            size *= 0.5
+        if network.merit < best[1]:
+            idle = 0 if network.merit < 0.5 * best[1] else idle + 1
+            best = network.packing, network.merit, network.residual, network.stress_error
+        else:
+            idle += 1
+        if idle >= (2 if best[1] < 1e-5 else 10):
+            break
+    if negative:
+        # the last step's count may belong to another set of contacts: some flicker where they just touch
+        negative = _unstable_directions(best[0], units, network.basis_kdd, network.pressure)
+    network.measure(best[0])
+    mean = float(np.abs(network.first_c).mean()) if len(network.contacts) else 0.0
+    return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, looks)
+
+
+def rounding_floor(network: SoftNetwork) -> float:
+    """Return the residual that rounding of positions alone can cause; zero where nothing touches."""
+    if not len(network.contacts):
+        return 0.0
+    packing = network.packing
+    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+    mean = float(np.abs(network.first_c).mean())
+    return float(np.finfo(float).eps * extent * float(network.second_c.max()) / mean)
+
+
+def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
+    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
+    network = network_of(packing, units, basis_kdd, pressure)
+    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+    contacts = pair_contacts(packing, *network.pairs)
+    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * extent))
+    try:
+        return network.direction(1e-10 * float(np.abs(network.second_c).mean()))[2]
+    except np.linalg.LinAlgError:
+        return 1
+
+
+def judge(state: SoftState, tolerance: float) -> Outcome:
+    """Return how a soft packing came out: balanced, at the floor of rounding, unstable, or stalled.
+
+    Parameters
+    ----------
+    state
+        The packing.
+    tolerance
+        Net force over mean contact force, and missing stress over pressure, that count as balance [1].
+
+    """
+    if state.reached < 1.0 or not np.isfinite(state.residual):
+        return Outcome.STALLED
+    if state.negative:
+        return Outcome.UNSTABLE
+    if state.balanced(tolerance):
+        return Outcome.CONVERGED
+    return Outcome.ROUNDING_FLOOR if state.sound(tolerance) else Outcome.STALLED

@@ -1,0 +1,1 @@
+"""Protocols: what is done to a packing until it is jammed, compressed, stabilized or cemented."""

@@ -1,0 +1,478 @@
+"""`cementing_curve`: bulk and shear modulus against cemented contacts, over many packings and orders."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.check import function, integer, one_of, positive
+from packmech.effects import Repulsion
+from packmech.generate import random_packing
+from packmech.generate.sizes import Monodisperse, Sizes, sizes_of
+from packmech.jit.blas import single_thread
+from packmech.loop.checkpoint import read_results, write_checkpoint
+from packmech.mechanics.rigidity import TOUCHING
+from packmech.packing import Packing
+from packmech.protocols.cement import Cementing, cement_backbone, step_end
+from packmech.protocols.held_compliance import FREEZE, backbone_of
+from packmech.protocols.jam import jam
+from packmech.result import NotConverged
+from packmech.scene import Scene
+
+KIND = "trials of cementing"
+# jammed packings with other than one state of self stress are drawn anew
+_ATTEMPTS = 50
+_START_FRACTION = 0.5
+
+CURVES = ("bulk_reuss", "bulk_voigt", "shear_reuss", "shear_voigt", "poisson")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What decides the numbers of one packing's trials."""
+
+    particles: int
+    packing: int
+    seed: int
+    step: float
+    freeze: str
+    pressure: float
+    dimension: int
+    sizes: Sizes
+
+    def table(self) -> dict[str, Any]:
+        """Return the settings, to be compared with those of a file."""
+        return {**asdict(replace(self, sizes=Monodisperse())), "sizes": repr(self.sizes)}
+
+    def draw(self, *more: int) -> int:
+        """Return the seed of a part of these trials; the parts' seeds are independent of each other."""
+        source = np.random.SeedSequence([self.seed, self.particles, self.packing, *more])
+        return int(source.generate_state(1, dtype=np.uint64)[0] >> np.uint64(1))
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Moduli of one packing along several orders of cementing.
+
+    Attributes
+    ----------
+    packing
+        The jammed packing.
+    attempts
+        Packings drawn until one jammed with one state of self stress.
+    bearing
+        Particles that bear force.
+    cemented_k
+        (K,) n_l at each step that all orders share.
+    stiff_ok
+        (orders, K) number of stiff directions; all of them after complete rigidity.
+    curves
+        (orders, K) arrays by name: bulk_reuss, bulk_voigt, shear_reuss, shear_voigt [energy/length^d], infinite where
+        they are, and poisson [1].
+    first_o, all_o
+        (orders,) n_l at the first stiff direction, and at complete rigidity; -1 where it did not come.
+    least_new_o, largest_old_o
+        (orders,) as in `Cementing`.
+    seconds
+        CPU time of jamming and of all orders.
+
+    """
+
+    packing: Packing
+    attempts: int
+    bearing: int
+    cemented_k: NDArray[np.int64]
+    stiff_ok: NDArray[np.int64]
+    curves: dict[str, NDArray[np.float64]]
+    first_o: NDArray[np.int64]
+    all_o: NDArray[np.int64]
+    least_new_o: NDArray[np.float64]
+    largest_old_o: NDArray[np.float64]
+    seconds: float
+
+
+def path_of(folder: Path, settings: Settings) -> Path:
+    """Return the file of one packing's trials."""
+    return folder / f"n{settings.particles:05d}-packing{settings.packing:03d}.npz"
+
+
+def _start(settings: Settings) -> tuple[Packing, int]:
+    """Return a jammed packing with one state of self stress, and how many were drawn."""
+    for attempt in range(_ATTEMPTS):
+        start = random_packing(
+            settings.particles,
+            dimension=settings.dimension,
+            sizes=settings.sizes,
+            packing_fraction=_START_FRACTION,
+            seed=settings.draw(0, attempt),
+        )
+        run = jam(Scene(start, (Repulsion(),)), pressure=settings.pressure, strain="free", check=False)
+        if run.ok and run.report["states_of_self_stress"] == 1:
+            return run.packing, attempt + 1
+    raise NotConverged(run)
+
+
+def _row(cementing: Cementing, step: float) -> dict[str, NDArray[Any]]:
+    """Return what is kept of one order; a last step that ran out of contacts is none that packings share."""
+    cemented = cementing.cemented_k
+    count = len(cemented)
+    if count > 1 and step_end(count - 1, cemented[-2], step, cementing.packing.particles) != cemented[-1]:
+        count -= 1
+    steps = range(count)
+    low, high = [cementing.reuss(k) for k in steps], [cementing.voigt(k) for k in steps]
+    return {
+        "cemented": cemented[:count],
+        "stiff": cementing.stiff_k[:count],
+        "bulk_reuss": np.array([x.bulk_modulus for x in low]),
+        "bulk_voigt": np.array([x.bulk_modulus for x in high]),
+        "shear_reuss": np.array([x.shear_modulus for x in low]),
+        "shear_voigt": np.array([x.shear_modulus for x in high]),
+        "poisson": np.array([cementing.poisson_ratio(k) for k in steps]),
+        "first": np.array(-1 if cementing.first_stiff is None else cementing.first_stiff),
+        "all": np.array(-1 if cementing.all_stiff is None else cementing.all_stiff),
+        "parts": np.array([cementing.least_new, cementing.largest_old]),
+        "seconds": np.array(cementing.seconds),
+    }
+
+
+def run_trials(
+    settings: Settings, orders: int, folder: Path | None, progress: Callable[[int], None] | None = None
+) -> Trials:
+    """Return the trials of one packing; those that the folder holds are read, every new one is added to it.
+
+    `progress` is called with the number of orders finished.
+    """
+    path = None if folder is None else path_of(folder, settings)
+    kept: dict[str, NDArray[Any]] = {}
+    with single_thread():
+        if path is not None and path.exists():
+            kept = read_results(path, KIND, settings.table())
+            packing = Packing(kept["position"], kept["radius"], Box(kept["lattice"]))
+        else:
+            began = time.process_time()
+            packing, attempts = _start(settings)
+            kept = {
+                "position": packing.position_nd,
+                "radius": packing.radius_n,
+                "lattice": packing.box.lattice_dd,
+                "attempts": np.array(attempts),
+                "jam_seconds": np.array(time.process_time() - began),
+            }
+        backbone = None
+        for order in range(orders):
+            if f"cemented_{order}" not in kept:
+                if backbone is None:
+                    backbone = backbone_of(Scene(packing, (Repulsion(),)), "unstressed", TOUCHING)
+                    kept["bearing"] = np.array(backbone.bearing)
+                sequence = np.random.default_rng(settings.draw(1, order)).permutation(len(backbone.contacts))
+                row = _row(
+                    cement_backbone(backbone, sequence, settings.step, settings.freeze, "unstressed"), settings.step
+                )
+                kept |= {f"{name}_{order}": value for name, value in row.items()}
+                if path is not None:
+                    write_checkpoint(path, KIND, settings.table(), kept)
+            if progress is not None:
+                progress(order + 1)
+    return _gathered(packing, kept, orders)
+
+
+def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> Trials:
+    """Return the trials as tables: orders that ended earlier are rigid in every direction afterwards."""
+    longest = max((kept[f"cemented_{order}"] for order in range(orders)), key=len)
+    size, d = len(longest), packing.dimension
+    stiff = np.full((orders, size), d * (d + 1) // 2)
+    curves = {name: np.full((orders, size), np.nan if name == "poisson" else np.inf) for name in CURVES}
+    for order in range(orders):
+        steps = len(kept[f"cemented_{order}"])
+        stiff[order, :steps] = kept[f"stiff_{order}"]
+        for name, table in curves.items():
+            table[order, :steps] = kept[f"{name}_{order}"]
+    part = np.array([kept[f"parts_{order}"] for order in range(orders)])
+    return Trials(
+        packing=packing,
+        attempts=int(kept["attempts"]),
+        bearing=int(kept["bearing"]),
+        cemented_k=longest,
+        stiff_ok=stiff,
+        curves=curves,
+        first_o=np.array([int(kept[f"first_{order}"]) for order in range(orders)]),
+        all_o=np.array([int(kept[f"all_{order}"]) for order in range(orders)]),
+        least_new_o=part[:, 0],
+        largest_old_o=part[:, 1],
+        seconds=float(kept["jam_seconds"]) + sum(float(kept[f"seconds_{order}"]) for order in range(orders)),
+    )
+
+
+# called as (particles, packing, orders finished)
+Progress = Callable[[int, int, int], None]
+MODULI = ("bulk", "shear")
+# bounds nearer than this, relative to their mean, weigh as if they were this far apart
+_NARROWEST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedMean:
+    """Weighted means over trials, with their standard errors.
+
+    Attributes
+    ----------
+    mean_k, error_k
+        (K,) weighted mean and weighted standard error; nan without trials, the error also with a single packing.
+    trials_k
+        (K,) trials with finite bounds, those that count.
+
+    """
+
+    mean_k: NDArray[np.float64]
+    error_k: NDArray[np.float64]
+    trials_k: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CementingCurve:
+    """Moduli against cemented contacts for packings of one size.
+
+    Attributes
+    ----------
+    particles
+        N.
+    link_fraction_k
+        (K,) n_l/N at each step [1].
+    bulk, shear
+        Weighted means [energy/length^d]. A trial's value is the mean of its Voigt and Reuss bounds and its weight
+        12/(Voigt - Reuss)^2, the inverse variance of a value spread evenly between them; trials with an infinite bound
+        have no weight and drop out. The standard error takes packings as independent, not orders of the same packing:
+        error^2 = P/(P-1) sum over the P packings of (sum over orders of w (x - mean))^2 / (sum of w)^2.
+    poisson_ratio
+        Means with equal weights [1], over trials with finite bounds.
+    bound_means
+        (K,) means with equal weights over the same trials by name: bulk_reuss, bulk_voigt, shear_reuss, shear_voigt.
+    some_stiff_k, all_stiff_k
+        (K,) fraction of trials with an infinitely stiff direction, and with all of them [1].
+    first_stiff_po, all_stiff_po
+        (P, orders) n_l/N at the first infinitely stiff direction, and at complete rigidity [1]; nan where cementing
+        ended before.
+    trials
+        The trials of each packing.
+
+    """
+
+    particles: int
+    link_fraction_k: NDArray[np.float64]
+    bulk: WeightedMean
+    shear: WeightedMean
+    poisson_ratio: WeightedMean
+    bound_means: dict[str, NDArray[np.float64]]
+    some_stiff_k: NDArray[np.float64]
+    all_stiff_k: NDArray[np.float64]
+    first_stiff_po: NDArray[np.float64]
+    all_stiff_po: NDArray[np.float64]
+    trials: tuple[Trials, ...]
+
+    @property
+    def seconds(self) -> float:
+        """CPU time of all packings and orders, whenever they were run."""
+        return sum(trial.seconds for trial in self.trials)
+
+
+def weighted_mean(value_pok: NDArray[np.float64], weight_pok: NDArray[np.float64]) -> WeightedMean:
+    """Return weighted means over packings and orders, packings independent; values of no weight may be anything.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> found = weighted_mean(np.array([[[1.0], [1.0]], [[3.0], [3.0]]]), np.ones((2, 2, 1)))
+    >>> found.mean_k.tolist(), found.error_k.tolist()
+    ([2.0], [1.0])
+
+    """
+    value = np.where(weight_pok > 0.0, value_pok, 0.0)
+    total = weight_pok.sum(axis=(0, 1))
+    counted = (weight_pok > 0.0).any(axis=1).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (weight_pok * value).sum(axis=(0, 1)) / total
+        off = (weight_pok * np.where(weight_pok > 0.0, value - mean, 0.0)).sum(axis=1)
+        error = np.sqrt(counted / (counted - 1.0) * (off**2).sum(axis=0)) / total
+    error[counted < 2] = np.nan
+    return WeightedMean(mean, error, np.asarray((weight_pok > 0.0).sum(axis=(0, 1))))
+
+
+def error_of_mean(value_po: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the mean of the finite values and its standard error, packings independent."""
+    finite = np.isfinite(value_po)
+    found = weighted_mean(value_po[..., None], finite[..., None].astype(float))
+    return float(found.mean_k[0]), float(found.error_k[0])
+
+
+def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
+    """Return the curve of packings of one size from their trials."""
+    longest = max((one.cemented_k for one in trials), key=len)
+    size, d = len(longest), trials[0].packing.dimension
+
+    def padded(table_ok: NDArray[Any], fill: float) -> NDArray[np.float64]:
+        return np.pad(table_ok.astype(float), ((0, 0), (0, size - table_ok.shape[1])), constant_values=fill)
+
+    stiff = np.array([padded(one.stiff_ok, d * (d + 1) // 2) for one in trials])
+    names = [f"{modulus}_{bound}" for modulus in MODULI for bound in ("reuss", "voigt")]
+    curve = {name: np.array([padded(one.curves[name], np.inf) for one in trials]) for name in names}
+    poisson = np.array([padded(one.curves["poisson"], np.nan) for one in trials])
+    means, bounds = {}, {}
+    for modulus in MODULI:
+        low, high = curve[f"{modulus}_reuss"], curve[f"{modulus}_voigt"]
+        finite = np.isfinite(high)
+        middle = np.where(finite, (low + np.where(finite, high, 0.0)) / 2.0, 1.0)
+        width = np.where(finite, np.maximum(np.where(finite, high, 0.0) - low, _NARROWEST * middle), 1.0)
+        means[modulus] = weighted_mean(middle, np.where(finite, 12.0 / width**2, 0.0))
+        for bound, table in (("reuss", low), ("voigt", high)):
+            bounds[f"{modulus}_{bound}"] = weighted_mean(table, finite.astype(float)).mean_k
+    both = np.isfinite(curve["bulk_voigt"]) & np.isfinite(curve["shear_voigt"])
+    first, whole = (
+        np.array([np.where(one >= 0, one / particles, np.nan) for one in found])
+        for found in ([one.first_o for one in trials], [one.all_o for one in trials])
+    )
+    return CementingCurve(
+        particles=particles,
+        link_fraction_k=longest / particles,
+        bulk=means["bulk"],
+        shear=means["shear"],
+        poisson_ratio=weighted_mean(poisson, both.astype(float)),
+        bound_means=bounds,
+        some_stiff_k=(stiff > 0).mean(axis=(0, 1)),
+        all_stiff_k=(stiff == d * (d + 1) // 2).mean(axis=(0, 1)),
+        first_stiff_po=first,
+        all_stiff_po=whole,
+        trials=tuple(trials),
+    )
+
+
+def _in_turn(tasks: list[Settings], orders: int, folder: Path | None, progress: Progress | None) -> Iterator[Trials]:
+    for settings in tasks:
+
+        def tell(done: int, settings: Settings = settings) -> None:
+            if progress is not None:
+                progress(settings.particles, settings.packing, done)
+
+        yield run_trials(settings, orders, folder, tell)
+
+
+def _at_once(
+    tasks: list[Settings], orders: int, folder: Path | None, progress: Progress | None, processes: int
+) -> list[Trials]:
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+
+    # large packings first, so that no process is left waiting for one of them
+    first = sorted(tasks, key=lambda settings: -settings.particles)
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        waiting = {pool.submit(run_trials, settings, orders, folder): settings for settings in first}
+        found = {}
+        try:
+            for one in as_completed(waiting):
+                settings = waiting[one]
+                found[settings] = one.result()
+                if progress is not None:
+                    progress(settings.particles, settings.packing, orders)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [found[settings] for settings in tasks]
+
+
+def cementing_curve(
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    particles: Sequence[int] = (64, 128, 256),
+    packings: int = 10,
+    orders: int = 20,
+    seed: int = 0,
+    step: float = 0.05,
+    freeze: str = "angles",
+    pressure: float = 1e-8,
+    dimension: int = 3,
+    sizes: Sizes | None = None,
+    processes: int = 1,
+    progress: Progress | None = None,
+) -> tuple[CementingCurve, ...]:
+    """Return bulk and shear modulus against the fraction of cemented contacts n_l/N, a curve for each N.
+
+    Packings are jammed with all strains free (shear-stabilized), at a pressure near zero and with one state of self
+    stress; others are drawn anew. Each is cemented in several random orders up to complete rigidity (`cement`, moduli
+    of the unstressed network in units of energy_scale/diameter^d). This is figure 5 of the polymer source, which had
+    N = 64 to 2048, 25 packings and 50 orders.
+
+    Parameters
+    ----------
+    folder
+        Where results are kept: a file for each packing, written anew after each order, so that interrupted work goes on
+        where it was when called again, with the same numbers. More packings, orders or sizes may be asked for then.
+        None keeps nothing.
+    particles
+        Sizes N.
+    packings, orders
+        Packings of each size, and orders of cementing of each.
+    seed
+        Everything is drawn from it; each packing and order for itself, whatever else is asked for.
+    step, freeze
+        As in `cement`.
+    pressure
+        Pressure of the jammed packings [energy_scale / diameter^d].
+    dimension, sizes
+        As in `random_packing`; `Monodisperse()` if not given.
+    processes
+        How many processes share the packings; the numbers are the same for any.
+    progress
+        Called as progress(particles, packing, orders_finished).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the folder holds results of other settings.
+    NotConverged
+        If 50 packings in a row do not jam with one state of self stress.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> (curve,) = pm.cementing_curve(particles=[16], packings=2, orders=2, dimension=2, sizes=pm.Bidisperse(ratio=1.4))
+    >>> curve.first_stiff_po.shape, bool((curve.first_stiff_po <= curve.all_stiff_po).all())
+    ((2, 2), True)
+
+    """
+    if isinstance(particles, str) or not isinstance(particles, Sequence | np.ndarray) or not len(particles):
+        raise TypeError(f"particles must be a list of sizes, got {particles!r}")
+    counts = [integer("particles", one, at_least=8) for one in particles]
+    if len(set(counts)) != len(counts):
+        raise ValueError(f"particles must name each size once, got {particles!r}")
+    number = integer("packings", packings, at_least=1)
+    orders = integer("orders", orders, at_least=1)
+    processes = integer("processes", processes, at_least=1)
+    dimension = integer("dimension", dimension, at_least=2, at_most=3)
+    seed = integer("seed", seed, at_least=0)
+    step, pressure = positive("step", step), positive("pressure", pressure)
+    one_of("freeze", freeze, FREEZE)
+    sizes = sizes_of(sizes, Monodisperse())
+    if progress is not None:
+        function("progress", progress)
+    if folder is not None:
+        if not isinstance(folder, str | os.PathLike):
+            raise TypeError(f"folder must be a path or None, got {folder!r}")
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+    tasks = [
+        Settings(count, packing, seed, step, freeze, pressure, dimension, sizes)
+        for count, packing in itertools.product(counts, range(number))
+    ]
+    if processes == 1:
+        found = list(_in_turn(tasks, orders, folder, progress))
+    else:
+        found = _at_once(tasks, orders, folder, progress, processes)
+    return tuple(gathered(count, found[k * number : (k + 1) * number]) for k, count in enumerate(counts))

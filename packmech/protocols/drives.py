@@ -1,0 +1,88 @@
+"""What the drives that end at rest do: quench, jam, shear-stabilize, cement."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from packmech.minimize.minimizers import registered_minimizers
+from packmech.minimize.quench import quench
+from packmech.protocols.cement import cement
+from packmech.protocols.jam import JamMethod, jam
+from packmech.protocols.shear_stabilize import shear_stabilize
+from packmech.result import Run
+from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
+
+Progress = Callable[[str, dict[str, Any]], None]
+
+
+def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress | None) -> Run:
+    return quench(
+        scene,
+        force_tolerance=drive.force_tolerance,
+        method=drive.method,
+        trace_every=max(10, scene.packing.particles // 10) if frames else None,
+        trace_positions=frames > 0,
+        progress=progress,
+        check=False,
+    )
+
+
+def _jam(drive: JamDrive, scene: Scene, *, progress: Progress | None) -> Run:
+    return jam(scene, pressure=drive.pressure, strain=drive.strain, method=drive.method, progress=progress, check=False)
+
+
+def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Progress | None) -> Run:
+    if progress is not None:
+        progress("start", {"steps": 0, "packing": scene.packing})
+    return shear_stabilize(
+        scene, pressure=drive.pressure, force_tolerance=drive.force_tolerance, progress=progress, check=False
+    )
+
+
+def _cement(drive: CementDrive, scene: Scene, *, progress: Progress | None) -> Run:
+    """Jam, then cement in several orders; their means at each step are in the report under "cementing".
+
+    Moduli are the middle of the Reuss and Voigt bounds, None from the step on at which a direction of strain has become
+    infinitely stiff in some order.
+    """
+    run = jam(scene, pressure=drive.pressure, progress=progress, check=False)
+    if not run.ok:
+        return run
+    start = scene.replace(packing=run.packing)
+    orders = []
+    for order in range(drive.orders):
+        if progress is not None:
+            progress("cementing", {"order": order + 1, "of": drive.orders})
+        try:
+            orders.append(cement(start, seed=drive.seed + order, step=drive.step, freeze=drive.freeze))
+        except KeyboardInterrupt as stop:
+            stop.run = run  # type: ignore[attr-defined]
+            raise
+    steps = min(sum(1 for stiff in one.stiff_k if stiff == 0) for one in orders)
+    particles = scene.packing.particles
+    means: dict[str, Any] = {
+        "link_fraction": [float(x) for x in orders[0].link_fraction_k[:steps]],
+        "states_of_self_stress": orders[0].self_stress,
+        "first_stiff": [None if one.first_stiff is None else one.first_stiff / particles for one in orders],
+        "all_stiff": [None if one.all_stiff is None else one.all_stiff / particles for one in orders],
+        "freeze": drive.freeze,
+        "seconds": sum(one.seconds for one in orders),
+    }
+    for name in ("bulk_modulus", "shear_modulus"):
+        for bound in ("reuss", "voigt"):
+            means[f"{name}_{bound}"] = [
+                float(np.mean([getattr(getattr(one, bound)(k), name) for one in orders])) for k in range(steps)
+            ]
+    means["poisson_ratio"] = [float(np.mean([one.poisson_ratio(k) for one in orders])) for k in range(steps)]
+    return replace(run, report={**run.report, "cementing": means})
+
+
+QUENCH = DriveCode(_quench, {"method": registered_minimizers})
+JAM = DriveCode(_jam, {"method": lambda: typing.get_args(JamMethod), "minimizer": registered_minimizers})
+SHEAR_STABILIZE = DriveCode(_shear_stabilize)
+CEMENT = DriveCode(_cement)

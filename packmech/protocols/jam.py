@@ -1,0 +1,147 @@
+"""`jam`: from a scene to the packing at a small pressure, by a protocol named by its method."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, one_of, positive
+from packmech.jit.blas import single_thread
+from packmech.linalg.mandel import mandel_basis
+from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.protocols.decompression import Decompression, StepHalving
+from packmech.protocols.hard_vertex import HardVertex
+from packmech.protocols.jam_report import finish
+from packmech.protocols.program_chain import ProgramChain
+from packmech.protocols.protocol import Protocol
+from packmech.result import Outcome, Run
+from packmech.scene import Scene
+
+
+def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
+    """Return the (k, d, d) strains that a jamming protocol may use: the isotropic one alone, or all.
+
+    Parameters
+    ----------
+    strain
+        "isotropic" keeps the shape of the box; "free" frees every strain.
+    dimension
+        Number of Cartesian axes.
+
+    """
+    if strain == "isotropic":
+        isotropic: NDArray[np.float64] = np.eye(dimension)[None] / np.sqrt(dimension)
+        return isotropic
+    return mandel_basis(dimension).copy()
+
+
+def jam(
+    scene: Scene,
+    *,
+    pressure: float | None = None,
+    strain: str = "free",
+    method: JamMethod | None = None,
+    energy_tolerance: float | None = None,
+    force_tolerance: float = 1e-5,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> Run:
+    """Return the run that ends in a jammed packing at the pressure asked for.
+
+    The packing's box is scaled to the start of the protocol, whatever its packing fraction. Every figure is
+    recomputed from the packing that is returned.
+
+    Parameters
+    ----------
+    scene
+        The scene; its law decides about the soft packing only, not about the hard one it comes from.
+    pressure
+        Pressure at the end [energy_scale / diameter^d]; None: 1e-8. To be left out for StepHalving, which ends at an
+        energy.
+    strain
+        "free": all strains relax, so that the stress is isotropic (shear-stabilized). "isotropic": the box keeps its
+        shape.
+    method
+        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression() (the default with links, where
+        only it and StepHalving with a fixed box know the way); their parameters are those of the protocol.
+    energy_tolerance
+        If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
+    force_tolerance
+        Largest net force over mean contact force that counts as balance [1].
+    progress
+        Called as progress(stage, figures) while the protocol works; figures holds "packing" where a stage has ended.
+    check
+        Raise NotConverged when the outcome is not a success; otherwise return the run all the same.
+
+    Returns
+    -------
+    Run
+        `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
+        (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
+        rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
+        held redundantly), stress_anisotropy, method, strain, and, where a hard packing was found, hard_packing,
+        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With links in two dimensions
+        also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress; start
+        dilute, as pm.cluster_packing(..., largest_overlap=0.1) does, to keep them apart.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be.
+    NotConverged
+        If the packing is not jammed or not balanced and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was finished.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(16, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=3)
+    >>> run = pm.jam(pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),)), pressure=1e-7, strain="isotropic")
+    >>> run.report["states_of_self_stress"], run.residual < 1e-5
+    (1, True)
+
+    """
+    instance("scene", scene, Scene)
+    asked = 1e-8 if pressure is None else positive("pressure", pressure)
+    one_of("strain", strain, ("isotropic", "free"))
+    tolerance = positive("force_tolerance", force_tolerance)
+    loop = RunLoop(run_settings(progress=progress, check=check))
+    if energy_tolerance is not None:
+        if method is not None:
+            raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
+        method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
+    linked = scene.packing.links is not None
+    if method is None:
+        method = Decompression() if linked else HardVertex()
+    if not isinstance(method, HardVertex | ProgramChain | StepHalving | Decompression):
+        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving or Decompression, got {method!r}")
+    if isinstance(method, StepHalving) and pressure is not None:
+        raise ValueError(f"pressure must be left out for StepHalving, which ends at an energy, got {pressure!r}")
+    if linked and not (
+        isinstance(method, Decompression) or (isinstance(method, StepHalving) and strain == "isotropic")
+    ):
+        raise ValueError(
+            "method must be Decompression, or StepHalving in a box of fixed shape, for a packing with links, "
+            f"got {method!r}"
+        )
+    began = time.process_time()
+    aim = None if isinstance(method, StepHalving) else asked
+    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+
+    def work() -> Outcome:
+        protocol.last, outcome = method.follow(protocol, asked)
+        return outcome
+
+    def finished(outcome: Outcome) -> Run:
+        return finish(protocol, protocol.last, outcome, aim, type(method).__name__, began)
+
+    with single_thread():
+        return loop.run(work, finished)
+
+
+JamMethod = HardVertex | ProgramChain | StepHalving | Decompression
+
+__all__ = ["Decompression", "HardVertex", "JamMethod", "ProgramChain", "StepHalving"]

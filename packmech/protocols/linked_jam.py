@@ -1,0 +1,314 @@
+"""Packings with links on their way to jamming: Newton's method from pressure to pressure, FIRE with the box between."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from packmech.contacts import find_contacts
+from packmech.contacts.network import Contacts
+from packmech.measure import packing_fraction, pressure
+from packmech.minimize.descend import descend
+from packmech.minimize.soft_newton import SoftState, judge
+from packmech.minimize.strain_fire import relax_strained
+from packmech.packing import Packing
+from packmech.protocols.protocol import Protocol
+from packmech.result import Outcome
+
+# lowest pressure over the smallest distance asked for, and its bounds: below, rounding of positions leaves too few
+# digits of the overlaps; above, overlaps are no longer small [energy_scale / diameter^d]
+_LOW, _LOWEST, _HIGHEST = 1e-3, 1e-10, 1e-8
+# the second of the two packings on the line to the onset, in units of the pressure of the first
+_SECOND = 0.5
+_FIRE_TOLERANCE, _ONSET_STEPS = 1e-2, 200_000
+
+
+class Onset(NamedTuple):
+    """Packing fraction at which overlaps vanish, and the packing above: its state, how far above, its contacts."""
+
+    fraction: float
+    state: SoftState
+    depth: float
+    contacts: Contacts
+
+
+def find_onset(protocol: Protocol, distance: float) -> Onset | None:
+    """Return the onset of jamming of the scene's packing, or None when it is not jammed.
+
+    Where contacts stay the same, overlaps grow in proportion to the packing fraction less its onset, whatever the law.
+    The line through two packings at pressures far below that of the distance errs by the square of their overlaps.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages and `jamming_packing_fraction` are added to it.
+    distance
+        The smallest packing fraction less onset that will be asked for [1].
+
+    """
+    scene = protocol.scene
+    packing, now = scene.packing, pressure(scene) / scene.pressure_unit
+    low = min(max(_LOW * distance, _LOWEST), _HIGHEST)
+    resting = now >= _LOWEST and _onset_at(protocol, protocol.reduced(packing), now) is not None
+    if not resting:
+        packing, now = compress_linked(protocol, packing, PRESSED, _FIRE_TOLERANCE, _ONSET_STEPS)
+        if now < PRESSED:
+            return None
+    low = min(low, now)
+    packing, outcome = follow_pressure(protocol, packing, now, low)
+    if not outcome.ok:
+        return None
+    with protocol.stage("onset") as figures:
+        first = _onset_at(protocol, protocol.reduced(packing), low)
+        if first is None:
+            figures.note = "not accepted: no stable balance"
+            return None
+        # on the line balance is enough: a contact that bears nothing may part and leave a motion that it held
+        goal = protocol.reduced_pressure(_SECOND * low)
+        last = descend(first.packing, protocol.units, protocol.basis_kdd, goal)
+        depths = [find_contacts(state.packing).overlap_c.mean() for state in (last, first)]
+        fractions = [packing_fraction(state.packing) for state in (last, first)]
+        if not last.balanced(max(protocol.force_tolerance, 8.0 * last.floor)) or not depths[0] < depths[1]:
+            figures.note = "not accepted: no balance with smaller overlaps at half the pressure"
+            return None
+        depth = float((fractions[1] - fractions[0]) / (depths[1] - depths[0]) * depths[1])
+        figures.residual, figures.steps = last.residual, first.iterations + last.iterations
+        figures.force_evaluations = first.evaluations + last.evaluations
+        figures.note = f"the line through two packings, the first one {depth:.2e} above"
+        protocol.last = protocol.restored(first.packing)
+    onset = fractions[1] - depth
+    protocol.report["jamming_packing_fraction"] = onset
+    return Onset(onset, first, depth, find_contacts(protocol.last))
+
+
+def _onset_at(protocol: Protocol, packing: Packing, at: float) -> SoftState | None:
+    """Return the packing, in reduced units, in stable balance at the pressure, or None."""
+    state = descend(packing, protocol.units, protocol.basis_kdd, protocol.reduced_pressure(at))
+    return state if state.sound(protocol.force_tolerance) else None
+
+
+# each step of compression multiplies the packing fraction, until the pressure is this high [energy_scale / diameter^d]
+_DENSER, _DENSEST, PRESSED = 1.03, 8.0, 1e-3
+# rounding of positions may make up this part of the contact forces before they count as none [1]
+_ROUNDING = 0.1
+# mean contact force that counts as none [energy_scale / diameter]
+_TOUCHING = 1e-6
+# ratio of successive pressures: at first, the boldest, and the one at which following is given up
+_FIRST, _BOLDEST, _TIMID = 0.3, 0.03, 0.97
+_FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
+_FIRE_STEPS = 20_000
+# crystals of molecules lie in valleys whose walls are contacts that just touch: steps of Newton's method are no longer
+# than those overlaps. Give up after so many searches, or looks at the forces that led to no balance
+_SEARCHES, _VAIN = 6, 1000
+
+
+def decompress_linked(
+    protocol: Protocol, start: float | None, pressure: float, tolerance: float, steps: int
+) -> tuple[Packing, Outcome]:
+    """Return the packing with links at the pressure, compressed until it presses, then decompressed, and how it ended.
+
+    Compression goes by small steps, so that no links are pushed through each other, where they would lock.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages are added to it.
+    start
+        Packing fraction to start at; None: as the packing stands.
+    pressure
+        Where to end [energy_scale / diameter^d].
+    tolerance, steps
+        Where FIRE stops in each box.
+
+    """
+    packing = protocol.scene.packing
+    if start is not None:
+        packing = protocol.at_fraction(packing, start)
+    packing, now = compress_linked(protocol, packing, max(PRESSED, pressure), tolerance, steps)
+    if now < pressure:
+        return packing, Outcome.NOT_JAMMED
+    return follow_pressure(protocol, packing, now, pressure)
+
+
+def compress_linked(
+    protocol: Protocol, packing: Packing, until: float, tolerance: float, steps: int
+) -> tuple[Packing, float]:
+    """Return the packing relaxed and compressed in turn until it presses as hard as asked for, and the pressure.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; a stage is added to it.
+    packing
+        Where to start.
+    until
+        The pressure to press with [energy_scale / diameter^d]; less comes back where the packing never does.
+    tolerance, steps
+        Where FIRE stops in each box.
+
+    """
+    with protocol.stage("compression") as figures:
+        taken = 0
+        while True:
+            packing, done = protocol.relax(packing, tolerance, steps, floor=_TOUCHING)
+            figures.residual = done.residual
+            figures.steps += done.steps
+            figures.force_evaluations += done.force_evaluations
+            now = done.pressure / protocol.scene.pressure_unit if done.outcome is not Outcome.UNJAMMED else 0.0
+            fraction = packing_fraction(packing)
+            if now >= until or fraction > _DENSEST:
+                break
+            taken += 1
+            protocol.loop.report("compression", packing_fraction=fraction, packing=packing)
+            packing = protocol.at_fraction(packing, fraction * _DENSER)
+        figures.note = f"FIRE after each of {taken} steps to packing fraction {fraction:.6f}, pressure {now:.2e}"
+    return packing, now
+
+
+def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int) -> tuple[Packing, Outcome]:
+    """Return the packing with links at rest in positions and strains, and how that ended.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages are added to it.
+    pressure
+        Pressure to reach [energy_scale / diameter^d], from below or above; None holds the volume.
+    step_limit
+        Most FIRE steps in one box.
+
+    """
+    if pressure is not None:
+        packing, now = compress_linked(protocol, protocol.scene.packing, pressure, _FIRE_TOLERANCES[0], step_limit)
+        if now < pressure:
+            return packing, Outcome.NOT_JAMMED
+        return follow_pressure(protocol, packing, now, pressure)
+    with protocol.stage("quench") as figures:
+        packing, done = protocol.relax(protocol.scene.packing, _FIRE_TOLERANCES[0], step_limit)
+        figures.take(done)
+        figures.note = "FIRE in the box as it is"
+    if done.outcome is Outcome.UNJAMMED or not done.contacts:
+        return packing, Outcome.UNJAMMED
+    with protocol.stage("shear stabilization") as figures:
+        state = _descended(protocol, protocol.reduced(packing), None, "shear stabilization")
+        looks = state.evaluations
+        if not (_is_unjammed(state) or state.sound(protocol.force_tolerance)):
+            found, more = _searched(protocol, packing, None, "shear stabilization")
+            state, looks = found or state, looks + more
+        protocol.last = protocol.restored(state.packing)
+        figures.steps, figures.force_evaluations = state.iterations, looks
+        figures.residual, figures.note = state.residual, "Newton's method, going down"
+    if _is_unjammed(state):
+        return protocol.last, Outcome.UNJAMMED
+    return protocol.last, judge(state, protocol.force_tolerance)
+
+
+def _is_unjammed(state: SoftState) -> bool:
+    """Return whether the contact forces are no more than rounding."""
+    return not state.mean_force > 0.0 or state.floor > _ROUNDING
+
+
+def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: float) -> tuple[Packing, Outcome]:
+    """Return the packing at the goal pressure, followed from one at about the start pressure, and how that ended.
+
+    The box and with it the centers of clusters are scaled for the next pressure, then Newton's method takes positions,
+    tensions and free strains there. Where it does not end in a stable balance, FIRE with the box goes first; where
+    that does not help, the step in pressure is shortened.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; one stage is added to it.
+    packing
+        Where to start.
+    start, goal
+        Pressures [energy_scale / diameter^d].
+
+    """
+    state, now, factor = None, start, _FIRST
+    name = "decompression with links"
+    with protocol.stage(name) as figures:
+        taken = searched = vain = 0
+        state = _at(protocol, packing, now, name)
+        while state is not None and now > goal:
+            ahead = max(goal, now * factor)
+            trial = _descended(protocol, state.packing, ahead, name)
+            figures.steps += trial.iterations
+            figures.force_evaluations += trial.evaluations
+            if not trial.sound(protocol.force_tolerance):
+                found, looks = _searched(protocol, protocol.restored(state.packing), ahead, name)
+                figures.force_evaluations += looks
+                searched += 1
+                if found is None:
+                    vain += trial.evaluations + looks
+                    factor = float(np.sqrt(factor))
+                    if factor > _TIMID or searched >= _SEARCHES or vain >= _VAIN:
+                        break
+                    continue
+                trial = found
+            else:
+                factor = max(_BOLDEST, factor**1.5)
+            taken += 1
+            before = _depth(state.packing)
+            state, now = trial, ahead
+            _extrapolate(protocol, before, _depth(state.packing))
+            protocol.last = protocol.restored(state.packing)
+            figures.residual = state.residual
+            protocol.loop.report(name, pressure=now, packing=protocol.last, residual=state.residual)
+        figures.note = f"{taken} pressures, {searched} of them searched by FIRE with the box"
+        if state is not None and now > goal:
+            contacts = len(find_contacts(protocol.last))
+            figures.note += (
+                f"; given up in a valley that Newton's method follows too slowly between {contacts} contacts, "
+                f"which is common in crystals; in balance at pressure {now:.2e}"
+            )
+    if state is None:
+        return protocol.last, Outcome.NOT_JAMMED
+    if now > goal:
+        return protocol.last, Outcome.STALLED
+    return protocol.restored(state.packing), judge(state, protocol.force_tolerance)
+
+
+def _descended(protocol: Protocol, reduced: Packing, pressure: float | None, stage: str) -> SoftState:
+    """Return the packing, in reduced units, that Newton's method going down reaches at a pressure or at its volume."""
+    goal = None if pressure is None else protocol.reduced_pressure(pressure)
+    return descend(reduced, protocol.units, protocol.basis_kdd, goal, watch=protocol.watcher(stage, reduced=True))
+
+
+def _at(protocol: Protocol, packing: Packing, pressure: float, stage: str) -> SoftState | None:
+    """Return the packing in stable balance at a pressure, or None."""
+    state = _descended(protocol, protocol.reduced(packing), pressure, stage)
+    return state if state.sound(protocol.force_tolerance) else _searched(protocol, packing, pressure, stage)[0]
+
+
+def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stage: str) -> tuple[SoftState | None, int]:
+    """Return the packing that FIRE with the box and then Newton's method find, if any, and how many looks that took."""
+    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
+    looks = 0
+    watch = protocol.watcher(stage, reduced=False)
+    for tolerance in _FIRE_TOLERANCES:
+        done = relax_strained(
+            protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=_FIRE_STEPS, watch=watch
+        )
+        packing = done.packing
+        state = _descended(protocol, protocol.reduced(packing), pressure, stage)
+        looks += state.evaluations
+        if state.sound(protocol.force_tolerance):
+            return state, looks
+        if done.merit > tolerance or looks > _VAIN:
+            break
+    return None, looks
+
+
+def _depth(packing: Packing) -> tuple[float, float]:
+    """Return packing fraction and mean relative overlap."""
+    overlap = find_contacts(packing).overlap_c
+    return packing_fraction(packing), float(overlap.mean()) if len(overlap) else 0.0
+
+
+def _extrapolate(protocol: Protocol, before: tuple[float, float], after: tuple[float, float]) -> None:
+    """Put the packing fraction at which the overlaps would vanish into the report: the line through two packings."""
+    if before[1] > after[1]:
+        slope = (before[0] - after[0]) / (before[1] - after[1])
+        protocol.report["jamming_packing_fraction"] = after[0] - slope * after[1]

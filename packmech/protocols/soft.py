@@ -1,0 +1,237 @@
+"""From the hard packing to the soft one at a small pressure: the law gives the overlaps, Newton's method the rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.contacts.neighbors import candidate_pairs
+from packmech.contacts.network import Contacts, pair_contacts
+from packmech.jamming.hard_packing import Backbone, Vertex
+from packmech.minimize.soft_network import Units
+from packmech.minimize.soft_newton import SoftState, newton
+from packmech.minimize.strain_fire import relax_strained
+from packmech.packing import Packing
+from packmech.protocols.protocol import Protocol
+
+_FIRST_TOLERANCE = 1e-3
+_SEARCH_ROUNDS = 3
+_FIRE_STEPS = 30_000
+
+
+def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftState:
+    """Return the packing at the pressure: FIRE in positions and free strains until it is near, then Newton's method.
+
+    The network rearranges on the way; the stage's note says so.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; a stage is added to it.
+    start
+        A packing in balance at another pressure, in reduced units.
+    goal
+        Pressure to reach, in reduced units.
+
+    """
+    best: SoftState | None = None
+    with protocol.stage("soft packing, searched") as figures:
+        figures.note = "unstable on the way up: FIRE with the box, then Newton's method"
+        asked = goal / protocol.reduced_pressure(1.0) * protocol.scene.pressure_unit
+        packing, tolerance = protocol.restored(start), _FIRST_TOLERANCE
+        for _ in range(_SEARCH_ROUNDS):
+            done = relax_strained(
+                protocol.program, packing, protocol.basis_kdd, asked, tolerance=tolerance, step_limit=_FIRE_STEPS
+            )
+            figures.steps += done.steps
+            packing = protocol.last = done.packing
+            best = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+            if best.sound(protocol.force_tolerance) or done.merit > tolerance:
+                break
+            tolerance *= 0.03
+        assert best is not None
+        protocol.last = protocol.restored(best.packing)
+        figures.residual, figures.force_evaluations = best.residual, figures.steps
+    return best
+
+
+# mean relative overlap up to which the soft packing is as good as one linear step from the hard one
+_FIRST_DEPTH = 1e-7
+# gaps up to this fraction of the contact distance may close on the way to the first soft packing
+_NEAR = 1e-3
+_SWITCHES = 60
+_OPEN, _FURTHEST = 1e-9, 1e6
+_ROUNDS, _TURN = 8, 1e-3
+# where rounding of positions leaves no digits of the overlaps
+_LEAST_DEPTH = 1e-11
+
+
+def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
+    """Return the packing in which the contacts of the hard one overlap as its forces ask for, to first order.
+
+    The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness. Contacts that would
+    pull open, near pairs that would overlap close: the springs are one-sided, their energy convex, and Newton's
+    method with an exact line search finds its minimum.
+
+    Parameters
+    ----------
+    vertex
+        The hard packing.
+    units, basis_kdd, pressure
+        As in `newton`.
+
+    """
+    packing, bearing = vertex.packing, vertex.contacts
+    scale = pressure * packing.box.volume / packing.particles
+    sigma = bearing.contact_distance_c
+    secant = vertex.force_c * scale / (units.overlap_of(vertex.force_c * scale, sigma) * sigma)
+    unit = float(secant.mean())
+    load_k = np.einsum("kaa->k", basis_kdd) * (packing.particles * scale / unit)
+    # pairs that all but touch may close under the load: soft motions are thousands of times larger than overlaps
+    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
+    contacts = pair_contacts(packing, *pairs)
+    hard = _listed(bearing, contacts)
+    gap = np.where(hard, 0.0, np.maximum(contacts.gap_c, 0.0))
+    stiffness = np.ones(len(contacts))
+    stiffness[hard] = secant / unit
+    depth = float((vertex.force_c * scale / secant).mean())
+    closed = hard
+    for _ in range(_ROUNDS):
+        network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
+        u_nd, strain_k, closed = _one_sided(network, gap, stiffness, load_k, closed)
+        packing = network.moved(packing, u_nd, strain_k)
+        # contacts turn by u / r, which changes lengths by u^2 / r: linearize again while that matters
+        if float(np.abs(u_nd).max()) ** 2 < _TURN * depth:
+            break
+        contacts = pair_contacts(packing, *pairs)
+        gap = contacts.gap_c
+    return packing
+
+
+def _one_sided(
+    network: Backbone,
+    gap: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    load_k: NDArray[np.float64],
+    closed: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the motion of one-sided springs to balance under the load, and which of them end closed."""
+    u_nd, strain_k = np.zeros(network.shape), np.zeros(len(load_k))
+    extension = np.zeros(len(gap))
+    for _ in range(_SWITCHES):
+        push = stiffness * np.maximum(-extension - gap, 0.0)
+        try:
+            # open contacts keep a trace of stiffness: with too few closed ones the system would be singular
+            network.factor(np.where(closed, stiffness, _OPEN * stiffness))
+            du_nd, dstrain_k = network.solve(network.gather(push), network.stretch_ck.T @ push - load_k)
+        except np.linalg.LinAlgError:
+            break
+        growth = network.extend(du_nd, dstrain_k)
+        size = _lowest(extension, growth, gap, stiffness, float(load_k @ dstrain_k))
+        u_nd, strain_k, extension = u_nd + size * du_nd, strain_k + size * dstrain_k, extension + size * growth
+        now = extension < -gap
+        if size > 0.999 and (now == closed).all():
+            break
+        closed = now
+    return u_nd, strain_k, closed
+
+
+def _lowest(
+    extension: NDArray[np.float64],
+    growth: NDArray[np.float64],
+    gap: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    work: float,
+) -> float:
+    """Return how far along a step the energy of one-sided springs under the load is lowest; it is convex."""
+
+    def slope(size: float) -> float:
+        overlap = np.maximum(-(extension + size * growth) - gap, 0.0)
+        return work - float((stiffness * overlap) @ growth)
+
+    low, high = 0.0, 1.0
+    while slope(high) < 0.0 and high < _FURTHEST:
+        low, high = high, 2.0 * high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if slope(middle) < 0.0 else (low, middle)
+    # a full Newton step is exact while no contact switches
+    middle = 0.5 * (low + high)
+    return 1.0 if abs(middle - 1.0) < 1e-9 else middle
+
+
+def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:
+    """Return which of the second contacts are among the first; both are sorted by (i, j, image)."""
+    keys = np.concatenate([np.column_stack([one.i_c, one.j_c, one.image_cd]) for one in (some, among)])
+    _, label = np.unique(keys, axis=0, return_inverse=True)
+    label = label.ravel()
+    return np.isin(label[len(some) :], label[: len(some)])
+
+
+def soften(
+    vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pressure: float, *, tolerance: float = 1e-5
+) -> SoftState:
+    """Return the soft packing at the pressure, followed from the exact hard one.
+
+    Where the pressure asks for overlaps above 1e-7 the packing is taken there in steps, each at most four times
+    deeper than the one before and halved (in the logarithm) when Newton's method does not end in balance.
+
+    Parameters
+    ----------
+    vertex
+        The hard packing.
+    units, basis_kdd, pressure
+        As in `newton`.
+    tolerance
+        Net force over mean contact force, and relative error of the stress, that count as balance on the way [1].
+
+    """
+    sigma = vertex.contacts.contact_distance_c
+    volume, particles = vertex.packing.box.volume, vertex.packing.particles
+
+    def depth_at(at: float) -> float:
+        return float(units.overlap_of(vertex.force_c * (at * volume / particles), sigma).mean())
+
+    def pressure_at(depth: float) -> float:
+        force = -units.derivatives(sigma * (1.0 - depth), sigma)[0]
+        return float((force * sigma).sum()) / (vertex.packing.dimension * volume)
+
+    goal = depth_at(pressure)
+    depth = min(goal, _FIRST_DEPTH)
+    now = pressure if depth == goal else pressure_at(depth)
+    state = newton(first_soft(vertex, units, basis_kdd, now), units, basis_kdd, now)
+    used = state.iterations
+    while not state.sound(tolerance) and depth > _LEAST_DEPTH:
+        depth *= 0.25
+        now = pressure_at(depth)
+        state = newton(first_soft(vertex, units, basis_kdd, now), units, basis_kdd, now)
+        used += state.iterations
+    before, before_depth = vertex.packing, 0.0
+    factor = 4.0
+    while depth < goal and factor > 1.02:
+        further = min(goal, depth * factor)
+        now = pressure if further == goal else pressure_at(further)
+        ahead = _extrapolated(before, before_depth, state.packing, depth, further)
+        trial = newton(ahead, units, basis_kdd, now, iterations=20)
+        used += trial.iterations
+        if trial.sound(tolerance):
+            before, before_depth = state.packing, depth
+            state, depth = trial, further
+            factor = min(4.0, factor**1.5)
+        else:
+            factor = factor**0.5
+    return replace(state, iterations=used, reached=depth / goal)
+
+
+def _extrapolated(before: Packing, at: float, now: Packing, depth: float, further: float) -> Packing:
+    """Return the packing on the straight line through two others, in the coordinates of the cell."""
+    if at == 0.0 or further / depth > 100.0:
+        return now
+    ahead = (further - depth) / (depth - at)
+    fraction, earlier = now.position_nd @ now.box.inverse_dd.T, before.position_nd @ before.box.inverse_dd.T
+    fraction = fraction + ahead * (fraction - earlier)
+    box = Box(now.box.lattice_dd + ahead * (now.box.lattice_dd - before.box.lattice_dd))
+    return now.replace(position_nd=fraction @ box.lattice_dd.T, box=box)

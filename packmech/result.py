@@ -1,0 +1,362 @@
+"""What a run or a solve achieved and what it cost, and how that is told in words, by name and as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from typing import Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.observables import Table, columns_in, columns_of, make_table
+from packmech.packing import Packing
+
+# name, value in words, what the value is or its unit
+Row = tuple[str, str, str]
+
+STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
+# rows that the repr of a run shows
+_SHOWN = 11
+# units and meanings of what protocols report, d being the dimension
+_REPORT_NOTES = {
+    "packing_fraction": "rattlers included",
+    "jamming_packing_fraction": "of the hard packing, rattlers included",
+    "pressure": "energy_scale / diameter^{d}",
+    "pressure_asked": "energy_scale / diameter^{d}",
+    "contacts": "between particles that are no rattlers",
+    "stress_anisotropy": "largest deviatoric stress / pressure",
+    "gap_error": "of the hard packing, over the diameter",
+    "force_imbalance": "of the hard packing, over the mean force",
+}
+
+
+class Outcome(Enum):
+    """How a run or a solve ended; the value is the sentence for the user."""
+
+    CONVERGED = "The stated tolerance was met."
+    ROUNDING_FLOOR = "Forces fell to the floor that double precision sets here; the tolerance asked for lies below it."
+    UNJAMMED = "No particles touch any more: the energy is zero and there is nothing left to minimize."
+    STEP_LIMIT = "The step limit was reached before the tolerance; raise step_limit or loosen the tolerance."
+    STALLED = "No further progress is possible with this method; try another method or a looser tolerance."
+    NOT_JAMMED = "The protocol ended without a jammed packing; start denser or change the protocol's parameters."
+    UNSTABLE = "The energy has directions of negative curvature here: this is a saddle, not a minimum."
+    INACCURATE = "The solver stopped short of its tolerance; see the residual and the gap."
+    INFEASIBLE = "The program has no feasible point."
+    DEGENERATE = "Links lose rank here: Newton's method converges only linearly and link forces are not determined."
+    FINISHED = "The time that was asked for has been simulated."
+    STEP_TOO_LONG = (
+        "The time step is too long: links were lost or energy came from nowhere; the state is the last good one."
+    )
+    INTERRUPTED = "Stopped from outside; the packing is the last one that was finished."
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer may be used without a further look."""
+        return self in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR, Outcome.UNJAMMED, Outcome.FINISHED)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a protocol: what it achieved and what it cost.
+
+    `residual` is the largest net force over the mean contact force [1] unless the note says otherwise; `seconds` is
+    CPU time.
+    """
+
+    name: str
+    residual: float
+    steps: int = 0
+    force_evaluations: int = 0
+    seconds: float = 0.0
+    note: str = ""
+
+
+def stage_rows(stages: Iterable[Stage]) -> list[tuple[str, ...]]:
+    """Return rows of step, residual, force evaluations, CPU seconds and note."""
+    return [
+        (
+            stage.name,
+            f"{stage.residual:.1e}" if stage.residual else "-",
+            f"{stage.force_evaluations:,}" if stage.force_evaluations else "-",
+            f"{stage.seconds:.3f}",
+            stage.note,
+        )
+        for stage in stages
+    ]
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown.
+
+    Examples
+    --------
+    >>> print(markdown_table(("step", "CPU s"), [("verdict", "0.1")]), end="")
+    | step | CPU s |
+    |---|---|
+    | verdict | 0.1 |
+
+    """
+    lines = [headings, *rows]
+    text = ["| " + " | ".join(line) + " |\n" for line in lines]
+    return text[0] + "|" + "---|" * len(headings) + "\n" + "".join(text[1:])
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the rows as lines, their columns below each other."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))] if rows else []
+    return ["  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def particles_in_words(packing: Packing) -> str:
+    """Return how many discs or spheres there are, in words."""
+    kind = "disc" if packing.dimension == 2 else "sphere"
+    return f"{packing.particles} {kind}{'' if packing.particles == 1 else 's'}"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run or an examined packing comes to, in words.
+
+    Attributes
+    ----------
+    title
+        What it is of.
+    rows
+        Name, value, and what the value is or its unit.
+    stages
+        What each step achieved and cost.
+
+    """
+
+    title: str
+    rows: tuple[Row, ...]
+    stages: tuple[Stage, ...]
+
+    def __str__(self) -> str:
+        steps = _aligned([STAGE_HEADINGS, *stage_rows(self.stages)])
+        return "\n".join([self.title, *(f"  {line}" for line in [*_aligned(self.rows), "", *steps])])
+
+    def markdown(self, title: str | None = None) -> str:
+        """Return the text that stands beside a recorded packing: narrow tables, what the values are below them."""
+        results = markdown_table((self.title if title is None else title, ""), [row[:2] for row in self.rows])
+        steps = markdown_table(STAGE_HEADINGS[:-1], [row[:-1] for row in stage_rows(self.stages)])
+        notes = "".join(f"- **{name}**: {note}\n" for name, _, note in self.rows if note)
+        return f"{results}\n{steps}\n{notes}"
+
+
+@runtime_checkable
+class HasSummary(Protocol):
+    """Something that says what it reached, in words and by name."""
+
+    def summary(self) -> Summary:
+        """Return what was reached, in words."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was reached by name, as plain values."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Observables against step, kept at the steps that the caller asked for.
+
+    ``trace["energy"]`` and ``trace.energy_t`` are the same; observables that were added by `pm.observable` are there by
+    their names.
+
+    Attributes
+    ----------
+    step_t, energy_t, pressure_t, contacts_t, max_force_t
+        (T,) arrays: step number, energy [energy], pressure [energy/length^d], number of contacts, largest net
+        force [force].
+    position_tnd, lattice_tdd
+        (T, N, d) positions and (T, d, d) lattice vectors [length], or None when they were not asked for.
+    added
+        (T, ...) arrays of the observables that were added, by name.
+
+    """
+
+    step_t: NDArray[np.int64]
+    energy_t: NDArray[np.float64]
+    pressure_t: NDArray[np.float64]
+    contacts_t: NDArray[np.int64]
+    max_force_t: NDArray[np.float64]
+    position_tnd: NDArray[np.float64] | None = None
+    lattice_tdd: NDArray[np.float64] | None = None
+    added: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[Mapping[str, Any]], **further: Any) -> Self:
+        """Return the trace of rows of observables by name; `further` are its other fields."""
+        columns = columns_of(rows)
+        own = {name.rpartition("_")[0]: name for name in (one.name for one in fields(cls))}
+        added = {name: column for name, column in columns.items() if name not in own}
+        return cls(**{own[name]: columns[name] for name in columns if name in own}, **further, added=added)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the observables that were kept, by name."""
+        return columns_in(self, [one.name for one in fields(self)]) | dict(self.added)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        found = self.columns()
+        if name not in found:
+            raise KeyError(f"name must be one of {', '.join(found)}, got {name!r}")
+        return found[name]
+
+    def table(self, about: Mapping[str, Any] | None = None) -> Table:
+        """Return every observable as columns, with what the run says of itself."""
+        found = self.columns()
+        tensor = next((value for value in found.values() if value.ndim == 3), None)
+        own = {"kind": type(self).__name__, "dimension": None if tensor is None else tensor.shape[1]}
+        return make_table(found, own if about is None else about)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run:
+    """A packing that a minimizer, an integrator or a protocol arrived at, what it achieved and what it cost.
+
+    Attributes
+    ----------
+    packing
+        The packing at the end.
+    outcome
+        How the run ended.
+    residual
+        Largest net force on a particle over the mean contact force [1]; 0 when nothing touches.
+    steps, force_evaluations
+        Counts over the whole run.
+    seconds, build_seconds
+        CPU seconds of the run, and of building (and, the first time, compiling) its program.
+    stages
+        The parts of a protocol, in order.
+    trace
+        Quantities against step, when asked for.
+    report
+        Further named results of a protocol (numbers, texts, arrays).
+
+    """
+
+    packing: Packing
+    outcome: Outcome
+    residual: float
+    steps: int
+    force_evaluations: int
+    seconds: float
+    build_seconds: float = 0.0
+    stages: tuple[Stage, ...] = ()
+    trace: Trace | None = None
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the outcome is a success."""
+        return self.outcome.ok
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return particles_in_words(self.packing)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the run reached and what it cost by name, as plain values; `report` with it."""
+        reported = {"redundant_patches" if name == "patches" else name: value for name, value in self.report.items()}
+        return {
+            "particles": self.packing.particles,
+            "dimension": self.packing.dimension,
+            "outcome": self.outcome.name.lower(),
+            "force_residual": self.residual,
+            "steps": self.steps,
+            "force_evaluations": self.force_evaluations,
+            "seconds": self.seconds,
+            "build_seconds": self.build_seconds,
+            **{name: _plain(value) for name, value in reported.items()},
+        }
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        reported = {
+            name: value
+            for name, value in self.report.items()
+            if isinstance(value, bool | int | float | str) and name != "particles"
+        }
+        return [
+            ("outcome", self.outcome.name.lower().replace("_", " "), self.outcome.value),
+            ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
+            *(
+                (
+                    name.replace("_", " "),
+                    f"{value:.8g}" if isinstance(value, float) else str(value),
+                    _REPORT_NOTES.get(name, "").format(d=self.packing.dimension),
+                )
+                for name, value in reported.items()
+            ),
+        ]
+
+    def summary(self) -> Summary:
+        """Return what the run reached and what each step cost, in words; printed, it is a table."""
+        whole = Stage("run", self.residual, self.steps, self.force_evaluations, self.seconds, self.outcome.name.lower())
+        return Summary(self.title, tuple(self.rows()), self.stages or (whole,))
+
+    def __repr__(self) -> str:
+        cost = f"{self.steps} steps, {self.force_evaluations} force evaluations, {self.seconds:.3g} CPU s"
+        rows = [("cost", cost, ""), *self.rows()]
+        rows = [rows[1], rows[0], *rows[2:]] if len(rows) > 1 else rows
+        lines = [f"  {line}" for line in _aligned(rows[:_SHOWN])]
+        more = ["  ..."] if len(rows) > _SHOWN else []
+        return "\n".join([f"{type(self).__name__}: {self.title}", *lines, *more])
+
+    def about(self) -> dict[str, Any]:
+        """Return what a table of this run says of it."""
+        return {
+            "kind": type(self).__name__,
+            "dimension": self.packing.dimension,
+            "outcome": self.outcome.name.lower(),
+            "steps": self.steps,
+        }
+
+    def table(self) -> Table:
+        """Return every observable that the run kept, as columns.
+
+        Raises
+        ------
+        ValueError
+            If it kept nothing.
+
+        """
+        if self.trace is None:
+            raise ValueError("subject must be a run with a trace (trace_every=...), got one without")
+        return self.trace.table(self.about())
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays and tuples as lists, and other things that JSON does not know as their text."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+@dataclass(frozen=True)
+class Solve:
+    """What a solver achieved and what it cost.
+
+    `residual` and `gap` are relative (the solver's own scaling is said where it is used); `seconds` is CPU time.
+    """
+
+    outcome: Outcome
+    residual: float
+    gap: float = 0.0
+    iterations: int = 0
+    seconds: float = 0.0
+    status: str = ""
+
+
+class NotConverged(RuntimeError):  # noqa: N818 - the outcome is a value first and an error second
+    """Raised when a run did not reach what was asked for; `.run` holds what it did reach."""
+
+    def __init__(self, run: Run, message: str = "") -> None:
+        self.run = run
+        super().__init__(message or f"{run.outcome.value} (residual {run.residual:.3g} after {run.steps} steps)")

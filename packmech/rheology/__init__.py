@@ -1,0 +1,1 @@
+"""How a scene's stress answers to strain, and its strain to stress."""

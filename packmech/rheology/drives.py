@@ -1,0 +1,210 @@
+"""What the drives that follow Newton's equations do: simulate, and strain in one of four ways."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
+from packmech.dynamics.simulate import simulate
+from packmech.dynamics.simulation import Simulation
+from packmech.loop.checkpoint import RunsFile
+from packmech.rheology.arguments import runs_file
+from packmech.rheology.creep import creep
+from packmech.rheology.equilibrate import equilibrate
+from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
+from packmech.rheology.steady import FlowCurve, ramp_strain, steady_shear
+from packmech.rheology.strain_run import StrainRun
+from packmech.rheology.walls import rough_plates
+from packmech.scene import (
+    CreepDrive,
+    DriveCode,
+    OscillatoryShearDrive,
+    RampStrainDrive,
+    Scene,
+    SimulateDrive,
+    SteadyShearDrive,
+)
+
+Progress = Callable[[str, dict[str, Any]], None]
+
+# rows of a trace that is kept of a simulation
+_ROWS = 200
+
+
+def masses(scene: Scene, density: float | None) -> NDArray[np.float64] | None:
+    """Return the (N,) masses of particles of one density; None where none is given."""
+    if density is None:
+        return None
+    ball = math.pi if scene.packing.dimension == 2 else 4.0 * math.pi / 3.0
+    return np.asarray(density * ball * scene.packing.radius_n**scene.packing.dimension)
+
+
+def follow(
+    drive: SimulateDrive, scene: Scene, *, frames: int = 0, progress: Progress | None = None, **changes: Any
+) -> Simulation:
+    """Return the simulation that a drive describes.
+
+    Parameters
+    ----------
+    drive, scene
+        The drive, and the scene.
+    frames
+        Positions are kept about so many times; 0: only observables are.
+    progress
+        As of `pm.simulate`.
+    changes
+        Other arguments of `pm.simulate` than the drive's.
+
+    """
+    n = scene.packing.particles
+    mass = masses(scene, drive.density) if drive.masses is None else np.array(drive.masses)
+    held = None
+    if drive.held:
+        if max(drive.held) >= n:
+            raise ValueError(f"drive.held must be numbers of {n} particles, got {max(drive.held)}")
+        held = np.isin(np.arange(n), drive.held)
+    steps = drive.steps
+    if steps is None:
+        fraction = (VelocityVerlet() if drive.method is None else drive.method).fraction
+        weight = (scene.packing.diameter_n / scene.packing.reference_diameter) ** scene.packing.dimension
+        longest = choose_time_step(scene, weight if mass is None else mass, fraction) if drive.dt is None else drive.dt
+        assert drive.duration is not None
+        steps = int(np.ceil(drive.duration / longest))
+    arguments: dict[str, Any] = {
+        **({"steps": drive.steps} if drive.duration is None else {"duration": drive.duration}),
+        "dt": drive.dt,
+        "method": drive.method,
+        "velocity_nd": None if drive.velocities is None else np.array(drive.velocities),
+        "spin_nk": None if drive.spins is None else np.array(drive.spins),
+        "mass_n": mass,
+        "held_n": held,
+        "trace_every": max(1, steps // (frames or _ROWS)),
+        "trace_positions": frames > 0,
+        "progress": progress,
+        "check": False,
+    }
+    return simulate(scene, **(arguments | changes))
+
+
+def _strained(
+    drive: Any, scene: Scene, progress: Progress | None, checkpoint: Path | RunsFile | None
+) -> dict[str, Any]:
+    """Return the arguments that all calls that strain a scene share."""
+    return {
+        "axes": drive.axes,
+        "dt": drive.dt,
+        "method": drive.method,
+        "mass_n": masses(scene, drive.density),
+        "progress": progress,
+        "checkpoint": checkpoint,
+    }
+
+
+def _oscillatory_shear(
+    drive: OscillatoryShearDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+) -> OscillatoryShear:
+    """Bring the scene to rest, then shear it; the run holds the steps of both, and what is wrong with the first."""
+    # one file keeps the periods at rest and the shear, one after the other
+    shared = _strained(drive, scene, progress, runs_file(checkpoint)) | {
+        "amplitude": drive.amplitude,
+        "frequency": drive.frequency,
+        "relative_frequency": drive.relative_frequency,
+        "check": False,
+    }
+    rest = None
+    if drive.largest_oscillation is not None:
+        rest = equilibrate(scene, largest_oscillation=drive.largest_oscillation, **shared)
+        scene = scene.replace(packing=rest.packing)
+    held = None if drive.plates is None else rough_plates(scene.packing, layer=drive.plates, axis=drive.axes[1])
+    try:
+        run = oscillatory_shear(
+            scene,
+            held_n=held,
+            carried=drive.carried,
+            pre_periods=drive.pre_periods,
+            periods=drive.periods,
+            post_periods=drive.post_periods,
+            skip_periods=drive.skip_periods,
+            samples_per_period=drive.samples_per_period,
+            frames=frames,
+            **shared,
+        )
+    except KeyboardInterrupt as stop:
+        stop.run = getattr(stop, "run", rest)  # type: ignore[attr-defined]
+        raise
+    if rest is None:
+        return run
+    return replace(
+        run,
+        outcome=run.outcome if rest.ok else rest.outcome,
+        residual=run.residual if rest.ok else rest.residual,
+        seconds=run.seconds + rest.seconds,
+        stages=(*rest.stages, *run.stages),
+        report={
+            **run.report,
+            "residual_oscillation": rest.oscillation,
+            "expected_stress": rest.expected_stress,
+            "oscillation_ratio": rest.ratio,
+        },
+    )
+
+
+def _steady_shear(
+    drive: SteadyShearDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+) -> FlowCurve:
+    return steady_shear(
+        scene,
+        rates=drive.rates,
+        strain=drive.strain,
+        skip_strain=drive.skip_strain,
+        blocks=drive.blocks,
+        samples=drive.samples,
+        frames=frames,
+        **_strained(drive, scene, progress, checkpoint),
+    )
+
+
+def _ramp_strain(
+    drive: RampStrainDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+) -> StrainRun:
+    return ramp_strain(
+        scene,
+        rate=drive.rate,
+        strain=drive.strain,
+        mode=drive.mode,
+        samples=drive.samples,
+        frames=frames,
+        check=False,
+        **_strained(drive, scene, progress, checkpoint),
+    )
+
+
+def _creep(
+    drive: CreepDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+) -> StrainRun:
+    return creep(
+        scene,
+        stress=drive.stress,
+        duration=drive.duration,
+        hold=drive.hold,
+        inertia=drive.inertia,
+        viscosity=drive.viscosity,
+        frames=frames,
+        check=False,
+        **_strained(drive, scene, progress, checkpoint),
+    )
+
+
+_METHODS = {"method": lambda: INTEGRATORS}
+SIMULATE = DriveCode(follow, _METHODS)
+OSCILLATORY_SHEAR = DriveCode(_oscillatory_shear, _METHODS)
+STEADY_SHEAR = DriveCode(_steady_shear, _METHODS)
+RAMP_STRAIN = DriveCode(_ramp_strain, _METHODS)
+CREEP = DriveCode(_creep, _METHODS)

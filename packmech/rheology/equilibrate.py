@@ -1,0 +1,302 @@
+"""Preparation: a scene brought to rest before it is sheared, with what is left of its oscillation."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import integer, positive, real
+from packmech.dynamics.deformation import OscillatoryStrain, Sine
+from packmech.effects import BackgroundDamping, Repulsion, is_bound
+from packmech.loop.checkpoint import Arrays, IndexBounds, RunsFile, scene_fingerprints
+from packmech.loop.run_loop import Progress
+from packmech.mechanics.elasticity import elastic_moduli
+from packmech.minimize.quench import quench
+from packmech.packing import Packing
+from packmech.result import NotConverged, Outcome, Row, Run, Stage
+from packmech.rheology.arguments import Method, StrainSettings, check_arguments, two_axes
+from packmech.rheology.oscillatory import characteristic_time, frequency_of, rest_row
+from packmech.rheology.strain_run import StrainRun, StrainTask
+from packmech.scene import Scene
+
+STAGE = "baseline"
+_QUENCHED = 1e-10
+# figures kept in a period of the baseline
+_SAMPLES = 200
+# while a scene settles, drag relaxes velocities at least at this rate times 1/tau
+_SETTLING = 0.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Equilibration(Run):
+    """A scene at rest, and how much its stress still oscillates where nothing shears it.
+
+    Attributes
+    ----------
+    oscillation
+        Half the distance between the largest and the smallest shear stress in one period without strain, from rest with
+        slack tangential springs: as what follows will start [energy/length^d].
+    expected_stress
+        The stress amplitude that it was compared with [energy/length^d].
+    periods
+        Periods that were stepped through, to look and to settle.
+    baseline
+        The period that was looked at.
+
+    """
+
+    oscillation: float
+    expected_stress: float
+    periods: int
+    baseline: StrainRun
+
+    @property
+    def ratio(self) -> float:
+        """The oscillation over the expected amplitude [1]."""
+        return self.oscillation / self.expected_stress
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return f"{super().title} at rest"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the run reached by name, as plain values; stresses in the scene's units of energy/length^d."""
+        return {
+            **super().to_dict(),
+            "residual_oscillation": self.oscillation,
+            "expected_stress": self.expected_stress,
+            "oscillation_ratio": self.ratio,
+        }
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        return [*super().rows(), rest_row(self.ratio, self.expected_stress)]
+
+
+def equilibrate(
+    scene: Scene,
+    *,
+    amplitude: float,
+    frequency: float | None = None,
+    relative_frequency: float | None = None,
+    largest_oscillation: float = 0.1,
+    expected_stress: float | None = None,
+    frictionless: bool | None = None,
+    axes: tuple[int, int] = (0, 1),
+    dt: float | None = None,
+    method: Method | None = None,
+    mass_n: ArrayLike | None = None,
+    step_limit: int = 500_000,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    checkpoint: str | os.PathLike[str] | RunsFile | None = None,
+    check: bool = True,
+) -> Equilibration:
+    """Return the scene's packing at rest: frictionless equilibrium first, then that under all effects.
+
+    The protocol of section 6 of particleShear's documentation. First the energy of what repels is minimized without
+    friction. Then one period is stepped through with all effects and without strain; where the shear stress oscillates
+    too much, particles settle for another period under stronger drag and are looked at again. Each look starts at
+    rest with slack tangential springs, as whatever follows will; what is returned is where the last one began.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    amplitude
+        Of the strain that is to follow [1].
+    frequency, relative_frequency
+        One of them, as for `oscillatory_shear`: a period is looked at.
+    largest_oscillation
+        Ends when the oscillation is below this times the expected amplitude [1].
+    expected_stress
+        Amplitude of the stress to come [energy/length^d]. Unless given: the strain's times the shear modulus of the
+        frictionless packing without bonds; friction and bonds only add to it.
+    frictionless
+        Whether to begin with the frictionless minimum. Unless given: where the scene has no bonds, as those are made in
+        a packing that is there already.
+    axes
+        As for `oscillatory_shear`.
+    dt, method, mass_n
+        As for `oscillatory_shear`.
+    step_limit
+        Largest number of time steps.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures).
+    checkpoint
+        As in `oscillatory_shear`, one file for all periods.
+    check
+        Raise NotConverged when the oscillation did not come down; otherwise return what it came to all the same.
+
+    Returns
+    -------
+    Equilibration
+        Outcome.CONVERGED, or Outcome.STEP_LIMIT.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the oscillation did not come down and `check` is set; its `.run` holds what was.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(30, dimension=2, packing_fraction=1.0, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring()), pm.BackgroundDamping(0.1)))
+    >>> ready = pm.equilibrate(scene, amplitude=0.01, relative_frequency=0.025)
+    >>> ready.outcome.name, ready.ratio < 1e-6
+    ('CONVERGED', True)
+
+    """
+    settings = check_arguments(
+        scene,
+        dt=dt,
+        method=method,
+        mass_n=mass_n,
+        time_limit=time_limit,
+        progress=progress,
+        checkpoint=checkpoint,
+        check=check,
+    )
+    strain = OscillatoryStrain(positive("amplitude", amplitude), frequency_of(settings, frequency, relative_frequency))
+    strain = dataclasses.replace(strain, axes=two_axes(axes))
+    direction = strain.direction(scene.packing.dimension)
+    most = positive("largest_oscillation", largest_oscillation)
+    limit = integer("step_limit", step_limit, at_least=1)
+    bonded = any(is_bound(one) for one in scene.effects)
+    if frictionless is not None and not isinstance(frictionless, bool):
+        raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
+    stages: list[Stage] = []
+    packing = scene.packing
+    if frictionless or (frictionless is None and not bonded):
+        minimum = _Minimum(_frictionless(scene), settings)
+        packing, stages = minimum.packing, minimum.stages
+    expected = _expected(scene, packing, amplitude) if expected_stress is None else expected_stress
+    expected = positive("expected_stress", expected)
+
+    each = max(_SAMPLES, math.ceil(1.0 / (strain.frequency * settings.longest)))
+    every = max(1, each // _SAMPLES)
+    each = every * math.ceil(each / every)
+    periods, taken = 0, 0
+    while True:
+        # a sine of no amplitude, so that the loops compiled for oscillatory shear serve
+        run, outcome = _period(settings, scene, packing, strain, direction, each, every)
+        stages += run.stages
+        periods, taken = periods + 1, taken + run.steps
+        stress = run.shear_stress_t
+        oscillation = 0.5 * float(stress.max() - stress.min())
+        found = oscillation < most * expected
+        if found or outcome is not Outcome.FINISHED or taken + 2 * each > limit:
+            break
+        settled, outcome = _period(settings, _dragged(scene, settings), packing, strain, direction, each, every)
+        periods, taken, packing = periods + 1, taken + settled.steps, settled.packing
+        stages += settled.stages
+    if outcome is Outcome.FINISHED:
+        outcome = Outcome.CONVERGED if found else Outcome.STEP_LIMIT
+    made = Equilibration(
+        packing=packing,
+        outcome=outcome,
+        residual=run.residual,
+        steps=taken,
+        force_evaluations=sum(stage.force_evaluations for stage in stages),
+        seconds=sum(stage.seconds for stage in stages),
+        build_seconds=run.build_seconds,
+        stages=tuple(stages),
+        oscillation=oscillation,
+        expected_stress=expected,
+        periods=periods,
+        baseline=run,
+    )
+    if check and not made.ok:
+        raise NotConverged(made)
+    return made
+
+
+def _frictionless(scene: Scene) -> Scene:
+    return Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
+
+
+class _Minimum:
+    """The energy minimum of a scene: its positions and the stages to it, from a checkpoint if they are there."""
+
+    def __init__(self, scene: Scene, settings: StrainSettings) -> None:
+        self.scene, self.packing, self.stages = scene, scene.packing, list[Stage]()
+        file = settings.file
+        if file is not None and file.begin(self, {**scene_fingerprints(scene), "minimum": _QUENCHED}):
+            return
+        found = quench(scene, force_tolerance=_QUENCHED, progress=settings.loop.settings.progress)
+        self.packing, self.stages = found.packing, list(found.stages)
+        if file is not None:
+            file.write(self, finished=True)
+
+    def arrays(self) -> Arrays:
+        """Return what a checkpoint keeps."""
+        stages = json.dumps([dataclasses.asdict(one) for one in self.stages])
+        return {"position_nd": self.packing.position_nd, "stages": np.array(stages)}
+
+    def index_bounds(self) -> dict[str, IndexBounds]:
+        """Return that there are no arrays of integers."""
+        return {}
+
+    def restore(self, kept: Arrays) -> None:
+        """Take what a checkpoint kept."""
+        self.packing = self.scene.packing.replace(position_nd=kept["position_nd"])
+        self.stages = [Stage(**one) for one in json.loads(str(kept["stages"]))]
+
+
+def _expected(scene: Scene, packing: Packing, amplitude: float) -> float:
+    """Return the stress that the shear modulus of the frictionless packing lets expect."""
+    modulus = elastic_moduli(_frictionless(scene.replace(packing=packing))).shear_modulus
+    return real("amplitude", amplitude) * _stiff(modulus)
+
+
+def _stiff(modulus: float) -> float:
+    if not (math.isfinite(modulus) and modulus > 0.0):
+        raise ValueError(
+            f"expected_stress must be given where nothing resists shear without friction, got the modulus {modulus:g}"
+        )
+    return modulus
+
+
+def _dragged(scene: Scene, settings: StrainSettings) -> Scene:
+    """Return the scene with its background damping, if it has any, strong enough to settle in."""
+    rate = _SETTLING / characteristic_time(settings.scene, settings.mass_n)
+    effects = (
+        BackgroundDamping(max(rate, one.rate)) if isinstance(one, BackgroundDamping) else one for one in scene.effects
+    )
+    return scene.replace(effects=tuple(effects))
+
+
+def _period(
+    settings: StrainSettings,
+    scene: Scene,
+    packing: Packing,
+    strain: OscillatoryStrain,
+    direction_dd: NDArray[np.float64],
+    steps: int,
+    every: int,
+) -> tuple[StrainRun, Outcome]:
+    """Return one period without strain, from rest."""
+    task = StrainTask(
+        dataclasses.replace(settings, scene=scene.replace(packing=packing)),
+        STAGE,
+        dt=1.0 / (strain.frequency * steps),
+        steps=steps,
+        every=every,
+        profile=Sine(0.0, 2.0 * math.pi * strain.frequency, 0.0, math.inf),
+        direction_dd=direction_dd,
+    )
+    run = task.run(lambda outcome: StrainRun(**task.fields(outcome, strain.axes)), check=False)
+    return run, run.outcome

@@ -1,0 +1,359 @@
+"""Oscillatory shear: a sine of strain, and the moduli of the stress that answers to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, integer, one_of, positive, real
+from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
+from packmech.effects import Bonds, law_second, pair_second
+from packmech.measure import Demodulation, demodulate, packing_fraction
+from packmech.observables import columns_in
+from packmech.result import Outcome, Row, Run, particles_in_words
+from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed, two_axes
+from packmech.rheology.strain_run import StrainRun, StrainTask
+from packmech.rheology.walls import WallModuli, wall_forces
+from packmech.scene import Scene
+
+STAGE = "oscillatory shear"
+# overlap at which the stiffness of a contact is taken [1]
+_TOUCH = 1e-9
+
+
+def rest_row(ratio: float, expected_stress: float) -> Row:
+    """Return what is said of how quiet a scene was before the shear: name, value, and what the value is."""
+    note = f"stress before the shear over the amplitude expected, {expected_stress:.4g}"
+    return ("residual oscillation", f"{ratio:.2g}", note)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class OscillatoryShear(StrainRun):
+    """A run under gamma = amplitude sin(2 pi frequency (t - start)), with the moduli of its overall stress.
+
+    Attributes
+    ----------
+    amplitude, frequency
+        Of the strain [1] and in periods per unit of time [1/time].
+    start
+        Time at which the strain starts [time].
+    periods, skip_periods
+        How many were asked for, and how many of the first do not count [1].
+    moduli
+        G' and G'' of the overall stress, with error bars over periods; None where the run ended before a period that
+        counts.
+    walls
+        The same from the force on walls and from what is between them, where the scene has walls across the gradient:
+        rough plates (held_n of `rough_plates`), or smooth Walls; None without, or as above.
+
+    """
+
+    amplitude: float
+    frequency: float
+    start: float
+    periods: float
+    skip_periods: float
+    moduli: Demodulation | None
+    walls: WallModuli | None = None
+
+    @property
+    def phase_t(self) -> NDArray[np.float64]:
+        """The (T,) phases of the strain; not positive before it starts."""
+        return np.asarray(2.0 * np.pi * self.frequency * (self.time_t - self.start))
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the observables that were kept, by name."""
+        return {**super().columns(), **columns_in(self, ["phase_t"])}
+
+    def about(self) -> dict[str, Any]:
+        """Return what a table of this run says of it."""
+        names = ("amplitude", "frequency", "start", "periods", "skip_periods")
+        told = {**super().about(), **{name: getattr(self, name) for name in names}}
+        if self.moduli is not None:
+            told |= {"storage_modulus": float(self.moduli.storage), "loss_modulus": float(self.moduli.loss)}
+        return told
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return f"{particles_in_words(self.packing)}, strain {self.amplitude:g} sin(2 pi {self.frequency:.6g} t)"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the run reached by name, as plain values; stresses in the scene's units of energy/length^d."""
+        told = {
+            **Run.to_dict(self),
+            "packing_fraction": packing_fraction(self.packing),
+            "strain_amplitude": self.amplitude,
+            "frequency": self.frequency,
+            "time_step": self.dt,
+            "mean_pressure": float(np.mean(self.pressure_t)),
+            "end_stress": self.stress["overall"][-1].tolist(),
+            "mean_contacts": float(np.mean(self.contacts_t)),
+            "mean_sliding_fraction": float(np.mean(self.sliding_fraction_t)),
+        }
+        found = self.moduli
+        if found is not None:
+            told |= {
+                "in_phase_stress": found.in_phase,
+                "out_of_phase_stress": found.out_of_phase,
+                "stress": found.stress,
+                "storage_modulus": found.storage,
+                "loss_modulus": found.loss,
+                "storage_error": found.storage_error,
+                "loss_error": found.loss_error,
+                "storage_fit_error": found.storage_fit_error,
+                "loss_fit_error": found.loss_fit_error,
+            }
+        if self.held_n is not None:
+            told["held"] = int(self.held_n.sum())
+        if self.walls is not None:
+            told["walls"] = self.walls.to_dict()
+        return told
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        told, unit = self.to_dict(), self.stress_unit
+        rows: list[Row] = []
+        if self.moduli is not None:
+            rows = [
+                ("in-phase stress", f"{told['in_phase_stress']:.6g}", f"amplitude; {unit}"),
+                ("out-of-phase stress", f"{told['out_of_phase_stress']:.6g}", f"amplitude; {unit}"),
+                ("stress", f"{told['stress']:.6g}", "amplitude of both together"),
+            ]
+            for name, key in (("G'", "storage"), ("G''", "loss")):
+                between, fit = told[f"{key}_error"], told[f"{key}_fit_error"]
+                # one period that counts says nothing of how periods differ
+                error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
+                rows.append((name, f"{told[f'{key}_modulus']:.6g}", f"{error}; {unit}"))
+        else:
+            lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in told["end_stress"]]
+            rows = [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
+        if self.walls is not None:
+            rows += self.walls.rows(told.get("held", 0), unit)
+        if "oscillation_ratio" in self.report:
+            rows.append(rest_row(self.report["oscillation_ratio"], self.report["expected_stress"]))
+        sliding = told["mean_sliding_fraction"]
+        return [
+            *Run.rows(self)[:1],
+            *rows,
+            ("packing fraction", f"{told['packing_fraction']:.8f}", "overlaps counted in full"),
+            ("mean pressure", f"{told['mean_pressure']:.6g}", unit),
+            ("contacts", f"{told['mean_contacts']:.1f}", f"mean; {sliding:.1%} of them slide"),
+        ]
+
+    def demodulated(self, tensor: str = "overall", axes: tuple[int, int] | None = None) -> Demodulation:
+        """Return the moduli of a component of one of the tensors in `stress`, over the periods that count.
+
+        Raises
+        ------
+        ValueError
+            If there is no such tensor, or too little of it.
+
+        """
+        if tensor not in self.stress:
+            raise ValueError(f"tensor must be one of {', '.join(map(repr, self.stress))}, got {tensor!r}")
+        a, b = self.axes if axes is None else axes
+        return self.demodulated_of(self.stress[tensor][:, a, b])
+
+    def demodulated_of(self, stress_t: NDArray[np.float64]) -> Demodulation:
+        """Return the moduli of a (T,) stress of the times of this run, over the periods that count."""
+        phase = self.phase_t
+        sheared = (phase >= 0.0) & (phase <= 2.0 * np.pi * (self.periods + 1e-9))
+        return demodulate(
+            phase[sheared],
+            stress_t[sheared],
+            amplitude=self.amplitude,
+            skip_periods=self.skip_periods,
+            periods=min(self.periods, float(phase[sheared][-1]) / (2.0 * np.pi)) if sheared.any() else self.periods,
+        )
+
+
+def characteristic_time(scene: Scene, mass_n: NDArray[np.float64]) -> float:
+    """Return tau = sqrt(mean mass / k) [time], k the normal stiffness of a contact (or a bond) that just closes.
+
+    The time scale of section 1 of the corrected specification: the mean mass is that of one size with the same packing
+    fraction.
+
+    Raises
+    ------
+    ValueError
+        If nothing is stiff at contact.
+
+    """
+    sigma = scene.packing.reference_diameter
+    pairs = [one for one in scene.effects if not isinstance(one, Bonds)]
+    stiffness = abs(sum(pair_second(one, (1.0 - _TOUCH) * sigma, sigma) for one in pairs))
+    if stiffness == 0.0:
+        bonds = [one for one in scene.effects if isinstance(one, Bonds)]
+        stiffness = max((abs(law_second(one.compression, (1.0 - _TOUCH) * sigma, sigma)) for one in bonds), default=0.0)
+    if not stiffness > 0.0:
+        raise ValueError("relative_frequency must be left out where contacts have no stiffness: give frequency")
+    return math.sqrt(float(mass_n.mean()) / stiffness)
+
+
+def frequency_of(settings: StrainSettings, frequency: float | None, relative_frequency: float | None) -> float:
+    """Return the frequency [1/time] from whichever of the two is given."""
+    relative = None if relative_frequency is None else positive("relative_frequency", relative_frequency)
+    if (frequency is None) == (relative is None):
+        got = "neither" if frequency is None else "both"
+        raise ValueError(f"frequency must be given, or else relative_frequency, got {got}")
+    if relative is not None:
+        return relative / characteristic_time(settings.scene, settings.mass_n)
+    return positive("frequency", frequency)
+
+
+@listed(Common)
+def oscillatory_shear(
+    scene: Scene,
+    *,
+    amplitude: float,
+    frequency: float | None = None,
+    relative_frequency: float | None = None,
+    pre_periods: float = 0.0,
+    periods: float = 4.0,
+    post_periods: float = 0.0,
+    skip_periods: float | None = None,
+    axes: tuple[int, int] = (0, 1),
+    samples_per_period: int = 200,
+    carried: bool = True,
+    strain_path: str = "exact",
+    **common: Unpack[Common],
+) -> OscillatoryShear:
+    """Return a run under oscillatory shear, gamma = amplitude sin(2 pi frequency t), with G' and G'' of its stress.
+
+    The box is sheared (Lees and Edwards's sliding images), particles follow Newton's equations in it. The strain is
+    exact at every step. The stress is that of all contacts and bonds with their branch vectors across the boundary, so
+    that nothing jumps when a particle leaves the cell. Moduli come from `demodulate`.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    amplitude
+        Of the strain [1].
+    frequency, relative_frequency
+        One of them: periods in a unit of time, or in tau = sqrt(mean mass / stiffness of a contact).
+    pre_periods, periods, post_periods
+        Periods of rest before, of shear, and of rest after [1].
+    skip_periods
+        How many of the first periods of shear do not count. Unless given: 1, or 0 with fewer than 2 periods.
+    axes
+        Direction of the displacements, and of their gradient.
+    dt
+        Longest time step. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and m / damping of
+        whatever acts, whatever the amplitude. Steps are shortened so that a period is a whole number of them, and of
+        samples. Where there are rests, the strain starts and ends in the middle of a step.
+    method
+        VelocityVerlet() unless given, or SemiImplicitEuler().
+    mass_n
+        (N,) masses; as in `simulate` unless given.
+    velocity_nd, spin_nk
+        (N, d) peculiar velocities [length/time] and (N, 1 or 3) spins [1/time] at the start; at rest unless given.
+    held_n
+        (N,) True for particles that nothing pushes or turns: they follow the box, as rough plates do.
+    samples_per_period
+        How often figures are kept, at least 8.
+    carried
+        Whether everything is carried along as the box deforms, so that only motion against it has inertia (SLLOD: a
+        part of an endless sheared medium). False: nothing is, and plates alone (held_n of `rough_plates`) drive the
+        sample, about the middle between them; steps then take their time in Python.
+    strain_path
+        "exact", or "increments": the strain is that of the sine at every step and linear in it, so that the rate is the
+        mean one of the step, as where strain increments drive an experiment.
+    frames
+        Positions are kept so many times, evenly spaced, the start and the end among them.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures), figures a dict with "steps", "of", "time" and "strain".
+    checkpoint
+        A .npz file to which the full state goes, whole or not at all: at the end, at an interrupt (Ctrl-C, SIGTERM,
+        time_limit) and now and then on the way. Where it is there already, made of the same scene and arguments, the
+        run goes on from it with the same bits; a run that got to its end is returned as it was. Writing changes no bit.
+    check
+        Raise NotConverged when the run did not get to its end; otherwise return what it came to all the same.
+
+    Returns
+    -------
+    OscillatoryShear
+        Outcome.FINISHED, or Outcome.STEP_TOO_LONG where something moved by the smallest diameter in one step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If the end was not reached and `check` is set; its `.run` holds what was.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was reached.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.1)))
+    >>> run = pm.oscillatory_shear(scene, amplitude=1e-4, frequency=0.01, periods=2)
+    >>> round(run.moduli.storage, 3), abs(run.moduli.loss) < 1e-6  # sqrt(3)/4 less the pressure's part
+    (0.42, True)
+
+    """
+    settings = check_arguments(scene, **common)
+    rate = frequency_of(settings, frequency, relative_frequency)
+    # checks amplitude and axes, and knows the direction
+    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=two_axes(axes))
+    direction = strain.direction(scene.packing.dimension)
+    pre = real("pre_periods", pre_periods, at_least=0.0)
+    count = positive("periods", periods)
+    post = real("post_periods", post_periods, at_least=0.0)
+    if skip_periods is None:
+        skip = 1.0 if count >= 2.0 else 0.0
+    else:
+        skip = real("skip_periods", skip_periods, at_least=0.0, below=count)
+    samples = integer("samples_per_period", samples_per_period, at_least=8)
+    every = math.ceil(1.0 / (rate * settings.longest * samples) * (1.0 - 1e-12))
+    each = every * samples
+    step = 1.0 / (rate * each)
+    one_of("strain_path", strain_path, ("exact", "increments"))
+    instance("carried", carried, bool)
+    before, sheared, after = round(pre * each), max(1, round(count * each)), round(post * each)
+    rests = before > 0 or after > 0
+    # the rate jumps there: in the middle of a step a trapezoidal rule takes no notice
+    start = (before + 0.5) * step if rests else 0.0
+    end = start + sheared * step if rests else math.inf
+    sine = Sine(float(amplitude), 2.0 * math.pi * rate, start, end)
+    profile = sine if strain_path == "exact" else Increments(*sine, step)
+    task = StrainTask(
+        settings,
+        STAGE,
+        dt=step,
+        steps=before + sheared + after + (1 if rests else 0),
+        every=every,
+        profile=profile,
+        direction_dd=direction,
+        further={"carried": carried},
+        walls=wall_forces(settings, strain.axes, every, profile, carried=carried),
+    )
+    return task.run(lambda outcome: _finish(task, outcome, strain, start, count, skip))
+
+
+def _finish(
+    task: StrainTask, outcome: Outcome, strain: OscillatoryStrain, start: float, periods: float, skip: float
+) -> OscillatoryShear:
+    run = OscillatoryShear(
+        **task.fields(outcome, strain.axes),
+        amplitude=strain.amplitude,
+        frequency=strain.frequency,
+        start=start,
+        periods=periods,
+        skip_periods=skip,
+        moduli=None,
+    )
+    # a whole period that counts, or nothing
+    if run.phase_t[-1] < 2.0 * np.pi * (skip + 1.0 - 1.0 / 8.0):
+        return run
+    walls = None if task.walls is None else task.walls.moduli(run)
+    return replace(run, moduli=run.demodulated(), walls=walls)

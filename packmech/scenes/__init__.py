@@ -1,0 +1,1 @@
+"""Scenes as TOML files: how one is read and written, and those that ship with packmech."""

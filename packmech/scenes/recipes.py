@@ -1,0 +1,409 @@
+"""How a scene file says its packing and its bonds: functions whose parameters are the fields of a table.
+
+The kind of a packing is the name of its function. Some parameters the scene gives: `folder`, where the file lies;
+`packing`, which bonds are made for; and `law`, that of the scene's repulsion, unless the table has one.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.check import function, one_of
+from packmech.dynamics.bonds import bond_contacts
+from packmech.effects import Bonds, Harmonic, LinearSpring, Repulsion
+from packmech.effects.laws import Law
+from packmech.files.packings import read_packing
+from packmech.files.records import kind_of, kinds_of, to_table
+from packmech.generate import (
+    Bidisperse,
+    Cluster,
+    Dimer,
+    LinearCluster,
+    LogNormal,
+    Mixture,
+    Monodisperse,
+    Normal,
+    RingCluster,
+    Shape,
+    Sizes,
+    StarCluster,
+    Trimer,
+    Uniform,
+    chain_packing,
+    cluster_packing,
+    cut_fragments,
+    fill_box,
+    lattice_packing,
+    random_packing,
+)
+from packmech.links import Links
+from packmech.minimize.quench import quench
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+Vectors = tuple[tuple[float, ...], ...]
+P = TypeVar("P", bound=Callable[..., Packing])
+
+_SIZES, _LAW, _SPRING = Bidisperse(), Harmonic(), LinearSpring()
+
+# the records that may stand in the fields of a packing, by name
+NESTED = {
+    "sizes": kinds_of((Monodisperse, Bidisperse, Mixture, Uniform, Normal, LogNormal)),
+    "shape": kinds_of((Cluster, Dimer, Trimer, RingCluster, StarCluster, LinearCluster)),
+}
+# the functions that make packings, by kind
+PACKINGS: dict[str, Callable[..., Packing]] = {}
+
+
+def packing_kind(recipe: P) -> P:
+    """Return the function registered as a kind of packing that scene files can name.
+
+    Parameters
+    ----------
+    recipe
+        A function that returns a Packing. Its name, with hyphens, is the kind, and its parameters are the fields of the
+        table `[packing]`; numbers, texts and tuples of them are checked by their annotations. A parameter `folder` is
+        no field: it is given where the scene file lies; a parameter `law` is given that of the scene's repulsion unless
+        the table has one. With a parameter `seed` the packing is random: `packmech run --seed` draws another.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no function, or has the name of a kind that packmech ships.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> @pm.packing_kind
+    ... def row(particles: int, distance: float = 1.0) -> pm.Packing:
+    ...     box = pm.Box([[particles * distance, 0.0], [0.0, 2.0]])
+    ...     return pm.Packing([[k * distance, 1.0] for k in range(particles)], [0.5] * particles, box)
+    >>> "row" in PACKINGS
+    True
+
+    """
+    function("recipe", recipe)
+    kind = kind_of(recipe)
+    if kind in PACKINGS and PACKINGS[kind].__module__ == __name__ != recipe.__module__:
+        raise ValueError(f"recipe must have a name that none of packmech's kinds of packings has, got {kind!r}")
+    PACKINGS[kind] = recipe
+    return recipe
+
+
+def is_random(kind: Any) -> bool:
+    """Whether another seed changes the packing of this kind."""
+    return kind in PACKINGS and "seed" in inspect.signature(PACKINGS[kind]).parameters
+
+
+@packing_kind
+def _random(
+    particles: int,
+    packing_fraction: float,
+    seed: int,
+    dimension: int = 2,
+    sizes: Sizes = _SIZES,
+    lattice_vectors: Vectors | None = None,
+) -> Packing:
+    """Return what `random_packing` makes."""
+    return random_packing(
+        particles,
+        dimension=dimension,
+        packing_fraction=packing_fraction,
+        sizes=sizes,
+        seed=seed,
+        box=_box_shape(lattice_vectors),
+    )
+
+
+@packing_kind
+def _lattice(
+    name: str,
+    repeats: int | tuple[int, ...] | None = None,
+    supercell: tuple[tuple[int, ...], ...] | None = None,
+    conventional: bool = False,
+    relative_overlap: float = 0.0,
+    diameter: float = 1.0,
+) -> Packing:
+    """Return what `lattice_packing` makes; `supercell` has one box vector a line."""
+    return lattice_packing(
+        name,
+        repeats,
+        supercell=None if supercell is None else np.array(supercell).T,
+        conventional=conventional,
+        relative_overlap=relative_overlap,
+        diameter=diameter,
+    )
+
+
+@packing_kind
+def _clusters(
+    count: int,
+    shape: Shape,
+    packing_fraction: float,
+    seed: int,
+    dimension: int = 2,
+    sizes: Sizes | None = None,
+    lattice_vectors: Vectors | None = None,
+    crossing: str = "avoided",
+    largest_overlap: float | None = None,
+    tries: int = 1000,
+) -> Packing:
+    """Return what `cluster_packing` makes."""
+    return cluster_packing(
+        count,
+        shape,
+        dimension=dimension,
+        packing_fraction=packing_fraction,
+        sizes=sizes,
+        seed=seed,
+        box=_box_shape(lattice_vectors),
+        crossing=crossing,
+        largest_overlap=largest_overlap,
+        tries=tries,
+    )
+
+
+@packing_kind
+def _chains(
+    count: int,
+    beads: int,
+    packing_fraction: float,
+    seed: int,
+    dimension: int = 2,
+    link_length: float = 1.0,
+    radii: float | tuple[float, ...] | None = None,
+    sizes: Sizes | None = None,
+    angles: str | float | tuple[float, ...] = "free",
+    bend: float = 2.0 * math.pi / 3.0,
+    form: str | tuple[int, ...] = "open",
+    winding: tuple[int, ...] | None = None,
+    lattice_vectors: Vectors | None = None,
+    crossing: str = "avoided",
+    tries: int = 200,
+) -> Packing:
+    """Return what `chain_packing` makes."""
+    return chain_packing(
+        count,
+        beads,
+        dimension=dimension,
+        packing_fraction=packing_fraction,
+        link_length=link_length,
+        radii=radii,
+        sizes=sizes,
+        angles=angles,
+        bend=bend,
+        form=form,
+        winding=winding,
+        seed=seed,
+        box=_box_shape(lattice_vectors),
+        crossing=crossing,
+        tries=tries,
+    )
+
+
+@packing_kind
+def _prepared(
+    particles: int,
+    packing_fraction: float,
+    seed: int,
+    dimension: int = 2,
+    sizes: Sizes = _SIZES,
+    side: float | None = None,
+    lattice_vectors: Vectors | None = None,
+    law: Law = _LAW,
+    force_tolerance: float = 1e-10,
+) -> Packing:
+    """Return a random packing at its energy minimum under the law, without friction and bonds.
+
+    With a `side` or `lattice_vectors` the box is this very one and the radii fill it (`fill_box`), else the smallest
+    diameter is 1.
+    """
+    if side is not None and lattice_vectors is not None:
+        raise ValueError(f"side must be left out where lattice_vectors are given, got {side!r}")
+    drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed}
+    if side is not None:
+        drawn = fill_box(Box.cubic(side, dimension), particles, **drawing)
+    elif lattice_vectors is not None:
+        drawn = fill_box(Box(_columns(lattice_vectors)), particles, **drawing)
+    else:
+        drawn = random_packing(particles, dimension=dimension, **drawing)
+    return quench(Scene(drawn, (Repulsion(law),)), force_tolerance=force_tolerance).packing
+
+
+@packing_kind
+def _file(path: str, folder: Path) -> Packing:
+    """Return the packing in a file; its path is relative to the scene file."""
+    return read_packing(folder / path)
+
+
+@packing_kind
+def _inline(
+    lattice_vectors: Vectors,
+    positions: Vectors,
+    radii: tuple[float, ...],
+    link_pairs: tuple[tuple[int, ...], ...] | None = None,
+    link_images: tuple[tuple[int, ...], ...] | None = None,
+    link_lengths: tuple[float, ...] | None = None,
+    link_shapes: tuple[bool, ...] | None = None,
+) -> Packing:
+    """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each."""
+    box = Box(_columns(lattice_vectors))
+    links = None
+    if link_pairs is None:
+        _left_out({"link_images": link_images, "link_lengths": link_lengths, "link_shapes": link_shapes}, "link_pairs")
+    elif link_lengths is None:
+        raise ValueError("link_lengths must be given with link_pairs, got nothing")
+    else:
+        pairs, images = _pairs("link_", link_pairs, link_images, box.dimension)
+        shape = None if link_shapes is None else np.array(link_shapes, dtype=bool)
+        links = Links(pairs[:, 0], pairs[:, 1], images, np.array(link_lengths), shape)
+    return Packing(_rows("positions", positions), np.array(radii), box, links)
+
+
+# what the functions that make packings and bonds call a field of the file
+FIELD_OF = {
+    "box": "lattice_vectors",
+    "lattice_dd": "lattice_vectors",
+    "position_nd": "positions",
+    "radius_n": "radii",
+    "i_l": "link_pairs",
+    "j_l": "link_pairs",
+    "links": "link_pairs",
+    "image_ld": "link_images",
+    "length_l": "link_lengths",
+    "shape_l": "link_shapes",
+    "i_b": "pairs",
+    "j_b": "pairs",
+    "image_bd": "images",
+    "rest_length_b": "rest_lengths",
+}
+
+
+def inline_table(packing: Packing) -> dict[str, Any]:
+    """Return the table of a packing written out, from which the same packing is read to the last bit."""
+    table: dict[str, Any] = {
+        "kind": "inline",
+        "lattice_vectors": packing.box.lattice_dd.T.tolist(),
+        "radii": packing.radius_n.tolist(),
+        "positions": packing.position_nd.tolist(),
+    }
+    links = packing.links
+    if links is not None:
+        assert links.shape_l is not None
+        table["link_pairs"] = np.column_stack([links.i_l, links.j_l]).tolist()
+        table["link_images"] = links.image_ld.tolist()
+        table["link_lengths"] = links.length_l.tolist()
+        table["link_shapes"] = links.shape_l.tolist()
+    return table
+
+
+_SPRINGS = ("compression", "tension", "tangential_stiffness", "damping", "tangential_damping")
+
+
+def bonds(
+    packing: Packing,
+    of: str | None = None,
+    rest: str | None = None,
+    gap_tolerance: float | None = None,
+    centers: int | None = None,
+    lines: int | None = None,
+    edge_fuzziness: float | None = None,
+    avoided_angle: float | None = None,
+    cut_top_bottom: bool | None = None,
+    join_isolated: bool | None = None,
+    removed_fraction: float | None = None,
+    spanning: str | None = None,
+    axis: int | None = None,
+    seed: int | None = None,
+    tries: int | None = None,
+    pairs: tuple[tuple[int, ...], ...] | None = None,
+    images: tuple[tuple[int, ...], ...] | None = None,
+    rest_lengths: tuple[float, ...] | None = None,
+    compression: Law = _SPRING,
+    tension: Law = _SPRING,
+    tangential_stiffness: float = 1.0,
+    damping: float = 0.0,
+    tangential_damping: float = 0.0,
+) -> Bonds:
+    """Return the bonds of a packing.
+
+    `of = "contacts"` makes them of the packing's contacts, with `rest` and `gap_tolerance` of `bond_contacts`, and cuts
+    them with the arguments of `cut_fragments` where a `seed` is given. Otherwise they are written out: `pairs` of
+    particles, `rest_lengths`, and `images` where some are not zero.
+    """
+    fields = locals()
+    springs = {name: fields[name] for name in _SPRINGS}
+    making = {"rest": rest, "gap_tolerance": gap_tolerance}
+    names = inspect.signature(cut_fragments).parameters
+    cutting = {name: value for name, value in fields.items() if name in names and name not in ("packing", "bonds")}
+    if of is not None:
+        one_of("of", of, ("contacts",))
+        _left_out({"pairs": pairs, "images": images, "rest_lengths": rest_lengths}, "of = 'contacts'", given=True)
+        made = bond_contacts(packing, **_given(making), **springs)
+        if seed is not None:
+            return cut_fragments(made, packing, **_given(cutting))
+        _left_out(cutting, "a seed")
+        return made
+    _left_out(making | cutting, "of = 'contacts'")
+    if pairs is None:
+        raise ValueError("pairs must be given (or of = 'contacts'), got nothing")
+    if rest_lengths is None:
+        raise ValueError("rest_lengths must be given with pairs, got nothing")
+    pair_bk, image_bd = _pairs("", pairs, images, packing.dimension)
+    return Bonds(pair_bk[:, 0], pair_bk[:, 1], image_bd, np.array(rest_lengths, dtype=float), **springs)
+
+
+def bonds_table(bonds: Bonds) -> dict[str, Any]:
+    """Return the table of bonds written out, from which the same bonds are read to the last bit."""
+    springs = {name: getattr(bonds, name) for name in _SPRINGS}
+    return {
+        "kind": kind_of(Bonds),
+        "pairs": np.column_stack([bonds.i_b, bonds.j_b]).tolist(),
+        "images": bonds.image_bd.tolist(),
+        "rest_lengths": bonds.rest_length_b.tolist(),
+        **{name: value if isinstance(value, float) else to_table(value) for name, value in springs.items()},
+    }
+
+
+def _given(fields: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def _left_out(fields: dict[str, Any], what: str, *, given: bool = False) -> None:
+    for name, value in _given(fields).items():
+        raise ValueError(f"{name} must be left out {'with' if given else 'without'} {what}, got {value!r}")
+
+
+def _pairs(prefix: str, pairs: Any, images: Any, dimension: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return (P, 2) particles and (P, d) images of pairs; images are zero unless given."""
+    images = ((0,) * dimension,) * len(pairs) if images is None else images
+    for name, rows, size in (("pairs", pairs, 2), ("images", images, dimension)):
+        for k, row in enumerate(rows):
+            if len(row) != size:
+                raise ValueError(f"{prefix}{name}[{k}] must hold {size} numbers, got {len(row)}")
+    return (
+        np.array(pairs, dtype=np.int64).reshape(-1, 2),
+        np.array(images, dtype=np.int64).reshape(-1, dimension),
+    )
+
+
+def _rows(name: str, rows: Vectors) -> NDArray[np.float64]:
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError(f"{name} must hold rows of one length, got lengths {sorted({len(row) for row in rows})}")
+    return np.array(rows, dtype=np.float64)
+
+
+def _columns(vectors: Vectors) -> NDArray[np.float64]:
+    return _rows("lattice_vectors", vectors).T
+
+
+def _box_shape(vectors: Vectors | None) -> NDArray[np.float64] | None:
+    return None if vectors is None else _columns(vectors)

@@ -1,0 +1,241 @@
+"""Scenes as TOML files: a packing (generated, read or written out), the effects, what is done with it.
+
+A scene file looks like this; `kind` names a class of the package in lower case with hyphens::
+
+    description = "256 bidisperse discs, every strain free"      # optional
+
+    [packing]
+    kind = "random"                     # or "lattice", "clusters", "chains", "file", "inline"
+    particles = 256
+    dimension = 2
+    packing_fraction = 0.87
+    seed = 1
+    sizes = { kind = "bidisperse", ratio = 1.4, fraction = "50:50" }
+
+    [[effects]]
+    kind = "repulsion"
+    law = { kind = "harmonic", energy_scale = 1.0 }
+
+    [drive]                             # optional
+    kind = "jam"
+    pressure = 1e-8
+    strain = "free"
+    method = { kind = "decompression", factor = 0.3 }             # optional: what pm.jam takes as its method
+
+The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient", and
+`kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given), and
+`kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement,
+and `kind = "oscillatory-shear"`, `"steady-shear"`, `"ramp-strain"` and `"creep"`, with the arguments of
+`pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep` and a `density`; `kind = "simulate"` follows
+Newton's equations for so many `steps` (or a `duration`), from `velocities` and `spins` one row a particle, with
+`masses` (or a `density`) and the numbers of who is `held`. Oscillatory shear may have rough `plates`, the layer of
+`pm.rough_plates`.
+The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
+`chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
+`lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
+`shape = { kind = "trimer", angle = 1.2 }`, or `angle = [1.1, 2.8]` for another one in every cluster. An inline
+packing may have links: `link_pairs` of particles and `link_lengths`, with `link_images` where some are not zero and
+`link_shapes` where some hold a shape. `prepared` takes the arguments of a random packing, and a `side` or
+`lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion.
+
+Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
+`seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.
+
+Laws, effects, packings and drives of your own are named like those of the package once they are registered (`pm.law`,
+`pm.effect`, `pm.packing_kind`, `pm.drive`); `packmech run --load my_module.py` imports the file that does so.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from packmech.check import instance, integer
+from packmech.effects import Bonds, law_of, registered_effects, registered_laws
+from packmech.files.packings import PathLike, replacing, target_file
+from packmech.files.records import from_table, kind_of, kinds_of, make, read_fields, to_table
+from packmech.scene import Scene, drive_code, drive_kind, registered_drives
+from packmech.scenes.recipes import (
+    FIELD_OF,
+    NESTED,
+    PACKINGS,
+    bonds,
+    bonds_table,
+    inline_table,
+    is_random,
+)
+
+_TOP = ("description", "packing", "effects", "drive")
+
+
+def list_scenes() -> dict[str, str]:
+    """Return the scenes that ship inside the package: name -> one sentence on it, the default one first.
+
+    Examples
+    --------
+    >>> next(iter(list_scenes()))
+    'default'
+
+    """
+    names = sorted(
+        (entry.name.removesuffix(".toml") for entry in _shipped().iterdir() if entry.name.endswith(".toml")),
+        key=lambda name: (name != "default", name),
+    )
+    texts = {name: (_shipped() / f"{name}.toml").read_text(encoding="utf-8") for name in names}
+    return {name: str(tomllib.loads(text).get("description", "")) for name, text in texts.items()}
+
+
+def _shipped() -> Any:
+    return resources.files("packmech") / "scenes"
+
+
+def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
+    """Return the scene in a TOML file, or the shipped scene of that name.
+
+    Parameters
+    ----------
+    path
+        A file, or a bare name without an ending such as ``"default"`` (see ``pm.list_scenes``).
+    seed
+        Another seed than the file's, for a scene whose packing is random.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file or shipped scene.
+    TypeError, ValueError
+        Naming the field by its path, such as ``effects[0].law.kind``, what it must be, what came, and the file.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> scene = pm.read_scene("default")
+    >>> scene.packing.particles, scene.drive.strain
+    (256, 'free')
+
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be a file name or the name of a shipped scene, got {path!r}")
+    name = os.fspath(path)
+    if isinstance(path, str) and not Path(name).suffix and Path(name).name == name:
+        entry = _shipped() / f"{name}.toml"
+        if not entry.is_file():
+            raise FileNotFoundError(
+                f"path must name a file or a shipped scene ({', '.join(list_scenes())}), got {name!r}"
+            )
+        data, folder = entry.read_bytes(), Path(".")
+    else:
+        if not Path(name).is_file():
+            raise FileNotFoundError(f"path must name an existing file, got {name!r}")
+        data, folder = Path(name).read_bytes(), Path(name).parent
+    try:
+        tables = tomllib.loads(data.decode("utf-8"))
+        if seed is not None:
+            _reseed(tables, integer("seed", seed, at_least=0))
+        return _scene(tables, folder)
+    except (TypeError, ValueError, OSError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        said = f"path must name a TOML file: {error}" if isinstance(error, _NOT_TOML) else str(error)
+        raise kind(f"{said} (in scene file {name!r})") from error
+
+
+def _reseed(tables: dict[str, Any], seed: int) -> None:
+    packing = tables.get("packing")
+    kind = packing.get("kind") if isinstance(packing, dict) else None
+    if not isinstance(packing, dict) or not is_random(kind):
+        raise ValueError(f"seed must be left out for a packing that is not random, got {seed} for kind {kind!r}")
+    packing["seed"] = seed
+    effects = tables.get("effects")
+    for table in effects if isinstance(effects, list) else []:
+        # cuts are drawn anew with the packing
+        if isinstance(table, dict) and table.get("kind") == "bonds" and "seed" in table:
+            table["seed"] = seed
+
+
+_NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
+
+
+def _scene(tables: dict[str, Any], folder: Path) -> Scene:
+    for name in tables:
+        if name not in _TOP:
+            raise ValueError(f"{name} must be a field of a scene ({', '.join(_TOP)}), got an unknown one")
+    if not isinstance(tables.get("description", ""), str):
+        raise TypeError(f"description must be a string, got {tables['description']!r}")
+    if "packing" not in tables:
+        raise ValueError("packing must be given, got nothing")
+    entries = tables.get("effects")
+    if not isinstance(entries, list) or not entries:
+        raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}")
+    laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects()) | {kind_of(bonds): bonds}
+    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    read = [read_fields(table, f"effects[{k}]", acting, nested, given=("packing",)) for k, table in enumerate(entries)]
+    effects = [
+        None if maker is bonds else make(maker, values, f"effects[{k}]") for k, (maker, values) in enumerate(read)
+    ]
+    drive = _drive(tables["drive"]) if "drive" in tables else None
+    recipe, fields = read_fields(tables["packing"], "packing", PACKINGS, NESTED | nested, given=("folder",))
+    known = inspect.signature(recipe).parameters
+    if "folder" in known:
+        fields["folder"] = folder
+    if "law" in known and "law" not in fields:
+        fields["law"] = law_of(tuple(effects))
+    packing = make(recipe, fields, "packing", FIELD_OF)
+    for k, (maker, values) in enumerate(read):
+        if maker is bonds:
+            effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
+    return Scene(packing, tuple(effects), drive)
+
+
+def _drive(table: Any) -> Any:
+    kinds = registered_drives()
+    cls = kinds.get(table.get("kind", "")) if isinstance(table, dict) else None
+    # what may stand there, the code of the drive knows; where no method is named it need not be imported
+    nested = {}
+    if cls is not None and "method" in table:
+        nested = {name: kinds_of(classes()) for name, classes in drive_code(cls).nested.items()}
+    return from_table(table, "drive", kinds, nested)
+
+
+def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
+    """Write the scene as TOML with its packing inline; `read_scene` returns an equal scene, to the last bit.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    path
+        The file. An existing file is replaced, whole or not at all.
+    description
+        One sentence on the scene.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument: not a scene, not a file name, a folder that does not exist.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> scene = pm.Scene(pm.lattice_packing("square"), effects=(pm.Repulsion(law=pm.Hertz()),))
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "square.toml"
+    >>> pm.write_scene(scene, path)
+    >>> pm.read_scene(path) == scene
+    True
+
+    """
+    instance("scene", scene, Scene)
+    instance("description", description, str)
+    target = target_file(path)
+    tables: dict[str, Any] = {"description": description} if description else {}
+    tables["packing"] = inline_table(scene.packing)
+    tables["effects"] = [bonds_table(one) if isinstance(one, Bonds) else to_table(one) for one in scene.effects]
+    if scene.drive is not None:
+        tables["drive"] = to_table(scene.drive) | {"kind": drive_kind(type(scene.drive))}
+    with replacing(target) as partial:
+        partial.write_text(tomli_w.dumps(tables), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""What packmech measures of itself: hard cases, accuracy against time, and the reference model."""

@@ -1,0 +1,58 @@
+"""The catalogue of hard cases: what could go wrong, the quantity watched, the bound, and a function that measures it.
+
+`packmech hard-cases` prints every case with what was measured; the tests run the same entries.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from packmech.validation.hard_cases import (
+    collisions,
+    geometry,
+    jamming,
+    jamming_verdicts,
+    lattices,
+    links,
+    matrices,
+    motion,
+    shearing,
+)
+from packmech.validation.hard_cases.case import HardCase, Measured, measure
+
+__all__ = ["HardCase", "Measured", "catalogue", "measure"]
+
+
+def catalogue() -> tuple[HardCase, ...]:
+    """Return every hard case, by rooms: geometry, matrices, motion, protocols, verdicts, crystals, links, shear.
+
+    Examples
+    --------
+    >>> [case.name for case in catalogue()][:2]
+    ['one particle in a box', 'one sphere in a box']
+
+    """
+    cases = (
+        *geometry.CASES,
+        *matrices.CASES,
+        *motion.CASES,
+        *jamming.CASES,
+        *jamming_verdicts.CASES,
+        *lattices.CASES,
+        *links.CASES,
+        *shearing.CASES,
+        *collisions.CASES,
+    )
+    _check(cases)
+    return cases
+
+
+def _check(cases: Sequence[HardCase]) -> None:
+    names = [case.name for case in cases]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"names of hard cases must be different, got {name!r} twice")
+    for case in cases:
+        if not (math.isfinite(case.bound) and case.bound >= 0.0):
+            raise ValueError(f"bound must be finite and not negative, got {case.bound} for {case.name!r}")

@@ -1,0 +1,532 @@
+"""The package's oscillatory shear: discs made ready, the run, G' and G'' as it computes them and as they should be."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech import check
+from packmech.observables import Table, make_table
+from packmech.validation.particle_shear.discs import Discs
+from packmech.validation.particle_shear.material import (
+    Material,
+    contact_stiffness,
+    contact_viscosity,
+    disc_radii,
+    model_mass,
+    package_time_step,
+    time_constant,
+)
+from packmech.validation.particle_shear.step import STRESSES, StepRules, Steps, advance
+
+# how a drift of the stress is treated
+DRIFTS = ("package", "none", "removed", "least_squares")
+
+
+class Moduli(NamedTuple):
+    """In-phase and out-of-phase stress [Pa] and the storage and loss moduli G' and G'' [Pa]."""
+
+    in_phase: float
+    out_of_phase: float
+    storage: float
+    loss: float
+
+
+class Periods(NamedTuple):
+    """An oscillatory protocol: frequency [Hz], strain amplitude [1], and periods before, under and after shear [1]."""
+
+    frequency: float
+    amplitude: float
+    pre_periods: float
+    periods: float
+    post_periods: float
+
+
+def demodulate(time_t: ArrayLike, stress_t: ArrayLike, protocol: Periods, *, drift: str = "package") -> Moduli:
+    """Return G' and G'' of a shear stress under the strain A sin(2 pi (t f - pre)).
+
+    The first period of shear is left out where there are at least two.
+
+    Parameters
+    ----------
+    time_t, stress_t
+        (T,) times [s] and shear stresses [Pa].
+    protocol
+        What was applied.
+    drift
+        "package": the line through the mean stresses before and after the shear is *added* to the stress, as the
+        package does (its slope has the wrong sign), which doubles a drift. "removed": the line is subtracted, as was
+        meant. "none": the stress as it is. For these three G' = sum(stress sin) / (A sum(sin^2)), with sin and cos
+        taken one by one. "least_squares": sine, cosine, their third harmonics, an offset and a slope fitted together.
+
+    Raises
+    ------
+    ValueError
+        If no time falls inside the shear that counts.
+
+    Examples
+    --------
+    >>> protocol = Periods(frequency=1.0, amplitude=0.2, pre_periods=1.0, periods=3.0, post_periods=1.0)
+    >>> time_t = np.arange(5000) / 1000.0
+    >>> sheared = (time_t >= 1.0) & (time_t <= 4.0)
+    >>> stress_t = 20.0 * np.sin(2 * np.pi * time_t) * sheared + 10.0 * time_t  # G' = 100 Pa, 10 Pa/period of drift
+    >>> for drift in DRIFTS:
+    ...     print(drift, round(demodulate(time_t, stress_t, protocol, drift=drift).storage, 1))
+    package 68.2
+    none 84.1
+    removed 100.0
+    least_squares 100.0
+
+    """
+    treatment = check.one_of("drift", drift, DRIFTS)
+    time = check.finite_array("time_t", time_t, shape=(None,), what="time")
+    stress = check.finite_array("stress_t", stress_t, shape=(len(time),), what="time")
+    check.instance("protocol", protocol, Periods)
+    frequency = check.positive("frequency", protocol.frequency)
+    amplitude = check.positive("amplitude", protocol.amplitude)
+    pre = check.real("pre_periods", protocol.pre_periods, at_least=0.0)
+    periods = check.positive("periods", protocol.periods)
+    check.real("post_periods", protocol.post_periods, at_least=0.0)
+    skipped = 1.0 if periods >= 2.0 else 0.0
+    window = (time >= (pre + skipped) / frequency) & (time <= (pre + periods) / frequency)
+    if not window.any():
+        raise ValueError(f"time_t must reach into the shear that counts, got {time[0]:g} to {time[-1]:g} s")
+    if treatment in ("package", "removed"):
+        sign = 1.0 if treatment == "package" else -1.0
+        stress = stress + sign * _drift_slope(time, stress, protocol) * (time - pre / frequency)
+    phase = 2.0 * np.pi * (time[window] * frequency - pre)
+    if treatment == "least_squares":
+        in_phase, out_of_phase = _fit(phase, stress[window])
+    else:
+        in_phase, out_of_phase = (
+            float((stress[window] * wave).sum() / (wave**2).sum()) for wave in (np.sin(phase), np.cos(phase))
+        )
+    return Moduli(in_phase, out_of_phase, in_phase / amplitude, out_of_phase / amplitude)
+
+
+def _drift_slope(time: NDArray[np.float64], stress: NDArray[np.float64], protocol: Periods) -> float:
+    """Return the slope between the rests before and after the shear [Pa/s]; their first and last samples if none."""
+    f, pre, end = protocol.frequency, protocol.pre_periods, protocol.pre_periods + protocol.periods
+    before = (time >= 2.0 / 3.0 * pre / f) & (time < pre / f) if pre > 0.0 else np.arange(len(time)) == 0
+    after = np.arange(len(time)) == len(time) - 1
+    if protocol.post_periods > 0.0:
+        after = (time > end / f) & (time <= (end + protocol.post_periods / 3.0) / f)
+    if not before.any() or not after.any():
+        raise ValueError("time_t must hold the rests before and after the shear that the drift is taken from")
+    return float((stress[after].mean() - stress[before].mean()) / (time[after].mean() - time[before].mean()))
+
+
+def _fit(phase: NDArray[np.float64], stress: NDArray[np.float64]) -> tuple[float, float]:
+    waves = [np.sin(phase), np.cos(phase), np.sin(3.0 * phase), np.cos(3.0 * phase), np.ones_like(phase), phase]
+    found = np.linalg.lstsq(np.stack(waves, axis=1), stress, rcond=None)[0]
+    return float(found[0]), float(found[1])
+
+
+@dataclasses.dataclass(frozen=True)
+class ParticleShear:
+    """Parameters of one oscillatory shear experiment, run step by step as the package particleShear 1.0.2 runs it.
+
+    Its faults are part of it: rough plates that catch discs for ever, friction that wipes its history and averages two
+    visits, stresses without the contacts at the boundary, a drift correction of the wrong sign. To see what an old
+    result was made of, use this; to measure a material, use the native dynamics.
+
+    The package's parameters and their places here:
+
+    ======================================  ==========================================================
+    particleShear                           packmech
+    ======================================  ==========================================================
+    theAmplitude                            ``amplitude``
+    theMu                                   ``friction_coefficient``
+    Young_modulus_spheres                   ``young_modulus``
+    N                                       ``particles``
+    packing_fraction                        ``packing_fraction``
+    density                                 ``density``; 50 as in its code, its documentation says 1000
+    bimodal_factor                          ``size_ratio``
+    relative_viscosity                      ``relative_viscosity``
+    relative_transversal_link_strength      ``tangential_ratio``
+    relative_frequency                      ``relative_frequency``
+    central_repulsion_coefficient           ``divergence``
+    interface_reenforcement_central         ``reinforcement_normal``
+    interface_reenforcement_tangential      ``reinforcement_tangential``
+    keep_viscosity_coefficients_constant    ``keep_viscosity``
+    pre_periods, periods, post_periods      the same
+    cool_factor                             ``cooling``
+    size of the cell (500 x 500)            ``Discs.width``, ``Discs.height``
+    do_permanent_links                      bonds in ``Discs.kind_c``; ``Preparation.bonded``
+    cut_lines                               ``Preparation.pieces``
+    doCutByTriangulation                    ``Preparation.by_centers``
+    avoid_horizontal_angle_degree           ``Preparation.avoided_angle``
+    avoid_height_spanning_particles         ``Preparation.no_spanning``
+    cut_top_bottom                          ``Preparation.cut_top_bottom``
+    remove_link_fraction                    ``Preparation.removed_fraction``
+    edge_fuzziness                          ``Preparation.edge_fuzziness``
+    root_folder, saveData                   ``write_text(run, folder)``
+    saveStressTensorData                    ``write_text(..., tensors=False)`` leaves the series out
+    saveOutputImages, imageFileType         ``packmech run --frames 200 --format``
+    doDrawing, plotStress                   ``packmech run --live``
+    relative_y_scale_force                  none: figures find their scale
+    call_back_elastic_force_law             ``Material.plateau_*``, ``Material.tensile_range`` through ``law``
+    ======================================  ==========================================================
+
+    How the discs were prepared is told to the text file alone; the package's preparation draws unseeded random numbers
+    and is not part of the preset.
+
+    Parameters
+    ----------
+    amplitude
+        Strain amplitude [1].
+    friction_coefficient
+        [1].
+    young_modulus, density
+        Of the discs [Pa], [kg/m^3].
+    particles, packing_fraction, size_ratio
+        The model's constants come from these; the discs that are run have radii and masses of their own.
+    relative_viscosity
+        Dashpots over sqrt(m k) [1].
+    tangential_ratio
+        Tangential over normal springs and dashpots [1].
+    relative_frequency
+        Frequency times tau [1].
+    divergence
+        Share of the divergent law in the repulsion; 0 is linear [1].
+    reinforcement_normal, reinforcement_tangential
+        Contacts' springs over those of bonds [1].
+    keep_viscosity
+        Whether reinforcement leaves the dashpots alone.
+    pre_periods, periods, post_periods
+        Periods at rest, under shear, and at rest again [1].
+    cooling
+        What one period leaves of velocities relative to the sheared flow [1].
+    law
+        "divergent" (with the share above), "plateau" (its begin, end and slope as the package ships them) or
+        "exponential" (bonds whose tension saturates).
+
+    Examples
+    --------
+    >>> experiment = ParticleShear(particles=2, pre_periods=0.1, periods=0.2, post_periods=0.1)
+    >>> experiment.steps, f"{experiment.frequency:.1f} Hz"
+    (895, '457.6 Hz')
+    >>> mass = experiment.mass
+    >>> start = Discs([[200.0, 250.0], [370.0, 250.0]], [90.0, 90.0], [mass, mass])
+    >>> run = experiment.run(start)
+    >>> run.stress("overall").shape, run.moduli("overall", drift="none")._fields
+    ((895, 2, 2), ('in_phase', 'out_of_phase', 'storage', 'loss'))
+
+    """
+
+    amplitude: float = 0.2
+    friction_coefficient: float = 0.01
+    young_modulus: float = 8000.0
+    particles: int = 150
+    packing_fraction: float = 1.5
+    density: float = 50.0
+    size_ratio: float = 1.4
+    relative_viscosity: float = 0.1
+    tangential_ratio: float = 1.0
+    relative_frequency: float = 0.025
+    divergence: float = 1.0
+    reinforcement_normal: float = 1.0
+    reinforcement_tangential: float = 1.0
+    keep_viscosity: bool = False
+    pre_periods: float = 2.0
+    periods: float = 3.0
+    post_periods: float = 1.0
+    cooling: float = 0.5
+    law: str = "divergent"
+
+    def __post_init__(self) -> None:
+        for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio", "pre_periods", "post_periods"):
+            object.__setattr__(self, name, check.real(name, getattr(self, name), at_least=0.0))
+        for name in (
+            *("amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods"),
+            *("reinforcement_normal", "reinforcement_tangential"),
+        ):
+            object.__setattr__(self, name, check.positive(name, getattr(self, name)))
+        object.__setattr__(self, "particles", check.integer("particles", self.particles, at_least=1))
+        object.__setattr__(self, "size_ratio", check.real("size_ratio", self.size_ratio, at_least=1.0))
+        object.__setattr__(self, "divergence", check.real("divergence", self.divergence, at_least=0.0, at_most=1.0))
+        object.__setattr__(self, "cooling", check.real("cooling", self.cooling, above=0.0, at_most=1.0))
+        check.one_of("law", self.law, ("divergent", "plateau", "exponential"))
+        if not isinstance(self.keep_viscosity, bool):
+            raise TypeError(f"keep_viscosity must be True or False, got {self.keep_viscosity!r}")
+
+    @functools.cached_property
+    def mass(self) -> float:
+        """The model's mass [mg/m]."""
+        return model_mass(self.particles, self.packing_fraction, self.density)
+
+    @functools.cached_property
+    def tau(self) -> float:
+        """The time constant [s], of the springs before reinforcement."""
+        return time_constant(self.mass, contact_stiffness(self.young_modulus))
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the shear [Hz]."""
+        return self.relative_frequency / self.tau
+
+    @functools.cached_property
+    def time_step(self) -> float:
+        """The package's time step [s]."""
+        return package_time_step(
+            self.tau,
+            size_ratio=self.size_ratio,
+            amplitude=self.amplitude,
+            friction_coefficient=self.friction_coefficient,
+            relative_viscosity=self.relative_viscosity,
+            tangential_ratio=self.tangential_ratio,
+        )
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the whole protocol."""
+        return int((self.pre_periods + self.periods + self.post_periods) / self.frequency / self.time_step)
+
+    @property
+    def protocol(self) -> Periods:
+        """Frequency, amplitude and periods."""
+        return Periods(self.frequency, self.amplitude, self.pre_periods, self.periods, self.post_periods)
+
+    @property
+    def material(self) -> Material:
+        """The contact's constants that follow."""
+        stiffness = contact_stiffness(self.young_modulus)
+        viscosity = contact_viscosity(self.mass, stiffness, relative=self.relative_viscosity)
+        normal, tangential = self.reinforcement_normal, self.reinforcement_tangential
+        kept = (1.0, 1.0) if self.keep_viscosity else (normal, tangential)
+        return Material(
+            stiffness * normal,
+            viscosity * kept[0],
+            stiffness * self.tangential_ratio * tangential,
+            viscosity * self.tangential_ratio * kept[1],
+            self.friction_coefficient,
+            self.divergence,
+            1.0 / normal,
+            1.0 / tangential,
+            bond_viscosity_follows=0.0 if self.keep_viscosity else 1.0,
+            plateau_slope=0.1 if self.law == "plateau" else 1.0,
+            tensile_range=0.2 if self.law == "exponential" else 0.0,
+        )
+
+    @property
+    def rules(self) -> StepRules:
+        """The steps' length and cooling; with plates."""
+        return StepRules(self.time_step, self.cooling ** (self.frequency * self.time_step))
+
+    def strain_rate(self, time_t: ArrayLike, *, first_step: int = 0) -> NDArray[np.float64]:
+        """Return the shear rate that steps at these times set [1/s], the first of them being that step of the protocol.
+
+        Its left sums are the strain, A sin with half a step's lag and an offset of A pi f dt.
+        """
+        time = check.finite_array("time_t", time_t, shape=(None,), what="step")
+        step_t = np.arange(len(time)) + check.integer("first_step", first_step, at_least=0)
+        f, dt = self.frequency, self.time_step
+        sheared = (step_t >= self.pre_periods / f / dt) & (step_t <= (self.pre_periods + self.periods) / f / dt)
+        cosine = np.cos(2.0 * math.pi * (time * f - self.pre_periods))
+        return np.where(sheared, self.amplitude * 2.0 * math.pi * f * cosine, 0.0)
+
+    def run(self, start: Discs, *, frames: int = 0) -> ParticleShearRun:
+        """Return the whole experiment on discs that are ready for it.
+
+        Parameters
+        ----------
+        start
+            The discs at the protocol's first step; their time must be 0.
+        frames
+            How many states to keep, evenly spaced from the start to the end; they change no bit of the run.
+
+        """
+        check.instance("start", start, Discs)
+        check.integer("frames", frames, at_least=0)
+        if start.time != 0.0:
+            raise ValueError(f"start must be at time 0, got {start.time:g} s")
+        steps = self.steps
+        if steps < 1:
+            raise ValueError(f"the protocol must last at least one step, got {steps}")
+        time_t = np.add.accumulate(np.concatenate([[0.0], np.full(steps - 1, self.time_step)]))
+        rate_t = self.strain_rate(time_t)
+        stops = sorted({*np.linspace(0, steps, frames).astype(int).tolist(), 0, steps} if frames else {0, steps})
+        kept, parts, state = ([start] if frames else []), [], start
+        for first, last in zip(stops[:-1], stops[1:], strict=True):
+            part = advance(state, self.material, self.rules, rate_t[first:last])
+            state = part.final
+            parts.append(part)
+            if frames > 1:
+                kept.append(state)
+        joined = {
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])
+            for field in dataclasses.fields(Steps)
+            if field.name.endswith(("_t", "_tsdd"))
+        }
+        for array in joined.values():
+            array.flags.writeable = False
+        return ParticleShearRun(self, start, tuple(kept), Steps(state, last=parts[-1].last, **joined))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ParticleShearRun:
+    """What an experiment of `ParticleShear` gave.
+
+    Attributes
+    ----------
+    experiment, start
+        What was run, on what.
+    frames
+        The states that were kept, evenly spaced.
+    series
+        Times, strains, rates, the nine tensors and counts of every step, and the final state.
+
+    """
+
+    experiment: ParticleShear
+    start: Discs
+    frames: tuple[Discs, ...]
+    series: Steps
+
+    @property
+    def final(self) -> Discs:
+        """The state after the last step."""
+        return self.series.final
+
+    @property
+    def time_t(self) -> NDArray[np.float64]:
+        """(T,) times [s]."""
+        return self.series.time_t
+
+    @property
+    def strain_t(self) -> NDArray[np.float64]:
+        """(T,) shear strains [1]."""
+        return self.series.strain_t
+
+    @property
+    def position_tnd(self) -> NDArray[np.float64]:
+        """(frames, N, 2) positions of the states kept [um]."""
+        return np.array([state.position_nd for state in self.frames])
+
+    def stress(self, name: str = "overall") -> NDArray[np.float64]:
+        """Return the (T, 2, 2) tensor of that name [Pa], compression positive."""
+        return self.series.stress(name)
+
+    def shear_stress(self, name: str = "overall") -> NDArray[np.float64]:
+        """Return the (T,) shear stress -sigma_xy of the tensor of that name [Pa] (S1-25)."""
+        return -self.series.stress(name)[:, 0, 1]
+
+    def moduli(self, name: str = "overall", *, drift: str = "package") -> Moduli:
+        """Return G' and G'' from the tensor of that name, with drift treated as `demodulate` says."""
+        return demodulate(self.time_t, self.shear_stress(name), self.experiment.protocol, drift=drift)
+
+    def all_moduli(self, *, drift: str = "package") -> dict[str, Moduli]:
+        """Return G' and G'' by the name of each tensor."""
+        return {name: self.moduli(name, drift=drift) for name in STRESSES}
+
+    def table(self) -> Table:
+        """Return strain, rate and the nine tensors against time."""
+        found = {"time": self.time_t, "strain": self.strain_t, "strain_rate": self.series.strain_rate_t}
+        units = {"time": "s", "strain": "1", "strain_rate": "1/s"}
+        for name in STRESSES:
+            found[f"{name}_stress"] = self.stress(name)
+            units[f"{name}_stress"] = "Pa"
+        return make_table(found, {"kind": "ParticleShearRun", "dimension": 2, "sign": "compression positive"}, units)
+
+
+_LONGEST = 0.25
+
+
+def _relax(discs: Discs, experiment: ParticleShear, material: Material, steps: int) -> Discs:
+    """Return the discs after the package's free stages: without plates, long strongly cooled steps first."""
+    final = experiment.time_step
+    step, cooling = _LONGEST * experiment.tau / experiment.size_ratio, 0.5
+    frictionless = material._replace(friction_coefficient=0.0)
+    while step > final:
+        discs = advance(discs, frictionless, StepRules(step, cooling, plates=False), np.zeros(steps)).final
+        discs = discs.replace(velocity_nd=discs.velocity_nd - discs.velocity_nd.mean(axis=0))
+        step, cooling = step / 2.0, (1.0 + cooling) / 2.0
+    for made in (frictionless, material):
+        discs = advance(discs, made, StepRules(final, plates=False), np.zeros(steps)).final
+    return discs
+
+
+def _settle(discs: Discs, experiment: ParticleShear, material: Material, steps: int) -> Discs:
+    """Return the discs after the package's stages with plates, ending with the experiment's own cooling."""
+    step, cooling = _LONGEST * experiment.tau / experiment.size_ratio, 0.5
+    while step > experiment.time_step:
+        discs = advance(discs, material, StepRules(step, cooling), np.zeros(max(steps // 2, 1))).final
+        step, cooling = step / 2.0, (1.0 + cooling) / 2.0
+    discs = advance(discs, material, StepRules(experiment.time_step, 0.98), np.zeros(2 * steps)).final
+    return advance(discs, material, experiment.rules, np.zeros(steps)).final
+
+
+def bond_fragments(discs: Discs, centers: int, rng: np.random.Generator) -> Discs:
+    """Return the discs with every contact bonded whose two discs have the same nearest center of those drawn.
+
+    Parameters
+    ----------
+    discs
+        Discs in contact, in an unstrained cell.
+    centers
+        How many centers to draw; 0 bonds every contact.
+    rng
+        Where they are drawn from.
+
+    """
+    check.instance("discs", discs, Discs)
+    count = check.integer("centers", centers, at_least=0)
+    check.instance("rng", rng, np.random.Generator, "a numpy")
+    size = np.array([discs.width, discs.height])
+    owner_n = np.zeros(discs.discs, dtype=np.int64)
+    if count:
+        apart = discs.position_nd[:, None] - rng.random((count, 2)) * size
+        apart -= np.round(apart / size) * size
+        owner_n = np.argmin((apart**2).sum(axis=2), axis=1)
+    same_c = owner_n[discs.contact_ck[:, 0]] == owner_n[discs.contact_ck[:, 1]]
+    history_ck = np.where(same_c[:, None], 0.0, discs.history_ck)
+    return discs.replace(kind_c=np.where(same_c, "bond", discs.kind_c), history_ck=history_ck)
+
+
+def prepared_discs(
+    experiment: ParticleShear, *, seed: int, centers: int | None = None, steps: int = 30, width: float = 500.0
+) -> Discs:
+    """Return relaxed discs for an experiment, at time 0, with plates at the top and the bottom.
+
+    Parameters
+    ----------
+    experiment
+        Says how many discs, of which sizes, and what their contacts are.
+    seed
+        Of the draw; the same seed gives the same bits.
+    centers
+        Number of centers of bonded fragments, 0 for one bulk; left out there are no bonds.
+    steps
+        Steps of each stage; the package takes 300 and its tests 30.
+    width
+        Side of the square cell [um].
+
+    Examples
+    --------
+    >>> discs = prepared_discs(ParticleShear(particles=20), seed=1, steps=5)
+    >>> discs.discs, discs.time, discs.strain
+    (20, 0.0, 0.0)
+
+    """
+    check.instance("experiment", experiment, ParticleShear)
+    check.integer("steps", steps, at_least=1)
+    rng = np.random.default_rng(check.integer("seed", seed, at_least=0))
+    count = experiment.particles
+    large, small = disc_radii(
+        count, experiment.packing_fraction, size_ratio=experiment.size_ratio, width=width, height=width
+    )
+    radius_n = np.where(rng.permutation(count) < count / 2, large, small)
+    # the package's masses: the model's at the mean radius of the two sizes
+    mass_n = experiment.mass * radius_n**2 / (large * small)
+    discs = Discs(rng.random((count, 2)) * width, radius_n, mass_n, width=width, height=width)
+    material = experiment.material
+    discs = _relax(discs, experiment, material, steps)
+    if centers is not None:
+        discs = _relax(bond_fragments(discs, centers, rng), experiment, material, steps)
+    discs = _settle(discs, experiment, material, steps)
+    return dataclasses.replace(discs, time=0.0)

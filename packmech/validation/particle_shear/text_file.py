@@ -1,0 +1,331 @@
+"""The reference package's text file: a header in its words, and 42 columns, a line for every step.
+
+The labels are the ones that the package's evaluation in R looks for; numbers are written without exponents, since its
+patterns read digits and a point. What the package writes wrong there is right here: the periods after the
+measurement, the two radii and their masses.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech import check
+from packmech.validation.particle_shear.experiment import ParticleShearRun
+from packmech.validation.particle_shear.material import contact_stiffness, contact_viscosity
+from packmech.validation.particle_shear.step import STRESSES
+
+# the columns' names of our tensors, in the order of the file
+COLUMNS = {
+    "love_weber": "Love_Weber",
+    "otsuki": "peculiar_acceleration_otsuki",
+    "external": "from_external_forces",
+    "linear_acceleration": "linear_acceleration",
+    "unbalanced": "unbalanced_linear_forces",
+    "torque": "tangential_torque",
+    "internal_torque": "internal_tangential_torque",
+    "centrifugal": "centrifugal",
+    "overall": "overall",
+}
+
+HEADINGS = (
+    *("index", "t", "strain", "strain_rate", "stress_measured_at_surface", "shear_stress_internal_stress-tensor"),
+    *(f"stress_tensor_{column}_{entry}" for column in COLUMNS.values() for entry in ("00", "01", "10", "11")),
+)
+_START = "Detailed stress tensor data"
+
+
+@dataclasses.dataclass(frozen=True)
+class Preparation:
+    """How the discs of a run were prepared, by the package's terms; told to the text file and to nothing else.
+
+    Parameters
+    ----------
+    bonded
+        Whether there are permanent bonds (do_permanent_links).
+    pieces
+        Number of centers or lines that cut them into fragments; 0 is one bulk (cut_lines).
+    by_centers
+        Whether fragments belong to centers instead of being cut by lines (doCutByTriangulation).
+    avoided_angle
+        How near to the horizontal no line is drawn [degree] (avoid_horizontal_angle_degree).
+    no_spanning
+        Whether fragments as high as the cell were avoided (avoid_height_spanning_particles).
+    cut_top_bottom
+        Whether bonds across the plates were cut.
+    removed_fraction, removed
+        Share of bonds that should be removed without dividing a fragment, and that were [1] (remove_link_fraction).
+    edge_fuzziness
+        [1].
+
+    """
+
+    bonded: bool = True
+    pieces: int = 5
+    by_centers: bool = True
+    avoided_angle: float = 15.0
+    no_spanning: bool = True
+    cut_top_bottom: bool = False
+    removed_fraction: float = 0.0
+    removed: float = 0.0
+    edge_fuzziness: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("bonded", "by_centers", "no_spanning", "cut_top_bottom"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        check.integer("pieces", self.pieces, at_least=0)
+        check.real("avoided_angle", self.avoided_angle, at_least=0.0, at_most=90.0)
+        check.real("edge_fuzziness", self.edge_fuzziness, at_least=0.0)
+        for name in ("removed_fraction", "removed"):
+            check.real(name, getattr(self, name), at_least=0.0, at_most=1.0)
+
+    @property
+    def kind(self) -> str:
+        """What the file's name says: nothing for fragments, "_bulk" or "_uncrosslinked"."""
+        if not self.bonded:
+            return "_uncrosslinked"
+        return "" if self.pieces else "_bulk"
+
+
+def _plain(number: float) -> str:
+    """Return a number with all its digits and no exponent; whole ones without a point."""
+    return np.format_float_positional(float(number), trim="-")
+
+
+def _call(run: ParticleShearRun, how: Preparation) -> str:
+    told = run.experiment
+    numbers = {
+        "N": told.particles,
+        "packing_fraction": told.packing_fraction,
+        "density": told.density,
+        "bimodal_factor": told.size_ratio,
+        "amplitude": told.amplitude,
+        "Young_modulus_spheres": told.young_modulus,
+        "mu": told.friction_coefficient,
+        "relative_viscosity": told.relative_viscosity,
+        "relative_frequency": told.relative_frequency,
+        "relative_transversal_link_strength": told.tangential_ratio,
+        "central_repulsion_coefficient": told.divergence,
+        "avoid_horizontal_angle_degree": how.avoided_angle,
+        "interface_reenforcement_central": told.reinforcement_normal,
+        "interface_reenforcement_tangential": told.reinforcement_tangential,
+        "remove_link_fraction": how.removed_fraction,
+        "edge_fuzziness": how.edge_fuzziness,
+    }
+    words: dict[str, Any] = {"do_permanent_links": how.bonded, "cut_lines": how.pieces}
+    words |= {name: _plain(number) for name, number in numbers.items()}
+    words |= {
+        "avoid_height_spanning_particles": how.no_spanning,
+        "keep_viscosity_coefficients_constant": told.keep_viscosity,
+        "cut_top_bottom": how.cut_top_bottom,
+        "doCutByTriangulation": how.by_centers,
+        "doDrawing": False,
+    }
+    return "ParticleShear(" + ",".join(f"{name}={value}" for name, value in words.items()) + ")"
+
+
+def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
+    told, discs, made = run.experiment, run.start, run.experiment.material
+    stiffness = contact_stiffness(told.young_modulus)
+    bond = made.bond_normal_ratio, made.bond_tangential_ratio
+    damped = bond if made.bond_viscosity_follows else (1.0, 1.0)
+    sizes = sorted(set(discs.radius_n.tolist()), reverse=True)
+    overall, outer = run.moduli("overall"), run.moduli("external")
+    return [
+        f"Dermal filler{how.kind.replace('_', ' ')}:",
+        f"\tCutting lines used to generate the particles = {how.pieces}",
+        f"\tN={discs.discs} spheres, nominal packing density = {_plain(told.packing_fraction)}",
+        f"\tYoung modulus of the individual spheres = {_plain(told.young_modulus)} Pa",
+        f"\tFriction coefficient = {_plain(told.friction_coefficient)}",
+        "",
+        "Function call :",
+        _call(run, how),
+        f"\tbaseline_pre_periods = {_plain(told.pre_periods)}",
+        f"\tbaseline_post_periods = {_plain(told.post_periods)}",
+        f"\trunSimulation(periods={_plain(told.periods)}, cool_factor={_plain(told.cooling)})",
+        "",
+        "Oscillatory shear experiment",
+        "",
+        "Model parameters",
+        f"Width of simulation area size_x = {_plain(discs.width)}micrometers",
+        f"Height of simulation area size_y = {_plain(discs.height)}micrometers",
+        f"Nominal packing fraction = {_plain(told.packing_fraction)}",
+        f"Young modulus spheres = {_plain(told.young_modulus)}Pa",
+        f"Density spheres = {_plain(told.density)}kg/m^3",
+        f"Characteristic time constant = {_plain(told.tau)}s",
+        f"Characteristic spring constant = {_plain(stiffness)}mg/s^2",
+        f"Characteristic viscosity = {_plain(contact_viscosity(told.mass, stiffness, relative=1.0))}mg/s",
+        "",
+        "Ensemble parameters",
+        f"Particle mass m = {_plain(told.mass)}mg",
+        f"Central spring constant k = {_plain(made.stiffness)}mg*s^(-2)",
+        f"Central viscosity constant nu = {_plain(made.viscosity)}mg*s^(-1)",
+        f"Lateral spring constant k_t = {_plain(made.tangential_stiffness)}mg*s^(-2)",
+        f"Lateral viscosity constant nu_t = {_plain(made.tangential_viscosity)}mg*s^(-1)",
+        f"Friction coefficient mu = {_plain(made.friction_coefficient)}",
+        f"Particle number = {discs.discs}",
+        "Radii = " + " ".join(_plain(size) for size in sizes[:8]) + "micrometers",
+        f"Nonlinear enhancement for repulsion near sphere center = {_plain(told.divergence)}[-]",
+        f"Adjustment coefficient for central force in permanent links = {_plain(bond[0])}[-]",
+        f"\tk_permanent={_plain(made.stiffness * bond[0])}mg*s^(-2)",
+        f"Adjustment coefficient for tangential force in permanent links = {_plain(bond[1])}[-]",
+        f"\tk_t_permanent={_plain(made.tangential_stiffness * bond[1])}mg*s^(-2)",
+        f"\tnu_permanent={_plain(made.viscosity * damped[0])}mg*s^(-1)",
+        f"\tnu_t_permanent={_plain(made.tangential_viscosity * damped[1])}mg*s^(-1)",
+        f"Actual fraction of randomly removed non-essential permanent bonds = {_plain(how.removed)}[-]",
+        f"Edge fuzziness for creating interlocking = {_plain(how.edge_fuzziness)}[-]",
+        "",
+        "Rheology experiment information",
+        f"Simulated time = {_plain(run.final.time)}s",
+        f"Time step = {_plain(told.time_step)}s",
+        f"Frequency = {_plain(told.frequency)}Hz",
+        f"Strain amplitude = {_plain(100.0 * told.amplitude)}%",
+        f"Damping factor = {_plain(told.rules.cooling)} [1 = no damping]",
+        f"Pre-measurement periods = {_plain(told.pre_periods)} [-]",
+        f"Oscillatory shear periods = {_plain(told.periods)} [-]",
+        f"Post-measurement periods = {_plain(told.post_periods)} [-]",
+        "",
+        "Output data",
+        "Summary data",
+        f"In phase stress = {_plain(overall.in_phase)}Pa",
+        f"Out of phase stress = {_plain(overall.out_of_phase)}Pa",
+        f"Stress = {_plain(np.hypot(overall.in_phase, overall.out_of_phase))}Pa",
+        f"G'={_plain(overall.storage)}Pa",
+        f"G''={_plain(overall.loss)}Pa",
+        f"G'(by surface force)={_plain(outer.storage)}Pa",
+        f"G''(by surface force)={_plain(outer.loss)}Pa",
+        "",
+    ]
+
+
+def write_text(
+    run: ParticleShearRun, folder: str | pathlib.Path, *, preparation: Preparation | None = None, tensors: bool = True
+) -> pathlib.Path:
+    """Return the path of the text file written, named by what was run and the first number that is free.
+
+    Parameters
+    ----------
+    run
+        The experiment's result.
+    folder
+        An existing folder.
+    preparation
+        How the discs were prepared; left out, as the bonds at the start say: none, or fragments of five centers.
+    tensors
+        Whether to write the series of all tensors besides the header.
+
+    Raises
+    ------
+    NotADirectoryError
+        If there is no such folder.
+
+    """
+    check.instance("run", run, ParticleShearRun)
+    how = Preparation(bonded=bool(run.start.bonded_c.any())) if preparation is None else preparation
+    check.instance("preparation", how, Preparation)
+    if not isinstance(tensors, bool):
+        raise TypeError(f"tensors must be True or False, got {tensors!r}")
+    place = pathlib.Path(folder)
+    if not place.is_dir():
+        raise NotADirectoryError(f"folder must be an existing folder, got {place}")
+    told = run.experiment
+    stem = f"dermal_filler{how.kind}{_plain(told.friction_coefficient)}_f_{_plain(round(told.frequency, 4))}"
+    stem += f"_strain_{_plain(round(told.amplitude, 5))}_nr_"
+    number = 1
+    while (place / f"{stem}{number}.txt").exists():
+        number += 1
+    lines = _header(run, how)
+    if tensors:
+        lines += [_START, "\t".join(HEADINGS)]
+        lines += ["\t".join([str(index), *map(repr, row)]) for index, row in enumerate(_rows(run).tolist())]
+    path = place / f"{stem}{number}.txt"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def _rows(run: ParticleShearRun) -> NDArray[np.float64]:
+    series = run.series
+    columns = [series.time_t, series.strain_t, series.strain_rate_t]
+    columns += [run.shear_stress("external"), run.shear_stress("overall")]
+    order = [STRESSES.index(name) for name in COLUMNS]
+    return np.concatenate([np.stack(columns, axis=1), series.stress_tsdd[:, order].reshape(len(series.time_t), -1)], 1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TextData:
+    """What a text file of the package holds.
+
+    Attributes
+    ----------
+    header
+        Lines before the series.
+    time_t, strain_t, strain_rate_t
+        [s], [1], [1/s].
+    stresses
+        (T, 2, 2) tensors by our names [Pa].
+
+    """
+
+    header: tuple[str, ...]
+    time_t: NDArray[np.float64]
+    strain_t: NDArray[np.float64]
+    strain_rate_t: NDArray[np.float64]
+    stresses: dict[str, NDArray[np.float64]]
+
+    def number(self, label: str) -> float:
+        """Return the number that the header gives right after this label, such as "G'=" or "Time step = ".
+
+        Raises
+        ------
+        KeyError
+            If no line of the header has the label with a number after it.
+
+        """
+        import re
+
+        pattern = re.compile(re.escape(label) + r"\s*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)")
+        for line in self.header:
+            found = pattern.search(line)
+            if found:
+                return float(found.group(1))
+        raise KeyError(f"label must be in the header with a number after it, got {label!r}")
+
+
+def read_text(path: str | pathlib.Path) -> TextData:
+    """Return what a text file says, of ours or of the package; one without series has none of length above 0.
+
+    Raises
+    ------
+    ValueError
+        If the series lacks a column or has a line of another length, naming the line.
+
+    """
+    lines = pathlib.Path(path).read_text(encoding="utf-8").splitlines()
+    starts = [n for n, line in enumerate(lines) if line.strip() == _START]
+    if not starts:
+        empty = np.empty(0)
+        return TextData(tuple(lines), empty, empty, empty, {name: np.empty((0, 2, 2)) for name in COLUMNS})
+    head = starts[0]
+    names = lines[head + 1].split() if head + 1 < len(lines) else []
+    missing = [name for name in HEADINGS if name not in names]
+    if missing:
+        raise ValueError(f"the series must have the column {missing[0]}, got {len(names)} columns without it in {path}")
+    rows = []
+    for n, line in enumerate(lines[head + 2 :], start=head + 3):
+        if line.strip():
+            fields = line.split()
+            if len(fields) != len(names):
+                raise ValueError(f"line {n} must have {len(names)} columns, got {len(fields)} in {path}")
+            rows.append([float(field) for field in fields])
+    table = np.array(rows).reshape(len(rows), len(names))
+    column = {name: table[:, k] for k, name in enumerate(names)}
+    stresses = {
+        ours: np.stack([column[f"stress_tensor_{theirs}_{e}"] for e in ("00", "01", "10", "11")], 1).reshape(-1, 2, 2)
+        for ours, theirs in COLUMNS.items()
+    }
+    return TextData(tuple(lines[:head]), column["t"], column["strain"], column["strain_rate"], stresses)

@@ -1,0 +1,239 @@
+"""Time step and integrator against G' and G'' under oscillatory shear, with bonds and without.
+
+The scene is that of the reference package's stored run as far as forces go: 100 discs at packing fraction 1.5 with its
+divergent repulsion and a friction of 0.01, sheared by 0.2 at 0.025 periods in tau. Without bonds contacts open, close
+and slide all the time; with every contact bonded trajectories are smooth. Means are over repeats, with error bars.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+import packmech as pm
+from packmech.effects import Bonds
+from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
+
+PARTICLES, FRACTION = 100, 1.5
+# what is bonded differs little from repeat to repeat
+REPEATS = {"linked": 12, "unlinked": 48, "smooth onset": 48}
+STIFFNESS, FRICTION, VISCOSITY = 1.0, 0.01, 0.1
+AMPLITUDE, FREQUENCY, PERIODS = 0.2, 0.025, 5.0
+# peculiar velocities halve in a period
+KEPT = 0.5
+# time steps in units of tau; the last is what the others are compared with
+STEPS = (0.4, 0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625)
+STORAGE, LOSS = "G' (relative)", "G'' (relative)"
+# a mean that is off by less than so many of its standard errors is not told from the reference
+TOLD = 2.0
+
+
+def mass_of(packing: pm.Packing) -> float:
+    """Return the mean mass where a disc of the reference diameter has mass 1."""
+    return float(np.mean((packing.diameter_n / packing.reference_diameter) ** 2))
+
+
+@cache
+def scene_of(kind: str, repeat: int) -> pm.Scene:
+    """Return a scene at rest; kind is "unlinked", "smooth onset" (unlinked too) or "linked"."""
+    start = pm.random_packing(
+        PARTICLES, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=FRACTION, seed=repeat
+    )
+    law = pm.DivergentRepulsion(STIFFNESS)
+    packing = pm.quench(pm.Scene(start, (pm.Repulsion(law=law),)), force_tolerance=1e-9).packing
+    mass = mass_of(packing)
+    dashpot = VISCOSITY * math.sqrt(mass * STIFFNESS)
+    drag = -math.log(KEPT) * FREQUENCY / math.sqrt(mass / STIFFNESS)
+    effects = (
+        pm.Repulsion(law=law),
+        pm.ContactDamping(dashpot, onset="smooth" if kind == "smooth onset" else "jump"),
+        pm.Friction(FRICTION, STIFFNESS, dashpot),
+        pm.BackgroundDamping(drag),
+    )
+    if kind != "linked":
+        return pm.Scene(packing, effects)
+    bonds: Bonds = pm.bond_contacts(
+        packing,
+        compression=law,
+        tension=pm.LinearSpring(STIFFNESS),
+        tangential_stiffness=STIFFNESS,
+        damping=dashpot,
+        tangential_damping=dashpot,
+    )
+    return pm.Scene(packing, (*effects, bonds))
+
+
+def moduli(kind: str, method: object, step: float, repeat: int) -> tuple[float, float]:
+    """Return G' and G'' of one repeat at a time step in units of tau."""
+    scene = scene_of(kind, repeat)
+    tau = math.sqrt(mass_of(scene.packing) / STIFFNESS)
+    run = pm.oscillatory_shear(
+        scene,
+        amplitude=AMPLITUDE,
+        relative_frequency=FREQUENCY,
+        periods=PERIODS,
+        dt=step * tau,
+        method=method,
+        samples_per_period=100,
+    )
+    return run.moduli.storage, run.moduli.loss
+
+
+@cache
+def finest(kind: str) -> tuple[tuple[float, float], ...]:
+    """Return the moduli of each repeat by velocity Verlet at the shortest time step."""
+    return tuple(moduli(kind, pm.VelocityVerlet(), STEPS[-1], repeat) for repeat in range(REPEATS[kind]))
+
+
+def trial(kind: str, method: object, step: float) -> Answer:
+    """Return how far the means of G' and G'' are off, relative, with their error bars over repeats."""
+    fine = np.array(finest(kind))
+    count = REPEATS[kind]
+    found = np.array([moduli(kind, method, step, repeat) for repeat in range(count)])
+    size = np.abs(fine.mean(axis=0))
+    off = (found - fine) / size
+    bars = off.std(axis=0, ddof=1) / math.sqrt(count)
+    spread = found.std(axis=0, ddof=1) / math.sqrt(count)
+    work = {
+        "storage": float(found[:, 0].mean()),
+        "storage error": float(spread[0]),
+        "loss": float(found[:, 1].mean()),
+        "loss error": float(spread[1]),
+        "storage off": float(off[:, 0].mean()),
+        "storage off error": float(bars[0]),
+        "loss off": float(off[:, 1].mean()),
+        "loss off error": float(bars[1]),
+    }
+    return Answer({STORAGE: float(off[:, 0].mean()), LOSS: float(off[:, 1].mean())}, work=work)
+
+
+def errors(value: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
+    """Return how far the means are off, relative."""
+    return {name: abs(value[name] - reference[name]) for name in reference}
+
+
+def methods() -> dict[str, tuple[str, object]]:
+    """Return scene and integrator by name."""
+    return {
+        "linked, velocity Verlet": ("linked", pm.VelocityVerlet()),
+        "linked, semi-implicit Euler": ("linked", pm.SemiImplicitEuler()),
+        "unlinked, velocity Verlet": ("unlinked", pm.VelocityVerlet()),
+        "unlinked, semi-implicit Euler": ("unlinked", pm.SemiImplicitEuler()),
+        "unlinked, smooth onset, velocity Verlet": ("smooth onset", pm.VelocityVerlet()),
+    }
+
+
+def _counts() -> str:
+    return f"{REPEATS['linked']} repeats with bonds, {REPEATS['unlinked']} without"
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """The table of the study, whose figure has error bars."""
+
+    table: WorkPrecision
+
+    @property
+    def title(self) -> str:
+        """What the study is."""
+        return self.table.title
+
+    def to_csv(self) -> str:
+        """Return the table as comma-separated values."""
+        return self.table.to_csv()
+
+    def to_markdown(self) -> str:
+        """Return the table as Markdown."""
+        return self.table.to_markdown()
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write the figure: how far means are off, with error bars."""
+        from packmech.view.figures import draw_deviations
+
+        table = self.table
+        off = {
+            method: {
+                quantity: [
+                    (one.setting, one.work[f"{name} off"], one.work[f"{name} off error"])
+                    for one in table.of(method)
+                    if not one.failed
+                ]
+                for quantity, name in ((STORAGE, "storage"), (LOSS, "loss"))
+            }
+            for method in table.methods
+        }
+        heading = f"{table.title}\nreference: {table.reference_is}"
+        draw_deviations(off, Path(path), title=heading, knob=table.knob)
+
+
+def shear_time_step(progress: Callable[[str, float], None]) -> tuple[Deviations, str]:
+    """Run the study; return its table and what it shows in words."""
+    table = work_precision(
+        {name: partial(trial, kind, method) for name, (kind, method) in methods().items()},
+        STEPS[:-1],
+        {STORAGE: 0.0, LOSS: 0.0},
+        error=errors,
+        knob="time step / tau",
+        title=f"Time step of oscillatory shear: {PARTICLES} discs, {_counts()}",
+        reference_is=f"velocity Verlet at {STEPS[-1]} tau, the same repeats",
+        repeats=1,
+        progress=progress,
+    )
+    return Deviations(table), told(table)
+
+
+def told(table: WorkPrecision) -> str:
+    """Return what the table shows, every figure taken from it."""
+    lines = [
+        f"G' and G'' under {AMPLITUDE} at {FREQUENCY} periods in tau, {PARTICLES} discs at packing fraction {FRACTION}",
+        f"(divergent repulsion, friction {FRICTION}). Means with standard errors over {_counts()};",
+        f"in units of the stiffness, and how far they are off from velocity Verlet at {STEPS[-1]} tau, one repeat",
+        "after the other.",
+        "",
+        "| scene, method | time step / tau | G' | G'' | G' off | G'' off |",
+        "|---|---|---|---|---|---|",
+    ]
+    for method in table.methods:
+        for one in table.of(method):
+            if one.failed:
+                lines.append(f"| {method} | {one.setting:g} | failed | {one.failed} | | |")
+                continue
+            w = one.work
+            lines.append(
+                f"| {method} | {one.setting:g} | {w['storage']:.4f} +- {w['storage error']:.4f} | "
+                f"{w['loss']:.4f} +- {w['loss error']:.4f} | {w['storage off']:+.2%} +- {w['storage off error']:.2%} | "
+                f"{w['loss off']:+.2%} +- {w['loss off error']:.2%} |"
+            )
+    lines.append("")
+    for method in table.methods:
+        good = [one.setting for one in table.of(method) if not one.failed and _converged(one.work)]
+        lines.append(
+            f"{method}: from {max(_lower_end(good, table, method)):g} tau down neither modulus is told from the "
+            f"reference by more than 1 % and {TOLD:g} error bars."
+            if _lower_end(good, table, method)
+            else f"{method}: converged at none of these time steps."
+        )
+    return "\n".join(lines)
+
+
+def _converged(work: Mapping[str, float]) -> bool:
+    return all(
+        abs(work[f"{name} off"]) <= max(0.01, TOLD * work[f"{name} off error"]) and work[f"{name} off error"] <= 0.05
+        for name in ("storage", "loss")
+    )
+
+
+def _lower_end(good: list[float], table: WorkPrecision, method: str) -> list[float]:
+    """Return the converged settings below which all are."""
+    settings = sorted(one.setting for one in table.of(method))
+    kept = []
+    for one in settings:
+        if one not in good:
+            break
+        kept.append(one)
+    return kept

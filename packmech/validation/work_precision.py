@@ -1,0 +1,393 @@
+"""What accuracy costs in time: one problem, many settings of one knob, against a stated reference."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packmech.check import function, integer, positive
+
+
+@dataclass(frozen=True)
+class PowerLawFit:
+    """error = prefactor * setting**order, down to a floor; floor is 0 where none was reached."""
+
+    order: float
+    prefactor: float
+    floor: float
+
+
+@dataclass(frozen=True)
+class WorkPrecision:
+    """Trials of every method at every setting, failures included, and the questions that they answer."""
+
+    trials: tuple[Trial, ...]
+    first_seconds: Mapping[str, float]
+    knob: str = "setting"
+    title: str = ""
+    reference_is: str = ""
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Names of the methods, in the order in which they ran."""
+        return tuple(self.first_seconds)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the quantities whose errors were measured."""
+        return tuple(dict.fromkeys(name for trial in self.trials for name in trial.errors))
+
+    def of(self, method: str) -> tuple[Trial, ...]:
+        """Trials of one method, from the coarsest setting (the largest) to the finest."""
+        if method not in self.first_seconds:
+            raise ValueError(f"method must be one of {list(self.methods)}, got {method!r}")
+        return tuple(sorted((t for t in self.trials if t.method == method), key=lambda trial: -trial.setting))
+
+    def fit(self, method: str, *, quantity: str | None = None) -> PowerLawFit:
+        """Power law and floor fitted to one method's errors; failed trials are left out.
+
+        Raises
+        ------
+        ValueError
+            For an unknown method or quantity, or fewer than two trials with an error above zero.
+        """
+        name = self._quantity(quantity)
+        point_td = [
+            (trial.setting, trial.errors[name])
+            for trial in self.of(method)
+            if not trial.failed and name in trial.errors
+        ]
+        return fit_power_law([setting for setting, _ in point_td], [error for _, error in point_td])
+
+    def order(self, method: str, *, quantity: str | None = None) -> float:
+        """Order of convergence: the exponent p of error ~ setting**p above the floor."""
+        return self.fit(method, quantity=quantity).order
+
+    def floor(self, method: str, *, quantity: str | None = None) -> float:
+        """Error below which finer settings do not help; 0 where the trials did not reach one."""
+        return self.fit(method, quantity=quantity).floor
+
+    def cheapest(self, *, error_below: float, quantity: str | None = None) -> Trial | None:
+        """Return the quickest trial that did not fail and whose error is below the bound; None when there is none."""
+        if not error_below > 0.0:
+            raise ValueError(f"error_below must be positive, got {error_below}")
+        name = self._quantity(quantity)
+        good = [trial for trial in self.trials if not trial.failed and trial.errors.get(name, math.inf) < error_below]
+        return min(good, key=lambda trial: trial.seconds, default=None)
+
+    def to_csv(self) -> str:
+        """Return the table as comma-separated values, numbers with every digit."""
+        work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(
+            ("method", self.knob, *(f"error in {name}" for name in self.quantities), "cpu seconds", *work, "failed")
+        )
+        for trial in self.trials:
+            errors = (repr(trial.errors[name]) if name in trial.errors else "" for name in self.quantities)
+            counts = (repr(trial.work[name]) if name in trial.work else "" for name in work)
+            writer.writerow((trial.method, repr(trial.setting), *errors, repr(trial.seconds), *counts, trial.failed))
+        return text.getvalue()
+
+    def to_markdown(self) -> str:
+        """Return the table as Markdown: short numbers, failures in words."""
+        work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
+        header = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "CPU s", *work, "failed")
+        lines = [_row(header), _row(["---"] * len(header))]
+        for trial in self.trials:
+            errors = [f"{trial.errors[name]:.1e}" if name in trial.errors else "-" for name in self.quantities]
+            counts = [_short(trial.work[name]) if name in trial.work else "-" for name in work]
+            cells = (trial.method, f"{trial.setting:.0e}", *errors, f"{trial.seconds:.2g}", *counts, trial.failed)
+            lines.append(_row(cells))
+        return "\n".join(lines) + "\n"
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write a picture: for each quantity error against setting (left) and CPU seconds against error (right).
+
+        Failed trials that still gave an answer are drawn hollow. The ending of path names the format (png, svg, pdf).
+
+        Raises
+        ------
+        ImportError
+            When matplotlib is not installed.
+        """
+        from packmech.view.figures import draw_work_precision
+
+        draw_work_precision(self, Path(path))
+
+    def _quantity(self, quantity: str | None) -> str:
+        names = self.quantities
+        if quantity is None:
+            return names[0] if names else "error"
+        if quantity not in names:
+            raise ValueError(f"quantity must be one of {list(names)}, got {quantity!r}")
+        return quantity
+
+
+def fit_power_law(setting_t: list[float], error_t: list[float]) -> PowerLawFit:
+    """Power law that the errors follow down to a floor.
+
+    Least squares in the logarithms of C h^p for the coarse settings and of a constant for the fine ones, for every
+    place of the bend; the best fit stays. A floor needs two settings at least, the power law two (three where there
+    are three or more), so exact data without a floor are fitted without one. Errors of exactly zero are under any
+    floor and left out.
+
+    Examples
+    --------
+    >>> fit = fit_power_law([1e-1, 1e-2, 1e-3, 1e-4, 1e-5], [2e-2, 2e-4, 2e-6, 3e-7, 3e-7])
+    >>> print(f"{fit.order:.2f} {fit.floor:.0e}")
+    2.00 3e-07
+    """
+    point_td = sorted(((h, e) for h, e in zip(setting_t, error_t, strict=True) if e > 0.0), reverse=True)
+    if len(point_td) < 2:
+        raise ValueError(f"an order must be fitted to at least two errors above zero, got {len(point_td)}")
+    log_h_t, log_e_t = np.log(np.array(point_td).T)
+    count = len(point_td)
+    best: tuple[float, PowerLawFit] | None = None
+    for bend in range(min(3, count), count + 1):
+        if count - bend == 1:
+            continue
+        design = np.stack([log_h_t[:bend], np.ones(bend)], axis=1)
+        (slope, offset), *_ = np.linalg.lstsq(design, log_e_t[:bend], rcond=None)
+        residual = float(np.sum((design @ (slope, offset) - log_e_t[:bend]) ** 2))
+        floor = 0.0
+        if bend < count:
+            level = float(np.mean(log_e_t[bend:]))
+            residual += float(np.sum((log_e_t[bend:] - level) ** 2))
+            floor = math.exp(level)
+        if best is None or residual < best[0] * (1.0 - 1e-9) - 1e-24:
+            best = (residual, PowerLawFit(float(slope), math.exp(float(offset)), floor))
+    assert best is not None
+    return best[1]
+
+
+def _short(value: float) -> str:
+    """Return whole numbers as they are, others with three digits."""
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.3g}"
+
+
+def _row(cells: list[str] | tuple[str, ...]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+__all__ = ["Answer", "PowerLawFit", "Trial", "WorkPrecision", "fit_power_law", "work_precision"]
+
+Solver = Callable[[float], Any]
+ErrorMeasure = Callable[[Any, Any], float | Mapping[str, float]]
+Quantities = Mapping[str, npt.ArrayLike]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One solver's answer: the value to compare, whether the solver vouches for it, and what it cost besides time.
+
+    value is a number, an array, or a mapping of names to them (one error is then kept for each name). A problem may
+    return the bare value instead, which counts as converged. work holds counts such as force evaluations.
+    """
+
+    value: Any
+    converged: bool = True
+    work: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One method at one setting: its errors by quantity, its cost, and why it failed where it did.
+
+    seconds is the median over the repeats, the method's first call not among them. failed is empty for a trial that
+    counts; errors may still hold figures when the solver gave an answer without vouching for it.
+    """
+
+    method: str
+    setting: float
+    errors: Mapping[str, float]
+    seconds: float
+    work: Mapping[str, float] = field(default_factory=dict)
+    failed: str = ""
+    note: str = ""
+
+    @property
+    def error(self) -> float:
+        """The error of the first quantity; NaN when nothing was answered."""
+        return next(iter(self.errors.values()), math.nan)
+
+
+def work_precision(
+    problem: Solver | Mapping[str, Solver],
+    settings: Sequence[float],
+    reference: Any,
+    *,
+    error: ErrorMeasure | None = None,
+    knob: str = "setting",
+    title: str = "",
+    reference_is: str = "",
+    repeats: int = 3,
+    failures: tuple[type[Exception], ...] = (ArithmeticError, RuntimeError, np.linalg.LinAlgError),
+    clock: Callable[[], float] = time.process_time,
+    progress: Callable[[str, float], None] | None = None,
+) -> WorkPrecision:
+    """Table of what each method costs and how far it is from the reference at each setting.
+
+    Parameters
+    ----------
+    problem
+        A function of the setting, or several by method name. It returns a value like `reference`, or an `Answer`.
+    settings
+        Values of the knob, all positive and different; the first one also serves as the first call.
+    reference
+        The true value: a closed form, else a tighter run of another method, else a tighter run of the same.
+    error
+        Measure (value, reference) -> number or {quantity: number}; by default the largest absolute difference, per
+        quantity when the reference is a mapping.
+    knob, title, reference_is
+        Words for the table: what the setting is, what the study is, what the reference is.
+    repeats
+        Timed calls at each setting (the median is kept). The first call of each method, which may compile or fill
+        caches, is timed apart in `first_seconds` and never counted.
+    failures
+        Exceptions that are kept in the table as failed trials; any other exception is a mistake and goes through.
+    clock
+        Seconds; CPU time of the process by default.
+    progress
+        Called with (method, setting) before each trial.
+
+    Raises
+    ------
+    ValueError
+        For no method, fewer than one setting, settings that are not finite, positive and different, repeats < 1.
+
+    Examples
+    --------
+    The midpoint rule for the integral of exp over (0, 1), whose error falls with the square of the step:
+
+    >>> import numpy as np
+    >>> def midpoint(step):
+    ...     points = round(1 / step)
+    ...     return np.exp((np.arange(points) + 0.5) / points).mean()
+    >>> table = work_precision({"midpoint": midpoint}, (0.1, 0.05, 0.025), np.e - 1, knob="step")
+    >>> print(f"{table.order('midpoint'):.2f}")
+    2.00
+    >>> table.cheapest(error_below=1e-4) is None or table.cheapest(error_below=1e-4).error < 1e-4
+    True
+    """
+    solvers = dict(problem) if isinstance(problem, Mapping) else {"": problem}
+    _check_methods(solvers)
+    setting_t = _checked_settings(settings)
+    repeats = integer("repeats", repeats, at_least=1)
+    for name, value in (("error", error), ("progress", progress)):
+        if value is not None:
+            function(name, value)
+    function("clock", clock)
+    measure = largest_difference if error is None else error
+    trials: list[Trial] = []
+    first_seconds: dict[str, float] = {}
+    for method, solver in solvers.items():
+        began = clock()
+        _attempt(solver, setting_t[0], failures)
+        first_seconds[method] = clock() - began
+        for setting in setting_t:
+            if progress is not None:
+                progress(method, setting)
+            trials.append(_trial(method, solver, setting, reference, measure, repeats, failures, clock))
+    return WorkPrecision(
+        trials=tuple(trials), first_seconds=first_seconds, knob=knob, title=title, reference_is=reference_is
+    )
+
+
+def largest_difference(value: Any, reference: Any) -> float | dict[str, float]:
+    """Largest absolute difference between a value and the reference; per name when the reference is a mapping.
+
+    Raises
+    ------
+    ValueError
+        When the value lacks a name of the reference or has another shape.
+
+    Examples
+    --------
+    >>> largest_difference([1.0, 2.5], [1.0, 2.0])
+    0.5
+    """
+    if isinstance(reference, Mapping):
+        missing = [name for name in reference if not isinstance(value, Mapping) or name not in value]
+        if missing:
+            raise ValueError(f"value must have every quantity of the reference, got none for {missing[0]!r}")
+        return {name: _difference(value[name], reference[name]) for name in reference}
+    return _difference(value, reference)
+
+
+def _difference(value: npt.ArrayLike, reference: npt.ArrayLike) -> float:
+    value_array, reference_array = np.asarray(value, float), np.asarray(reference, float)
+    if value_array.shape != reference_array.shape:
+        raise ValueError(f"value must have the reference's shape {reference_array.shape}, got {value_array.shape}")
+    return float(np.max(np.abs(value_array - reference_array), initial=0.0))
+
+
+def _check_methods(solvers: Mapping[str, Solver]) -> None:
+    if not solvers:
+        raise ValueError("problem must have at least one method, got none")
+    for method, solver in solvers.items():
+        if not callable(solver):
+            raise TypeError(f"problem must be a function of the setting, got {solver!r} for method {method!r}")
+
+
+def _checked_settings(settings: Sequence[float]) -> tuple[float, ...]:
+    if isinstance(settings, str) or not isinstance(settings, Iterable):
+        raise TypeError(f"settings must be a sequence of positive numbers, got {settings!r}")
+    setting_t = tuple(positive(f"settings[{k}]", setting) for k, setting in enumerate(settings))
+    if not setting_t:
+        raise ValueError("settings must have at least one value, got none")
+    if len(set(setting_t)) < len(setting_t):
+        raise ValueError(f"settings must be different from one another, got {setting_t}")
+    return setting_t
+
+
+def _attempt(solver: Solver, setting: float, failures: tuple[type[Exception], ...]) -> tuple[Answer | None, str]:
+    """Answer, or None with the reason of the failure."""
+    try:
+        value = solver(setting)
+    except failures as failure:
+        first_line = str(failure).partition("\n")[0]
+        return None, f"{type(failure).__name__}: {first_line}" if first_line else type(failure).__name__
+    return (value if isinstance(value, Answer) else Answer(value)), ""
+
+
+def _trial(
+    method: str,
+    solver: Solver,
+    setting: float,
+    reference: Any,
+    measure: ErrorMeasure,
+    repeats: int,
+    failures: tuple[type[Exception], ...],
+    clock: Callable[[], float],
+) -> Trial:
+    seconds: list[float] = []
+    answer: Answer | None = None
+    failed = ""
+    for _ in range(repeats):
+        began = clock()
+        answer, failed = _attempt(solver, setting, failures)
+        seconds.append(clock() - began)
+        if answer is None:
+            break
+    cost = statistics.median(seconds)
+    if answer is None:
+        return Trial(method, setting, {}, cost, failed=failed)
+    measured = measure(answer.value, reference)
+    errors = dict(measured) if isinstance(measured, Mapping) else {"error": float(measured)}
+    if not answer.converged:
+        failed = answer.note or "did not converge"
+    elif not all(math.isfinite(value) for value in errors.values()):
+        failed = "the answer is not finite"
+    return Trial(method, setting, errors, cost, dict(answer.work), failed, answer.note)

@@ -1,0 +1,1 @@
+"""Pictures, figures and recordings of what packmech made."""

@@ -1,0 +1,328 @@
+"""What a picture of a packing shows, as arrays: discs and copies, lines of forces, bonds and links, box, walls, colors.
+
+Draws nothing; pictures and recordings are made of the same arrays.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from packmech.box import Box
+from packmech.constraints.factor import ConstraintFactor
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import Bonds, Walls, contact_terms
+from packmech.links import number_by_first
+from packmech.packing import Packing
+
+# dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
+BACKGROUND = (13, 17, 26)
+SMALL, LARGE, RATTLER = (62, 92, 128), (98, 140, 184), (214, 158, 58)
+WEAK_FORCE, STRONG_FORCE = (168, 58, 46), (255, 236, 170)
+# clusters in hues of their own, far from those of rattlers and forces; a link's line turns green where it pulls its
+# ends together and violet where it pushes them apart
+CLUSTERS = ((74, 118, 168), (58, 132, 128), (104, 98, 172), (92, 140, 92), (124, 104, 146), (110, 134, 158))
+IDLE_BOND, IDLE_SHAPE, TENSION, COMPRESSION = (222, 228, 236), (128, 140, 158), (64, 224, 160), (190, 104, 240)
+OUTLINE = (150, 160, 176)
+ARROW = (255, 214, 102)
+CURVE = (122, 174, 230)
+# a force line is this many diameters wide at the mean force, and no wider than at four times the mean
+LINE_WIDTH, WIDEST = 0.13, 4.0
+# beads of clusters in 3D where links are to be seen, over their radius
+BEAD = 0.4
+# a link that bears nothing is drawn as wide as this part of the mean force
+THINNEST = 0.35
+ARROW_RADIUS, OUTLINE_RADIUS = 0.08, 0.03
+# contacts at the Coulomb limit, particles that are held, walls, and the marks that turn with particles
+SLIDING, HELD, WALL, MARK = (96, 200, 255), (170, 176, 190), (214, 216, 222), (13, 17, 26)
+# half widths over the reference diameter
+BOND_WIDTH, MARK_WIDTH, WALL_WIDTH = 0.06, 0.035, 0.05
+# from where three-dimensional packings are looked at
+VIEW = (0.42, -0.88, 0.45)
+# a box so much flatter than it need be is drawn with its shortest vectors
+_FLAT = 0.7
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Arrays to draw, all inside or at the edge of the cell.
+
+    Attributes
+    ----------
+    center_nd
+        (N, d) wrapped centers [length].
+    copy_center_kd, copy_of_k
+        (K, d) centers of periodic copies that reach into the cell [length], and whose they are.
+    segment_sed, force_s
+        (S, 2, d) ends of the force lines [length], two lines where a contact crosses the cell's edge; (S,) their forces
+        over the mean [1].
+    outline_ed
+        Polylines along the cell's edges [length].
+    bond_sed, bond_tension_s
+        (B, 2, d) ends of the lines of links that are bonds [length], two lines where a link crosses the cell's edge;
+        (B,) their forces over the mean contact force, tension positive [1]; 0 without effects.
+    shape_sed, shape_tension_s
+        The same for links that hold an angle or a shape.
+
+    """
+
+    center_nd: NDArray[np.float64]
+    copy_center_kd: NDArray[np.float64]
+    copy_of_k: NDArray[np.int64]
+    segment_sed: NDArray[np.float64]
+    force_s: NDArray[np.float64]
+    outline_ed: list[NDArray[np.float64]]
+    bond_sed: NDArray[np.float64]
+    bond_tension_s: NDArray[np.float64]
+    shape_sed: NDArray[np.float64]
+    shape_tension_s: NDArray[np.float64]
+
+
+def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
+    """Return what to draw of a packing; without effects every touching pair gets a line of the mean width.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pair = pm.Packing([[0.2, 1.0], [1.9, 1.0]], [0.2, 0.2], pm.Box.cubic(2.0, 2))
+    >>> drawing = draw_packing(pair)
+    >>> drawing.segment_sed.shape, drawing.copy_of_k.tolist()    # one contact, across the edge: drawn at both sides
+    ((2, 2, 2), [1])
+    """
+    inside = packing.wrapped()
+    contacts = find_contacts(inside)
+    force_c = _relative_force(contacts, effects)
+    segments, pair_s = pair_lines(inside.position_nd, contacts.i_c, contacts.j_c, contacts.image_cd, contacts.vector_cd)
+    copy_center, copy_of = _copies(inside)
+    return Drawing(
+        inside.position_nd,
+        copy_center,
+        copy_of,
+        segments,
+        force_c[pair_s],
+        box_outline(packing.box),
+        *_link_lines(inside, contacts, effects),
+    )
+
+
+def pair_lines(
+    position_nd: NDArray[np.float64],
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    image_cd: NDArray[np.int64],
+    vector_cd: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return a line from i to j for each pair, and a second one that ends in j itself where that is an image of j."""
+    crossing = np.flatnonzero(np.any(image_cd != 0, axis=1))
+    start_cd, far_cd = position_nd[i_c], position_nd[j_c[crossing]]
+    here = np.stack([start_cd, start_cd + vector_cd], axis=1)
+    there = np.stack([far_cd - vector_cd[crossing], far_cd], axis=1)
+    return np.concatenate([here, there]), np.concatenate([np.arange(len(i_c)), crossing])
+
+
+def _link_lines(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
+    """Return lines and tensions of the bonds, then those of the links that hold shapes."""
+    links = packing.links
+    if links is None:
+        none = np.zeros((0, 2, packing.dimension)), np.zeros(0)
+        return (*none, *none)
+    assert links.shape_l is not None
+    tension_l = relative_tension(packing, contacts, effects)
+    vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
+    segments, link_s = pair_lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
+    shape_s = links.shape_l[link_s]
+    tension_s = tension_l[link_s]
+    return segments[~shape_s], tension_s[~shape_s], segments[shape_s], tension_s[shape_s]
+
+
+def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    """Return the (L,) forces of the links over the mean contact force, tension positive [1]; 0 without effects."""
+    links = packing.links
+    if links is None:
+        return np.zeros(0)
+    if effects and len(contacts):
+        first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
+        mean = float(np.abs(first_c).mean())
+        if mean > 0.0:
+            return np.asarray(ConstraintFactor(packing).tension(contacts, first_c) / mean)
+    return np.zeros(len(links))
+
+
+def box_outline(box: Box) -> list[NDArray[np.float64]]:
+    """Return polylines along the edges of the cell: one closed loop in 2D, two loops and four posts in 3D."""
+    a, b = box.lattice_dd[:, 0], box.lattice_dd[:, 1]
+    loop = np.array([0 * a, a, a + b, b, 0 * a])
+    if box.dimension == 2:
+        return [loop]
+    c = box.lattice_dd[:, 2]
+    return [loop, loop + c, *(np.array([corner, corner + c]) for corner in loop[:4])]
+
+
+def shown_box(box: Box) -> tuple[Box, NDArray[np.int64]]:
+    """Return the box to draw, and whole numbers that turn images of the box as it is into images of that."""
+    small, change = box.reduced()
+    if box.height_d.min() >= _FLAT * small.height_d.min():
+        return box, np.eye(box.dimension, dtype=np.int64)
+    return small, np.rint(np.linalg.inv(change)).astype(np.int64)
+
+
+class ShownCell:
+    """A packing wrapped into the cell that is drawn.
+
+    Attributes
+    ----------
+    box
+        The cell: the packing's box, with its shortest vectors where it is sheared far.
+    inside_nd
+        (N, d) wrapped centers [length].
+
+    """
+
+    def __init__(self, packing: Packing) -> None:
+        self.box, self._back = shown_box(packing.box)
+        self.inside_nd, self._image_nd = self.box.wrap(packing.position_nd)
+
+    def lines(
+        self, i_c: Any, j_c: Any, image_cd: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
+        """Return lines between pairs at these images of the packing's box, whose each line is, and (C, d) vectors."""
+        whole = np.asarray(image_cd) @ self._back.T + self._image_nd[j_c] - self._image_nd[i_c]
+        vector = self.inside_nd[j_c] - self.inside_nd[i_c] + whole @ self.box.lattice_dd.T
+        return *pair_lines(self.inside_nd, i_c, j_c, whole, vector), vector
+
+
+def wall_outlines(effects: Sequence[Any], box: Box) -> list[NDArray[np.float64]]:
+    """Return polylines along the smooth walls among the effects, across the extent of the cell."""
+    corner_kd = np.concatenate(box_outline(box))
+    low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)
+    found = []
+    for wall in (one for one in effects if isinstance(one, Walls)):
+        axis = int(wall.axis)
+        others = [a for a in range(box.dimension) if a != axis]
+        for place in (wall.low, wall.high):
+            turns = [(0,), (1,)] if len(others) == 1 else [(0, 0), (0, 1), (1, 1), (1, 0), (0, 0)]
+            line = np.empty((len(turns), box.dimension))
+            line[:, axis] = place
+            for k, a in enumerate(others):
+                line[:, a] = [(low[a], high[a])[turn[k]] for turn in turns]
+            found.append(line)
+    return found
+
+
+def bonds_among(effects: Sequence[Any]) -> Bonds | None:
+    """Return the bonds among the effects, if there are any."""
+    return next((one for one in effects if isinstance(one, Bonds) and len(one)), None)
+
+
+def view_axes() -> NDArray[np.float64]:
+    """Return the directions across, up and toward the eye as columns, for packings in space."""
+    toward = np.array(VIEW) / np.linalg.norm(VIEW)
+    across = np.cross((0.0, 0.0, 1.0), toward)
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, np.cross(toward, across), toward])
+
+
+def particle_colors(
+    packing: Packing,
+    effects: Sequence[Any] = (),
+    rattler_n: NDArray[np.bool_] | None = None,
+    held_n: NDArray[np.bool_] | None = None,
+) -> NDArray[np.uint8]:
+    """Return (N, 3) colors: by size between two blues; linked or bonded clusters in hues of their own.
+
+    Particles that are held are gray, rattlers amber.
+    """
+    span = float(np.ptp(packing.radius_n))
+    share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
+    color_nc = between(SMALL, LARGE, share_n)
+    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_among(effects)
+    if links is not None:
+        linked = np.union1d(links.i_l, links.j_l)
+        color_nc[linked] = hues[number_by_first(links.clusters(packing.particles)[linked]) % len(CLUSTERS)]
+    elif bonds is not None:
+        graph = coo_array((np.ones(len(bonds)), (bonds.i_b, bonds.j_b)), shape=(packing.particles, packing.particles))
+        _, fragment_n = connected_components(graph, directed=False)
+        bonded = np.unique(np.concatenate([bonds.i_b, bonds.j_b]))
+        color_nc[bonded] = hues[np.unique(fragment_n[bonded], return_inverse=True)[1].ravel() % len(hues)]
+    if held_n is not None:
+        color_nc[held_n] = HELD
+    if rattler_n is not None:
+        color_nc[rattler_n] = RATTLER
+    return color_nc
+
+
+def dimmed(color_nc: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the colors mixed with the background, for periodic copies."""
+    mixed: NDArray[np.uint8] = (0.45 * color_nc + 0.55 * np.array(BACKGROUND)).astype(np.uint8)
+    return mixed
+
+
+def force_colors(force_s: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return (S, 3) colors from ember (no force) to pale yellow (three times the mean and above)."""
+    return between(WEAK_FORCE, STRONG_FORCE, np.clip(force_s / 3.0, 0.0, 1.0))
+
+
+def force_radii(force_s: NDArray[np.float64], diameter: float, dimension: int) -> NDArray[np.float64]:
+    """Return half the width of each force line [length]: proportional to the force, thinner in 3D."""
+    return LINE_WIDTH / dimension * diameter * np.minimum(force_s, WIDEST)
+
+
+def tension_colors(tension_s: NDArray[np.float64], *, shape: bool) -> NDArray[np.uint8]:
+    """Return (S, 3) colors of links: gray without force, green in tension, violet in compression, full at 2 means."""
+    idle = IDLE_SHAPE if shape else IDLE_BOND
+    share_s = np.clip(np.abs(tension_s) / 2.0, 0.0, 1.0)
+    pulled, pushed = between(idle, TENSION, share_s), between(idle, COMPRESSION, share_s)
+    return np.where((tension_s >= 0.0)[:, None], pulled, pushed)
+
+
+def tension_radii(
+    tension_s: NDArray[np.float64], diameter: float, dimension: int, *, shape: bool
+) -> NDArray[np.float64]:
+    """Return half the width of each link's line [length]: that of a contact of its force, half that for shape links."""
+    width_s = force_radii(np.maximum(np.abs(tension_s), THINNEST), diameter, dimension)
+    return 0.5 * width_s if shape else width_s
+
+
+def arrow_scale(displacement_nd: NDArray[np.float64], diameter: float) -> float:
+    """Return the factor that makes the longest arrow 1.5 diameters long; 1 when nothing moves."""
+    longest = float(np.max(np.linalg.norm(displacement_nd, axis=1), initial=0.0))
+    return 1.5 * diameter / longest if longest > 0 else 1.0
+
+
+def _relative_force(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    if not len(contacts):
+        return np.zeros(0)
+    if not effects:
+        return np.ones(len(contacts))
+    force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
+    mean = float(force_c.mean())
+    return force_c / mean if mean > 0 else np.zeros(len(contacts))
+
+
+def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Periodic copies of particles that reach into the cell from outside."""
+    centers, owners = [], []
+    reach_nd = packing.radius_n[:, None] / packing.box.height_d
+    fraction_nd = packing.position_nd @ packing.box.inverse_dd.T
+    for shift in itertools.product((-1, 0, 1), repeat=packing.dimension):
+        if any(shift):
+            moved_nd = fraction_nd + np.array(shift)
+            reaches_n = np.all((moved_nd > -reach_nd) & (moved_nd < 1.0 + reach_nd), axis=1)
+            centers.append(moved_nd[reaches_n] @ packing.box.lattice_dd.T)
+            owners.append(np.flatnonzero(reaches_n))
+    return np.concatenate(centers), np.concatenate(owners).astype(np.int64)
+
+
+def between(low: tuple[int, ...], high: tuple[int, ...], share: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return (S, 3) colors that lie that share of the way from one to the other."""
+    mixed: NDArray[np.uint8] = np.rint((1.0 - share[:, None]) * np.array(low) + share[:, None] * np.array(high)).astype(
+        np.uint8
+    )
+    return mixed

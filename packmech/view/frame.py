@@ -1,0 +1,329 @@
+"""A picture of a packing as an array of pixels, drawn by the processor in a few milliseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import finite_array, instance, integer
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import Bonds, contact_terms
+from packmech.packing import Packing
+from packmech.scene import Scene
+from packmech.view import drawing, raster
+
+# the largest side of a picture [pixel]
+LARGEST = 8192
+# the cell's sides, and its bounding box, over the picture's: the cell keeps its size while it is sheared by less
+ROOM, LEAST_ROOM = 1.24, 1.05
+# in space: how bright the back is over the front
+BACK = 0.42
+OUTLINE_DIM = 0.75
+# bonds stretched by no more than this, on the mean, are slack to rounding; gaps and overlaps up to this touch [1]
+SLACK, TOUCH = 1e-12, 1e-12
+
+
+def draw_frame(
+    packing: Packing,
+    *,
+    contacts: Contacts | None = None,
+    force_c: ArrayLike | None = None,
+    sliding_c: ArrayLike | None = None,
+    effects: tuple[Any, ...] = (),
+    rattler_n: ArrayLike | None = None,
+    beads: float = 1.0,
+    size: tuple[int, int] = (480, 480),
+) -> NDArray[np.uint8]:
+    """Return a picture of a packing as (height, width, 3) bytes.
+
+    Particles are shaded by size, bonded and linked clusters in hues of their own, rattlers in amber; contacts are lines
+    as wide and bright as their forces, blue where they slide; bonds, which are no contacts, and links are green in
+    tension and violet in compression. Around the cell, in a plane, are its periodic copies, dimmed; a cell that was
+    sheared far is drawn with its shortest lattice vectors. In space spheres are lit from above and darker at the back,
+    and what is inside them is hidden unless `beads` makes them small. The same arguments give the same bytes.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    contacts
+        What touches, with images for positions as they are; found unless given.
+    force_c
+        (C,) forces of these contacts [force]; from `effects` unless given, and all alike without any.
+    sliding_c
+        (C,) True for contacts that slide.
+    effects
+        Those of the scene: for forces that are not given, bonds, and walls.
+    rattler_n
+        (N,) True for rattlers.
+    beads
+        Radius at which spheres are drawn over their own, in space only [1].
+    size
+        Width and height [pixel].
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    >>> pixels = draw_frame(crystal, effects=(pm.Repulsion(),), size=(120, 90))
+    >>> pixels.shape, pixels.dtype
+    ((90, 120, 3), dtype('uint8'))
+
+    """
+    instance("packing", packing, Packing)
+    size = _size(size)
+    effects = Scene(packing, effects).effects
+    if not isinstance(beads, int | float) or isinstance(beads, bool) or not 0.0 < beads <= 1.0:
+        raise ValueError(f"beads must lie above 0 and be at most 1, got {beads!r}")
+    drawn = drawn_contacts(packing, effects, contacts, force_c, sliding_c)
+    rattler = np.zeros(packing.particles, dtype=bool)
+    if rattler_n is not None:
+        rattler = _booleans("rattler_n", rattler_n, packing.particles)
+    return _Picture(packing, size, float(beads)).draw(drawn, effects, rattler)
+
+
+def _size(size: Any) -> tuple[int, int]:
+    if not isinstance(size, tuple | list) or len(size) != 2:
+        raise TypeError(f"size must be the width and the height in pixels, got {size!r}")
+    width, height = (integer(f"size[{k}]", side, at_least=1, at_most=LARGEST) for k, side in enumerate(size))
+    return width, height
+
+
+def _booleans(name: str, value: ArrayLike, count: int) -> NDArray[np.bool_]:
+    marks = np.asarray(value)
+    if marks.dtype != bool or marks.shape != (count,):
+        raise ValueError(f"{name} must be {count} booleans, got {marks.dtype} of shape {marks.shape}")
+    return marks
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnContacts:
+    """Contacts that are drawn, bonded pairs not among them; (C,) forces [force], and which of them slide."""
+
+    contacts: Contacts
+    force_c: NDArray[np.float64]
+    sliding_c: NDArray[np.bool_]
+
+
+def drawn_contacts(
+    packing: Packing,
+    effects: tuple[Any, ...],
+    contacts: Contacts | None,
+    force_c: ArrayLike | None,
+    sliding_c: ArrayLike | None,
+) -> DrawnContacts:
+    """Return what touches, with forces and whether it slides, after checking what was given of it.
+
+    Parameters
+    ----------
+    packing, effects
+        The packing, and effects whose forces are taken where none are given.
+    contacts, force_c, sliding_c
+        As in `draw_frame`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    """
+    if contacts is None:
+        if force_c is not None or sliding_c is not None:
+            name = "force_c" if force_c is not None else "sliding_c"
+            raise ValueError(f"{name} must come with the contacts that it belongs to, got no contacts")
+        contacts = find_contacts(packing, gap_tolerance=TOUCH)
+    elif not isinstance(contacts, Contacts) or contacts.particles != packing.particles:
+        raise TypeError(f"contacts must be those of the packing (pm.find_contacts), got {type(contacts).__name__}")
+    sliding = np.zeros(len(contacts), dtype=bool)
+    if sliding_c is not None:
+        sliding = _booleans("sliding_c", sliding_c, len(contacts))
+    if force_c is not None and len(contacts):
+        force = np.abs(finite_array("force_c", force_c, shape=(len(contacts),), what="contact"))
+    else:
+        force = contact_forces(contacts, effects)
+    apart = not_bonded(contacts, effects)
+    return DrawnContacts(contacts.select(apart), force[apart], sliding[apart])
+
+
+def contact_forces(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    """Return the (C,) magnitudes of the forces that effects with an energy exert; 1 without any.
+
+    They are 1 too where nothing overlaps by more than rounding, as in lattices that just touch.
+    """
+    acting = tuple(one for one in effects if hasattr(type(one), "pair_energy"))
+    if not acting or not len(contacts) or contacts.overlap_c.max() <= TOUCH:
+        return np.ones(len(contacts))
+    force = np.abs(contact_terms(acting, contacts.distance_c, contacts.contact_distance_c).first_c)
+    # centers that coincide under a law that diverges there: as strong as the strongest that is a number
+    finite = np.isfinite(force) & (force < 1e150)
+    force[~finite] = force[finite].max(initial=1.0)
+    return force
+
+
+def not_bonded(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
+    """Return the (C,) marks of pairs that no bond joins."""
+    apart = np.ones(len(contacts), dtype=bool)
+    for bonds in (one for one in effects if isinstance(one, Bonds) and len(one)):
+        apart &= ~np.isin(
+            _keys(contacts.i_c, contacts.j_c, contacts.image_cd), _keys(bonds.i_b, bonds.j_b, bonds.image_bd)
+        )
+    return apart
+
+
+def _keys(i_p: NDArray[np.int64], j_p: NDArray[np.int64], image_pd: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return one record for each pair."""
+    rows = np.ascontiguousarray(np.column_stack([i_p, j_p, image_pd]), dtype=np.int64)
+    return rows.view([("", np.int64)] * rows.shape[1]).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines to draw: (S, 2, d) ends and (S,) half widths [length], (S, 3) colors."""
+
+    end_sed: NDArray[np.float64]
+    half_width_s: NDArray[np.float64]
+    color_sc: NDArray[np.float64]
+
+
+class _Picture:
+    """A packing put before the eye: where it is on the picture, and what is drawn of it."""
+
+    def __init__(self, packing: Packing, size: tuple[int, int], beads: float) -> None:
+        self.packing, self.size, self.beads = packing, size, beads
+        self.cell = drawing.ShownCell(packing)
+        self.flat = packing.dimension == 2
+        corner = np.concatenate(drawing.box_outline(self.cell.box))
+        self.axes_ds = np.eye(2) if self.flat else drawing.view_axes()
+        seen = corner @ self.axes_ds[:, :2]
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        extent = high - low
+        room = LEAST_ROOM * extent
+        if self.flat:  # the sides that a rectangle of the same volume would have keep the scale under shear
+            room = np.maximum(room, ROOM * self.cell.box.volume / extent[::-1])
+        else:
+            room = room + 2.0 * beads * packing.radius_n.max()
+        self.scale = float((np.array(size) / room).min())
+        self.middle_s = 0.5 * (low + high)
+
+    def place(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return pixels across and down, and in space the depth, of positions (..., d)."""
+        seen = position @ self.axes_ds
+        placed = np.empty_like(seen)
+        width, height = self.size
+        placed[..., 0] = 0.5 * width + self.scale * (seen[..., 0] - self.middle_s[0])
+        placed[..., 1] = 0.5 * height - self.scale * (seen[..., 1] - self.middle_s[1])
+        placed[..., 2:] = self.scale * seen[..., 2:]
+        return placed
+
+    def draw(self, drawn: DrawnContacts, effects: tuple[Any, ...], rattler_n: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """Return the picture."""
+        image = raster.blank(self.size, drawing.BACKGROUND)
+        color_nc = drawing.particle_colors(self.packing, effects, rattler_n)
+        lines = [self._edges(effects)]
+        if self.flat or self.beads < 1.0:  # lines inside solid spheres are not seen
+            links, bonds = self._links(drawn.contacts, effects), self._bonds(effects)
+            lines = [*links, self._contacts(drawn), *bonds, *lines]
+        if self.flat:
+            self._paint_discs(image, color_nc)
+            for one in lines:
+                raster.paint_lines(image, None, self.place(one.end_sed), self.scale * one.half_width_s, one.color_sc)
+        else:
+            self._paint_space(image, color_nc, lines)
+        return raster.finished(image)
+
+    def _paint_discs(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8]) -> None:
+        radius = self.packing.radius_n
+        reach = 0.5 * np.array(self.size) + self.scale * radius.max()
+        for shift in np.ndindex(3, 3):
+            moved = self.cell.inside_nd + self.cell.box.lattice_dd @ (np.array(shift) - 1.0)
+            center = self.place(moved)
+            if shift == (1, 1):
+                continue  # the cell itself comes last, over its copies
+            seen = np.all(np.abs(center - 0.5 * np.array(self.size)) < reach, axis=1)
+            color = drawing.dimmed(color_nc[seen]).astype(np.float64)
+            raster.paint_discs(image, center[seen], self.scale * radius[seen], color)
+        center = self.place(self.cell.inside_nd)
+        raster.paint_discs(image, center, self.scale * radius, color_nc.astype(np.float64))
+
+    def _paint_space(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8], lines: list[_Lines]) -> None:
+        corner = self.place(np.concatenate(drawing.box_outline(self.cell.box)))[:, 2]
+        low, span = float(corner.min()), float(np.ptp(corner))
+
+        def lit(color: Any, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+            share = BACK + (1.0 - BACK) * np.clip((depth - low) / span, 0.0, 1.0)
+            ground = np.array(drawing.BACKGROUND)
+            return np.asarray(ground + share[:, None] * (np.asarray(color, dtype=np.float64) - ground))
+
+        depth = np.full(image.shape[:2], -np.inf)
+        center = self.place(self.cell.inside_nd)
+        order = np.argsort(center[:, 2], kind="stable")
+        radius = self.beads * self.scale * self.packing.radius_n
+        raster.paint_spheres(image, depth, center[order], radius[order], lit(color_nc[order], center[order, 2]))
+        end = self.place(np.concatenate([one.end_sed for one in lines]))
+        middle = end[:, :, 2].mean(axis=1)
+        color = lit(np.concatenate([one.color_sc for one in lines]), middle)
+        width = self.scale * np.concatenate([one.half_width_s for one in lines])
+        order = np.argsort(middle, kind="stable")
+        raster.paint_lines(image, depth, end[order], width[order], color[order])
+
+    def _contacts(self, drawn: DrawnContacts) -> _Lines:
+        contacts, sliding_c = drawn.contacts, drawn.sliding_c
+        mean = float(drawn.force_c.mean()) if len(drawn.force_c) else 0.0
+        force_c = drawn.force_c / mean if mean > 0.0 else np.zeros(len(drawn.force_c))
+        end, pair_s, _ = self.cell.lines(contacts.i_c, contacts.j_c, contacts.image_cd)
+        # strong forces lie over weak ones
+        order = np.argsort(force_c[pair_s], kind="stable")
+        end, pair_s = end[order], pair_s[order]
+        color = drawing.force_colors(force_c[pair_s]).astype(np.float64)
+        color[sliding_c[pair_s]] = drawing.SLIDING
+        unit, d = self.packing.reference_diameter, self.packing.dimension
+        return _Lines(end, drawing.force_radii(force_c[pair_s], unit, d), color)
+
+    def _bonds(self, effects: tuple[Any, ...]) -> list[_Lines]:
+        found = []
+        for bonds in (one for one in effects if isinstance(one, Bonds) and len(one)):
+            end, pair_s, _ = self.cell.lines(bonds.i_b, bonds.j_b, bonds.image_bd)
+            extension = np.linalg.norm(end[:, 1] - end[:, 0], axis=1) / bonds.rest_length_b[pair_s] - 1.0
+            mean = float(np.abs(extension).mean())
+            pull = extension / mean if mean > SLACK else np.zeros(len(pair_s))
+            width = np.full(len(pair_s), drawing.BOND_WIDTH * self.packing.reference_diameter)
+            found.append(_Lines(end, width, drawing.tension_colors(pull, shape=False).astype(np.float64)))
+        return found
+
+    def _links(self, contacts: Contacts, effects: tuple[Any, ...]) -> list[_Lines]:
+        links = self.packing.links
+        if links is None:
+            return []
+        assert links.shape_l is not None
+        tension_l = drawing.relative_tension(self.packing, contacts, effects)
+        unit, d = self.packing.reference_diameter, self.packing.dimension
+        found = []
+        for shape in (True, False):
+            mine = np.flatnonzero(links.shape_l == shape)
+            end, pair_s, _ = self.cell.lines(links.i_l[mine], links.j_l[mine], links.image_ld[mine])
+            tension = tension_l[mine][pair_s]
+            width = drawing.tension_radii(tension, unit, d, shape=shape)
+            found.append(_Lines(end, width, drawing.tension_colors(tension, shape=shape).astype(np.float64)))
+        return found
+
+    def _edges(self, effects: tuple[Any, ...]) -> _Lines:
+        """Return the cell's edges and the walls."""
+        unit = self.packing.reference_diameter
+        parts = [(drawing.box_outline(self.cell.box), drawing.OUTLINE_RADIUS, OUTLINE_DIM, drawing.OUTLINE)]
+        parts.append((drawing.wall_outlines(effects, self.cell.box), drawing.WALL_WIDTH, 1.0, drawing.WALL))
+        ends, widths, colors = [], [], []
+        for lines, width, dim, color in parts:
+            for line in lines:
+                pieces = np.stack([line[:-1], line[1:]], axis=1)
+                ends.append(pieces)
+                widths.append(np.full(len(pieces), width * unit))
+                colors.append(np.tile(dim * np.array(color, dtype=np.float64), (len(pieces), 1)))
+        return _Lines(np.concatenate(ends), np.concatenate(widths), np.concatenate(colors))

@@ -1,0 +1,470 @@
+"""What is known of a packing, gathered once: counts, verdict, moduli, modes, and what each of them cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import function, instance, integer, one_of, real
+from packmech.constraints.factor import ConstraintFactor
+from packmech.contacts import Contacts, crossing_links, find_contacts
+from packmech.jamming.classify import METHODS, classify_jamming
+from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
+from packmech.jit.compiled import compile_clock, compiling_noted
+from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
+from packmech.measure.rattlers import find_rattlers
+from packmech.mechanics.elasticity import Moduli, elastic_moduli
+from packmech.mechanics.modes import Modes, normal_modes
+from packmech.mechanics.rattling import find_rattling_clusters
+from packmech.packing import Packing
+from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
+from packmech.scene import Scene
+
+# what a part of the examination may raise for a packing that does not allow it; the other parts still count
+REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
+# contacts that overlap by no more than so many spacings of the coordinates, in the mean, carry no force but rounding
+_SPACINGS = 8.0
+# squared frequencies below this, in units of the largest, are rounding
+_ZERO = 1e-12
+# what a run says of itself that the report takes in; what is counted anew from its packing is left to the report
+_OF_RUN = (
+    *(
+        "outcome",
+        "steps",
+        "force_evaluations",
+        "seconds",
+        "build_seconds",
+        "method",
+        "jamming_packing_fraction",
+        "cementing",
+    ),
+    *("pressure_asked", "stress_anisotropy", "gap_error", "force_imbalance", "redundant_patches"),
+)
+
+ReportFunction = Callable[[Scene], bool | int | float | str | None]
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure of the report that was added: what it is called there, its unit, and the function of a scene."""
+
+    name: str
+    function: ReportFunction
+    unit: str = ""
+    label: str = ""
+
+
+REPORT_FIGURES: dict[str, ReportFigure] = {}
+
+
+def report_figure(*, unit: str = "", label: str = "") -> Callable[[ReportFunction], ReportFunction]:
+    """Return a decorator that adds a function of a scene to the reports of packings.
+
+    The function's name is that of the figure in ``--json`` and in `Report.numbers`. It is given the scene with the
+    packing as it stands and returns a number, a text, True or False, or None where it has no meaning.
+
+    Parameters
+    ----------
+    unit
+        Its unit, or what it is: the note in the table.
+    label
+        What the table calls it; the name unless given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If what is decorated is no function with a name.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> @pm.report_figure(unit="length")
+    ... def largest_gap(scene):
+    ...     return float(pm.find_contacts(scene.packing, gap_tolerance=0.5).gap_c.max())
+    >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=-0.01)
+    >>> round(examine(pm.Scene(crystal, (pm.Repulsion(),)), modes=0).numbers["largest_gap"], 3)
+    0.01
+    >>> del REPORT_FIGURES["largest_gap"]
+
+    """
+    instance("unit", unit, str)
+    instance("label", label, str)
+
+    def add(measure: ReportFunction) -> ReportFunction:
+        function("measure", measure)
+        name = str(getattr(measure, "__name__", ""))
+        if not name.isidentifier():
+            raise ValueError(f"measure must be a function with a name, got {measure!r}")
+        REPORT_FIGURES[name] = ReportFigure(name, measure, unit, label or name.replace("_", " "))
+        return measure
+
+    return add
+
+
+@dataclass(eq=False)
+class Report:
+    """A scene's packing examined.
+
+    Attributes
+    ----------
+    scene
+        The scene as it stands.
+    numbers
+        Results by name, as `packmech jam --json` writes them. Pressures and moduli are in units of
+        energy_scale / reference_diameter^d: elastic_constants are second derivatives of the energy by symmetric
+        strains over the volume, stiffness_cauchy is the Mandel matrix of the Cauchy stress. Frequencies are in units
+        of sqrt(energy_scale / mass) / reference_diameter; those of at most frequency_floor are zero to rounding.
+        force_residual is None where no contact carries a force.
+    stages
+        What each part of the examination achieved and cost.
+    missing
+        Parts that could not be had, with the reason.
+    verdict, moduli, modes
+        The records themselves; None where missing.
+    run
+        The run that made the packing, if there was one.
+
+    """
+
+    scene: Scene
+    numbers: dict[str, Any]
+    stages: list[Stage] = field(default_factory=list)
+    missing: dict[str, str] = field(default_factory=dict)
+    verdict: Verdict | None = None
+    moduli: Moduli | None = None
+    modes: Modes | None = None
+    run: Run | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the results by name, as plain values, with what the run says of itself."""
+        numbers = dict(self.numbers)
+        if self.run is None:
+            numbers["seconds"] = sum(stage.seconds for stage in self.stages)
+        else:
+            of_run = self.run.to_dict()
+            numbers |= {name: of_run[name] for name in _OF_RUN if name in of_run}
+            if numbers["force_residual"] is not None:  # some contact carries a force
+                numbers["force_residual"] = self.run.residual
+        return numbers
+
+    def summary(self) -> Summary:
+        """Return the results and what each step achieved and cost, in words."""
+        before = () if self.run is None else self.run.summary().stages
+        rows = result_rows(self.to_dict(), self.missing)
+        return Summary(particles_in_words(self.scene.packing), tuple(rows), (*before, *self.stages))
+
+
+def examine(
+    scene: Scene,
+    *,
+    run: Run | None = None,
+    strain: str = "isotropic",
+    modes: int = 10,
+    gap_tolerance: float | None = None,
+    method: str = "certificate",
+    progress: Callable[[str], None] = lambda part: None,
+) -> Report:
+    """Return everything that the command prints about a packing as it stands.
+
+    Parameters
+    ----------
+    scene
+        The scene; nothing in it is moved.
+    run
+        The run that made its packing; its outcome and cost are reported too.
+    strain
+        Whether the packing was made in a "isotropic" box or with every strain "free": which isostatic count applies.
+    modes
+        How many of the lowest vibrations, translations and rattlers left out.
+    gap_tolerance, method
+        Of the verdict, as `classify_jamming` takes them.
+    progress
+        Called with the name of each part before it begins.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or unknown.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-6)
+    >>> report = examine(pm.Scene(crystal, (pm.Repulsion(),)), modes=2)
+    >>> report.numbers["contacts"], report.numbers["isostatic_contacts"], report.numbers["strict"]
+    (48, 31, 'jammed')
+
+    """
+    instance("scene", scene, Scene)
+    one_of("strain", strain, ("isotropic", "free"))
+    modes = integer("modes", modes, at_least=0)
+    asked = check_verdict_settings(gap_tolerance, method)
+    report = Report(scene, _counts(scene, strain), run=run)
+    with _part(report, "verdict", progress):
+        _verdict(report, *asked)
+    with _part(report, "moduli", progress):
+        _moduli(report)
+    if modes:
+        with _part(report, "modes", progress):
+            _modes(report, modes)
+    for figure in REPORT_FIGURES.values():
+        try:
+            found = figure.function(scene)
+        except REFUSALS as refusal:
+            report.missing[figure.label] = str(refusal).partition("\n")[0]
+        else:
+            if found is not None:
+                report.numbers[figure.name] = found
+    return report
+
+
+def isostatic_contacts(particles: int, dimension: int, strain: str, links: int = 0) -> int:
+    """Return the fewest contacts that jam this many backbone particles: d N' - d + 1, with strains d N' - d + d(d+1)/2.
+
+    Independent links between them each take the place of a contact.
+
+    Examples
+    --------
+    >>> tuple(isostatic_contacts(100, d, strain) for d, strain in ((2, "isotropic"), (2, "free"), (3, "isotropic")))
+    (199, 201, 298)
+
+    """
+    if particles == 0:
+        return 0
+    extra = 1 if strain == "isotropic" else dimension * (dimension + 1) // 2
+    return dimension * particles - dimension + extra - links
+
+
+@contextmanager
+def _part(report: Report, name: str, progress: Callable[[str], None]) -> Iterator[None]:
+    progress(name)
+    try:
+        with compile_clock() as clock:
+            yield
+        done = report.stages[-1]
+        report.stages[-1] = replace(done, note=compiling_noted(done.note, clock(), done.seconds))
+    except REFUSALS as refusal:
+        report.missing[name] = str(refusal).partition("\n")[0]
+
+
+def _counts(scene: Scene, strain: str) -> dict[str, Any]:
+    packing = scene.packing
+    linked: dict[str, Any] = {}
+    held_links = 0
+    if packing.links is None:
+        rattler_n = find_rattlers(packing)
+    else:
+        rattler_n, held_links = _links(packing, linked)
+    contacts = find_contacts(packing)
+    held_c = ~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]
+    backbone = packing.particles - int(rattler_n.sum())
+    largest, mean = force_balance(scene) if _carries_force(packing, contacts) else (0.0, 0.0)
+    unit = scene.pressure_unit
+    return {
+        "particles": packing.particles,
+        "dimension": packing.dimension,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure(scene) / unit + 0.0,  # no minus zero
+        "pressure_unit": unit,
+        "energy": energy(scene) / scene.energy_scale,
+        "stress": (stress_tensor(scene) / unit).tolist(),
+        "rattlers": packing.particles - backbone,
+        "contacts": int(held_c.sum()),
+        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain, held_links),
+        "strain": strain,
+        "force_residual": largest / mean if mean > 0.0 else None,
+        **linked,
+    }
+
+
+def _links(packing: Packing, numbers: dict[str, Any]) -> tuple[NDArray[np.bool_], int]:
+    """Return which particles move apart from the backbone, and how many links hold it; add the counts of the links."""
+    links = packing.links
+    assert links is not None and links.shape_l is not None
+    rattling_n = find_rattling_clusters(packing).rattling_n
+    within = ~rattling_n[links.i_l] & ~rattling_n[links.j_l] & ~ConstraintFactor(packing).dependent_l
+    numbers["links"] = len(links)
+    numbers["shape_links"] = int(links.shape_l.sum())
+    numbers["backbone_links"] = int(within.sum())
+    numbers["link_error"] = packing.link_error
+    if packing.dimension == 2:
+        numbers["crossing_links"] = len(crossing_links(packing))
+    return rattling_n, int(within.sum())
+
+
+def _carries_force(packing: Packing, contacts: Contacts) -> bool:
+    """Whether overlaps are more than what rounding of the coordinates makes of particles that just touch."""
+    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+    overlap = float(np.maximum(-contacts.gap_c, 0.0).mean()) if len(contacts) else 0.0
+    return overlap > _SPACINGS * float(np.spacing(extent))
+
+
+def check_verdict_settings(gap_tolerance: float | None, method: str) -> tuple[float | None, str]:
+    """Return what was asked of a verdict after checking it: a part of the report may be missing, but not for that.
+
+    Parameters
+    ----------
+    gap_tolerance, method
+        As `classify_jamming` takes them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the tolerance is no number that it takes, or the method is unknown.
+
+    """
+    if gap_tolerance is not None:
+        gap_tolerance = real("gap_tolerance", gap_tolerance, above=-0.1, below=1.0)
+    return gap_tolerance, one_of("method", method, METHODS)
+
+
+def _verdict(report: Report, gap_tolerance: float | None, method: str) -> None:
+    verdict = classify_jamming(report.scene, gap_tolerance=gap_tolerance, method=method)
+    report.verdict = verdict
+    answers = {"collective": verdict.collectively, "strict": verdict.strictly}
+    strain = report.numbers["strain"]
+    if verdict.touching.on_plateau:
+        # the verdict's network allows for rounding in the gaps, so its counts are the better ones
+        asked = answers["collective" if strain == "isotropic" else "strict"]
+        report.numbers |= {
+            "rattlers": int(verdict.rattlers.sum()),
+            "contacts": verdict.contacts,
+            "isostatic_contacts": asked.isostatic_contacts,
+            "states_of_self_stress": asked.states_of_self_stress,
+        }
+        if verdict.cluster_n is not None:
+            report.numbers["backbone_links"] = verdict.backbone_links
+    report.numbers |= verdict_numbers(verdict)
+    report.stages.append(Stage("verdict", max(a.balance for a in answers.values()), seconds=verdict.seconds))
+
+
+def _moduli(report: Report) -> None:
+    moduli = elastic_moduli(report.scene)
+    report.moduli = moduli
+    unit = report.scene.pressure_unit
+    report.numbers |= {
+        "bulk_modulus": moduli.bulk_modulus / unit,
+        "shear_modulus": moduli.shear_modulus / unit,
+        "shear_modulus_mean": moduli.voigt.shear_modulus / unit,
+        "shear_modulus_reuss": moduli.reuss.shear_modulus / unit,
+        "elastic_constants": {name: moduli.component(name, tangent="energy") / unit for name in _constants(moduli)},
+        "stiffness_cauchy": (moduli.cauchy / unit).tolist(),
+        "negative_modes": moduli.negative_modes,
+        "soft_directions": len(moduli.soft_directions),
+        "elastically_stable": moduli.stable,
+    }
+    report.stages.append(Stage("moduli", moduli.residual, seconds=moduli.seconds))
+
+
+def _constants(moduli: Moduli) -> list[str]:
+    """Name each independent component of the stiffness once: xxxx, xxyy, xxxy, ..."""
+    axes = "xyz"[: moduli.dimension]
+    pairs = [2 * axis for axis in axes] + [a + b for k, a in enumerate(axes) for b in axes[k + 1 :]]
+    return [first + second for k, first in enumerate(pairs) for second in pairs[k:]]
+
+
+def _modes(report: Report, count: int) -> None:
+    scene = report.scene
+    modes = normal_modes(scene, count)
+    report.modes = modes
+    unit = np.sqrt(scene.energy_scale) / scene.packing.reference_diameter
+    report.numbers["lowest_frequencies"] = (modes.frequency_m / unit).tolist()
+    report.numbers["frequency_floor"] = float(np.sqrt(_ZERO * modes.largest)) / unit
+    report.stages.append(Stage("modes", modes.residual, seconds=modes.seconds))
+
+
+def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[Row]:
+    """Return rows of quantity, value and what the value is, for what the numbers hold."""
+    d = numbers["dimension"]
+    unit = f"energy_scale / diameter^{d}"
+    rows: list[Row] = []
+    if "jamming_packing_fraction" in numbers:
+        note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
+        rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
+    rows += [
+        ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
+        ("pressure", f"{numbers['pressure']:.6g}", unit),
+        _residual(numbers["force_residual"]),
+        _contacts_row(numbers),
+        _rattlers(numbers),
+    ]
+    if "links" in numbers:
+        rows.append(_link_row(numbers))
+    if numbers.get("redundant_patches"):
+        sizes = ", ".join(str(len(patch)) for patch in numbers["redundant_patches"])
+        rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
+    if "collective" in numbers:
+        rows += verdict_rows(numbers)
+    if "bulk_modulus" in numbers:
+        rows += _moduli_rows(numbers, unit)
+    if "lowest_frequencies" in numbers:
+        rows.append(_frequencies(numbers["lowest_frequencies"][:6], numbers["frequency_floor"]))
+    for figure in REPORT_FIGURES.values():
+        if figure.name in numbers:
+            value = numbers[figure.name]
+            rows.append((figure.label, f"{value:.6g}" if isinstance(value, float) else str(value), figure.unit))
+    rows += [(part, "not available", reason) for part, reason in missing.items()]
+    return rows
+
+
+def _residual(residual: float | None) -> Row:
+    if residual is None:
+        return ("force residual", "-", "no contact carries a force")
+    return ("force residual", f"{residual:.1e}", "largest net force / mean contact force")
+
+
+def _frequencies(frequencies: Sequence[float], floor: float) -> Row:
+    listed = ["0" if abs(value) <= floor else f"{value:.3g}" for value in frequencies]
+    note = "sqrt(energy_scale / mass) / diameter"
+    if "0" in listed:
+        note += f"; 0: within rounding, {floor:.0e} (1e-6 of the stiffest)"
+    return ("lowest frequencies", "  ".join(listed) or "none", note)
+
+
+def _contacts_row(numbers: Mapping[str, Any]) -> Row:
+    d = numbers["dimension"]
+    extra = 1 if numbers["strain"] == "isotropic" else d * (d + 1) // 2
+    note = f"isostatic: {numbers['isostatic_contacts']}"
+    if numbers["isostatic_contacts"]:
+        less = " - L'" if "links" in numbers else ""
+        note += f" = {d}N'{extra - d:+d}{less}, strain {numbers['strain']}"
+    if "states_of_self_stress" in numbers:
+        states = numbers["states_of_self_stress"]
+        note += f"; {states} state{'s' if states != 1 else ''} of self stress"
+    return ("contacts", str(numbers["contacts"]), note)
+
+
+def _rattlers(numbers: Mapping[str, Any]) -> Row:
+    share = numbers["rattlers"] / numbers["particles"]
+    note = f"{share:.1%} of {numbers['particles']} particles"
+    if "danglers" in numbers:
+        note += f"; {numbers['danglers']} touch nothing"
+    if "rattling_clusters" in numbers:
+        note += f", {numbers['rattling_clusters']} clusters rattle as a whole"
+    return ("rattlers", str(numbers["rattlers"]), note)
+
+
+def _link_row(numbers: Mapping[str, Any]) -> Row:
+    shapes = numbers["shape_links"]
+    note = f"{numbers['links'] - shapes} bonds, {shapes} hold shapes; lengths kept to {numbers['link_error']:.0e}"
+    if numbers.get("crossing_links"):
+        count = numbers["crossing_links"]
+        note += f"; {count} pair{'s' if count != 1 else ''} of bonds CROSS"
+    return ("links", str(numbers["links"]), note)
+
+
+def _moduli_rows(numbers: Mapping[str, Any], unit: str) -> list[Row]:
+    shear = f"simple shear xy, relaxed; mean over directions {numbers['shear_modulus_mean']:.4g}, {unit}"
+    if numbers["shear_modulus"] < 0.0:
+        shear += "; NEGATIVE: this shear lowers the energy"
+    if not numbers["elastically_stable"]:
+        shear += "; elastically unstable: some motion of particles and box lowers the energy"
+    return [
+        ("bulk modulus", f"{numbers['bulk_modulus']:.6g}", f"box scaled, particles relaxed, {unit}"),
+        ("shear modulus", f"{numbers['shear_modulus']:.6g}", shear),
+    ]

@@ -1,0 +1,489 @@
+"""What pictures and recordings show of a run, before it is drawn: snapshots at some steps, curves against step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.contacts import find_contacts
+from packmech.dynamics.pair_forces import Touching
+from packmech.dynamics.simulation import MotionTrace
+from packmech.links import image_offsets
+from packmech.measure import energy, force_balance, pressure
+from packmech.measure.rattlers import find_rattlers
+from packmech.mechanics.rattling import find_rattling_clusters
+from packmech.observables import OBSERVABLES, State, measure_added
+from packmech.packing import Packing
+from packmech.result import Run, Trace
+from packmech.rheology.strain_run import StrainRun
+from packmech.scene import Scene
+from packmech.view import drawing
+
+Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+# an eigenvalue this small against the stiffness of a contact belongs to a free motion (a translation, a rattler);
+# the softest true mode of a jammed packing of 16,000 discs is at 1e-6 (near jamming, over the contact stiffness)
+FREE_MOTION = 1e-9
+# a mark reaches from here to there on its disc, over the radius
+MARK_FROM, MARK_TO = 0.35, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A packing at one step, its contacts (None: whoever touches), and (N, d) unit vectors that turn with spins."""
+
+    step: int
+    time: float
+    packing: Packing
+    touching: Touching | None = None
+    mark_nd: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Snapshots of a run, curves (step, value) by name, and stress against strain.
+
+    Attributes
+    ----------
+    snapshots
+        What is drawn.
+    effects
+        The effects whose forces, bonds and walls are drawn.
+    curves
+        Observables against step.
+    strain_t, stress_t
+        (T,) strain and the stress that answers to it; empty where nothing was strained.
+    moduli
+        G' and G'' where they are known, by name.
+    held_n
+        (N,) particles that were held.
+    in_motion
+        Whether it is of a time integration that kept contacts, drawn with bonds, marks and walls.
+
+    """
+
+    snapshots: tuple[Snapshot, ...]
+    effects: tuple[Any, ...]
+    curves: Mapping[str, Curve]
+    strain_t: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    stress_t: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    moduli: Mapping[str, float] = field(default_factory=dict)
+    held_n: NDArray[np.bool_] | None = None
+    in_motion: bool = False
+
+    @property
+    def step_f(self) -> NDArray[np.int64]:
+        """The (F,) steps of the snapshots."""
+        return np.array([one.step for one in self.snapshots])
+
+    @property
+    def packing_f(self) -> tuple[Packing, ...]:
+        """The packings of the snapshots."""
+        return tuple(one.packing for one in self.snapshots)
+
+    @property
+    def final(self) -> Packing:
+        """The last packing."""
+        return self.snapshots[-1].packing
+
+    def colors(self) -> NDArray[np.uint8]:
+        """Return the (N, 3) colors of the particles; rattlers are those of the last packing, unless it is in motion."""
+        rattler_n = None
+        if not self.in_motion:
+            # with links, those that move apart from the backbone
+            linked = self.final.links is not None
+            rattler_n = find_rattling_clusters(self.final).rattling_n if linked else find_rattlers(self.final)
+        return drawing.particle_colors(self.final, self.effects, rattler_n, self.held_n)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A mode to draw: a short name, what to say of it, and (N, d) displacements."""
+
+    name: str
+    title: str
+    displacement_nd: NDArray[np.float64]
+
+
+def trajectory_of_packing(subject: Packing | Scene) -> Trajectory:
+    """Return the trajectory of one packing: a single snapshot, and its numbers as curves of one point."""
+    if isinstance(subject, Packing):
+        curves = {"contacts": _point(len(find_contacts(subject)))}
+        return Trajectory((Snapshot(0, 0.0, subject),), (), curves)
+    packing = subject.packing
+    values = {"energy": energy(subject), "pressure": pressure(subject), "max force": force_balance(subject)[0]}
+    curves = {f"log10 {name}": _point(np.log10(value)) for name, value in values.items() if value > 0.0}
+    curves["contacts"] = _point(len(find_contacts(packing)))
+    return Trajectory((Snapshot(0, 0.0, packing),), subject.effects, curves)
+
+
+def _point(value: float) -> Curve:
+    return np.array([0]), np.array([float(value)])
+
+
+def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
+    """Return the trajectory of a run: snapshots evenly chosen from those that were kept, every observable that was.
+
+    Parameters
+    ----------
+    run
+        A run. With frames, or a trace with positions, the snapshots are those; otherwise its start and its end.
+    scene
+        The scene that was run.
+    frames
+        Largest number of snapshots.
+
+    """
+    if isinstance(run, StrainRun):
+        return _of_strain(run, scene, frames)
+    trace = run.trace
+    if isinstance(trace, MotionTrace) and trace.touching_t is not None:
+        return _of_motion(run, trace, scene, frames)
+    if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
+        ends = Snapshot(0, 0.0, scene.packing), Snapshot(max(run.steps, 1), float(max(run.steps, 1)), run.packing)
+        return Trajectory(ends, scene.effects, {} if trace is None else curves_of_trace(trace))
+    chosen = _evenly(len(trace.step_t), frames - 1)
+    snapshots = [
+        Snapshot(
+            int(trace.step_t[t]),
+            float(trace.step_t[t]),
+            scene.packing.replace(
+                position_nd=trace.position_tnd[t],
+                box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
+            ),
+        )
+        for t in chosen
+    ]
+    last = max(int(run.steps), snapshots[-1].step + 1)
+    return Trajectory((*snapshots, Snapshot(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
+
+
+def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
+    """Return evenly spaced numbers below count, the first and the last among them."""
+    return np.unique(np.rint(np.linspace(0, count - 1, min(chosen, count))).astype(int))
+
+
+def _of_strain(run: StrainRun, scene: Scene, frames: int) -> Trajectory:
+    """Return the trajectory of a strained run."""
+    time_f, position, lattice = run.frame_time_f, run.position_fnd, run.lattice_fdd
+    step_f = np.rint(time_f / run.dt).astype(np.int64)
+    if len(time_f) == 0:  # its start and its end
+        packings = (scene.packing, run.packing)
+        time_f, step_f = run.time_t[[0, -1]], np.array([0, max(run.steps, 1)])
+        position = np.array([one.position_nd for one in packings])
+        lattice = np.array([one.box.lattice_dd for one in packings])
+    about = run.about()
+    shear = f"stress {''.join('xyz'[a] for a in run.axes)}"
+    columns = {
+        "strain": run.strain_t,
+        shear: run.shear_stress_t,
+        "pressure": run.pressure_t,
+        "contacts": run.contacts_t,
+        "sliding_fraction": run.sliding_fraction_t,
+        "energy": run.potential_t + run.tangential_t,
+        "kinetic": run.kinetic_t + run.rotational_t,
+        **run.added,
+    }
+    return Trajectory(
+        _snapshots(scene, step_f, time_f, position, lattice, run.spin_fnk, run.touching_f or None, frames),
+        scene.effects,
+        _varying(curves_of(np.rint(run.time_t / run.dt).astype(np.int64), columns, linear=("pressure", shear))),
+        *_strained(run.strain_t, run.shear_stress_t),
+        moduli={name: about[name] for name in ("storage_modulus", "loss_modulus") if name in about},
+        held_n=run.held_n,
+        in_motion=True,
+    )
+
+
+def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Trajectory:
+    """Return the trajectory of a simulation that kept contacts."""
+    assert trace.position_tnd is not None and trace.lattice_tdd is not None
+    overall, lattice = trace.overall_stress_tdd, trace.lattice_tdd
+    columns = {
+        "strain": trace.strain_t,
+        "stress xy": overall[:, 0, 1],
+        "pressure": -np.trace(overall, axis1=1, axis2=2) / overall.shape[1],
+        "contacts": trace.contacts_t,
+        "sliding_fraction": trace.sliding_t / np.maximum(trace.contacts_t, 1),
+        "energy": trace.energy_t,
+        "kinetic": trace.kinetic_t,
+        **trace.added,
+    }
+    kept = (trace.step_t, trace.time_t, trace.position_tnd, lattice, trace.spin_tnk, trace.touching_t)
+    return Trajectory(
+        _snapshots(scene, *kept, frames),
+        scene.effects,
+        _varying(curves_of(trace.step_t, columns, linear=("pressure", "stress xy"))),
+        *_strained(trace.strain_t, overall[:, 0, 1]),
+        held_n=getattr(run, "held_n", None),
+        in_motion=True,
+    )
+
+
+def _snapshots(
+    scene: Scene,
+    step_f: NDArray[np.int64],
+    time_f: NDArray[np.float64],
+    position_fnd: NDArray[np.float64],
+    lattice_fdd: NDArray[np.float64],
+    spin_fnk: NDArray[np.float64] | None,
+    touching_f: Sequence[Touching] | None,
+    frames: int,
+) -> tuple[Snapshot, ...]:
+    mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, scene.packing.dimension)
+    return tuple(
+        Snapshot(
+            int(step_f[f]),
+            float(time_f[f]),
+            scene.packing.replace(position_nd=position_fnd[f], box=Box(lattice_fdd[f])),
+            None if touching_f is None else touching_f[f],
+            None if mark is None else mark[f],
+        )
+        for f in _evenly(len(time_f), frames)
+    )
+
+
+def _strained(
+    strain_t: NDArray[np.float64], stress_t: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stress against strain; empty where nothing was strained."""
+    return (strain_t, stress_t) if np.ptp(strain_t) > 0.0 else (np.zeros(0), np.zeros(0))
+
+
+def _varying(curves: Mapping[str, Curve]) -> dict[str, Curve]:
+    return {name: curve for name, curve in curves.items() if len(curve[1]) and np.ptp(curve[1]) > 0.0}
+
+
+def curves_of_trace(trace: Trace) -> dict[str, Curve]:
+    """Return what to plot of a minimization's trace."""
+    columns = trace.columns()
+    named = ("energy", "pressure", "max_force", "contacts")
+    return curves_of(trace.step_t, {name: columns[name] for name in named} | dict(trace.added))
+
+
+def curves_of(
+    step_t: NDArray[np.int64], columns: Mapping[str, NDArray[Any]], linear: tuple[str, ...] = ()
+) -> dict[str, Curve]:
+    """Return the columns that are plotted against step, under the labels of their observables.
+
+    The viewer has no logarithmic axis, so logarithms are taken here and zeros left out.
+
+    Parameters
+    ----------
+    step_t
+        (T,) steps.
+    columns
+        (T,) numbers by the name of their observable; others are plotted as they are.
+    linear
+        Those that are plotted without a logarithm here, whatever the declaration says.
+
+    """
+    curves: dict[str, Curve] = {}
+    for name, value_t in columns.items():
+        known = OBSERVABLES.get(name)
+        label = name.replace("_", " ") if known is None or not known.label else known.label
+        plot = "linear" if known is None or name in linear else known.plot
+        if plot == "log10":
+            positive_t = value_t > 0.0
+            curves[f"log10 {label}"] = (step_t[positive_t], np.log10(value_t[positive_t]))
+        elif plot == "linear" and value_t.ndim == 1:
+            finite_t = np.isfinite(value_t)
+            if not finite_t.any():
+                continue
+            curves[label] = (step_t[finite_t], value_t[finite_t].astype(float))
+    return curves
+
+
+def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) -> Trace:
+    """Return the trace of packings of one scene that were kept on the way, with their energies and forces.
+
+    Packings in which nothing touches are left out.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.1)
+    >>> trace_of(pm.Scene(crystal, (pm.Repulsion(),)), [0], [crystal]).contacts_t.tolist()
+    [27]
+
+    """
+    # the pairs of a hard packing touch to rounding only: there is no force to draw
+    kept = [(step, packing) for step, packing in zip(step_t, packing_t, strict=True) if len(find_contacts(packing)) > 0]
+    scenes = [scene.replace(packing=packing) for _, packing in kept]
+    if not scenes:
+        kept, scenes = [(0, scene.packing)], [scene]
+    rows = [
+        {
+            "step": step,
+            "energy": energy(one),
+            "pressure": pressure(one),
+            "contacts": len(find_contacts(one.packing)),
+            "max_force": force_balance(one)[0],
+            **measure_added(partial(State, one.packing, one.effects, step)),
+        }
+        for (step, _), one in zip(kept, scenes, strict=True)
+    ]
+    return Trace.of_rows(
+        rows,
+        position_tnd=np.array([_in_images_of(scene.packing, one.packing) for one in scenes]),
+        lattice_tdd=np.array([one.packing.box.lattice_dd for one in scenes]),
+    )
+
+
+def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
+    """Return the positions moved by lattice vectors so that links have the images that they have in the start."""
+    if start.links is None or packing.links is None or start.links == packing.links:
+        return packing.position_nd
+    now, _ = image_offsets(packing.links, packing.particles)
+    before, _ = image_offsets(start.links, start.particles)
+    moved: NDArray[np.float64] = packing.position_nd + (now - before) @ packing.box.lattice_dd.T
+    return moved
+
+
+def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> list[Motion]:
+    """Return the lowest modes that are no free motions, at most `count` of them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        When the modes are none, or belong to another packing.
+
+    """
+    if not hasattr(modes, "displacement_mnd"):
+        raise TypeError(f"modes must be what pm.normal_modes returns, got {modes!r}")
+    displacement_mnd = np.asarray(modes.displacement_mnd)
+    if displacement_mnd.shape[1:] != packing.position_nd.shape:
+        raise ValueError(
+            f"modes must be those of the packing with positions of shape {packing.position_nd.shape}, "
+            f"got displacements of shape {displacement_mnd.shape[1:]}"
+        )
+    vibrating = np.flatnonzero(np.abs(modes.eigenvalue_m) > FREE_MOTION * stiffness)[:count]
+    return [
+        Motion(f"mode_{rank}", f"mode {rank}: frequency {modes.frequency_m[m]:.4g}", displacement_mnd[m])
+        for rank, m in enumerate(vibrating, start=1)
+    ]
+
+
+def turned_marks(
+    time_t: NDArray[np.float64],
+    spin_tnk: NDArray[np.float64],
+    dimension: int,
+    start_nd: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return (T, N, d) unit vectors that turn with the spins, by the trapezoidal rule in between.
+
+    Parameters
+    ----------
+    time_t, spin_tnk
+        (T,) times and (T, N, 1 or 3) spins.
+    dimension
+        2 or 3.
+    start_nd
+        (N, d) vectors at the first time; along x unless given.
+
+    Examples
+    --------
+    >>> turned_marks(np.array([0.0, np.pi / 2]), np.ones((2, 1, 1)), 2)[1].round(12).tolist()
+    [[0.0, 1.0]]
+
+    """
+    n = spin_tnk.shape[1]
+    mark = np.tile(np.eye(3)[0], (n, 1))
+    if start_nd is not None:
+        mark[:, :dimension] = start_nd
+    turn = np.zeros((len(time_t) - 1, n, 3))
+    turn[:, :, 3 - spin_tnk.shape[2] :] = np.diff(time_t)[:, None, None] * 0.5 * (spin_tnk[1:] + spin_tnk[:-1])
+    found = [mark]
+    for turn_nd in turn:
+        angle = np.linalg.norm(turn_nd, axis=1)[:, None]
+        axis = turn_nd / np.where(angle > 0.0, angle, 1.0)
+        along = np.sum(axis * mark, axis=1)[:, None] * axis
+        # Rodrigues: what lies along the axis stays, the rest turns
+        mark = along + np.cos(angle) * (mark - along) + np.sin(angle) * np.cross(axis, mark)
+        found.append(mark)
+    return np.array(found)[:, :, :dimension]
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnSnapshot:
+    """Lines to draw over the discs of `drawing`; forces are over their mean, pulls over the mean |extension|."""
+
+    drawing: drawing.Drawing
+    sticking_sed: NDArray[np.float64]
+    sticking_force_s: NDArray[np.float64]
+    sliding_sed: NDArray[np.float64]
+    sliding_force_s: NDArray[np.float64]
+    bond_sed: NDArray[np.float64]
+    bond_pull_s: NDArray[np.float64]
+    mark_ned: NDArray[np.float64]
+    wall_ed: list[NDArray[np.float64]]
+
+
+def draw_snapshot(snapshot: Snapshot, effects: Sequence[Any]) -> DrawnSnapshot:
+    """Return what to draw of a packing in motion, all of it inside the cell.
+
+    Parameters
+    ----------
+    snapshot
+        The snapshot.
+    effects
+        Effects whose forces are drawn where no contacts were kept; bonds and walls among them are drawn too.
+
+    """
+    packing, effects = snapshot.packing, tuple(effects)
+    cell = drawing.ShownCell(packing)
+    shown = packing.replace(links=None, position_nd=cell.inside_nd, box=cell.box)
+    d = packing.dimension
+    none, zero = np.zeros((0, 2, d)), np.zeros(0)
+    touching = snapshot.touching
+    if touching is None:
+        whole = drawing.draw_packing(shown, tuple(one for one in effects if hasattr(type(one), "pair_energy")))
+        sticking, sticking_force = whole.segment_sed, whole.force_s
+        sliding, sliding_force = none, zero
+    else:
+        whole = drawing.draw_packing(shown)
+        segments, pair_s, _ = cell.lines(touching.i_c, touching.j_c, touching.image_cd)
+        mean = float(touching.normal_c.mean()) if len(touching.normal_c) else 0.0
+        force_s = touching.normal_c[pair_s] / mean if mean > 0.0 else np.zeros(len(pair_s))
+        slides_s = touching.sliding_c[pair_s]
+        sticking, sticking_force = segments[~slides_s], force_s[~slides_s]
+        sliding, sliding_force = segments[slides_s], force_s[slides_s]
+    links = packing.links
+    if links is not None:  # their forces are not kept
+        line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
+        shape_s = np.asarray(links.shape_l)[link_s]
+        whole = replace(
+            whole,
+            bond_sed=line_sed[~shape_s],
+            bond_tension_s=np.zeros(int((~shape_s).sum())),
+            shape_sed=line_sed[shape_s],
+            shape_tension_s=np.zeros(int(shape_s.sum())),
+        )
+    bonds = drawing.bonds_among(effects)
+    bond, pull = none, zero
+    if bonds is not None:
+        bond, pair_s, vector = cell.lines(bonds.i_b, bonds.j_b, bonds.image_bd)
+        extension = np.linalg.norm(vector, axis=1) / bonds.rest_length_b - 1.0
+        mean = float(np.abs(extension).mean())
+        pull = extension[pair_s] / mean if mean > 0.0 else np.zeros(len(pair_s))
+    mark = none
+    if snapshot.mark_nd is not None:
+        reach = packing.radius_n[:, None] * snapshot.mark_nd
+        mark = np.stack([cell.inside_nd + MARK_FROM * reach, cell.inside_nd + MARK_TO * reach], axis=1)
+    return DrawnSnapshot(
+        whole,
+        sticking,
+        sticking_force,
+        sliding,
+        sliding_force,
+        bond,
+        pull,
+        mark,
+        drawing.wall_outlines(effects, cell.box),
+    )

@@ -1,0 +1,436 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Two versions of packmech against the clock: the same work in alternating pairs, and the ratio of their times.
+
+    python tests/benchmarks/compare_speed.py --tag PATH_OF_A_CHECKOUT [--pairs 15] [--rows PATTERN ...]
+
+Two processes live as long as the comparison lasts, one for each checkout (the other version, "tag", and the one that
+this file is in, "head"). They are asked in turn, tag, head, head, tag, ..., for one row of the table at a time; each
+prepares a row when it is first asked (what it compiles then is not counted) and answers with the CPU seconds of its
+process. Scenes come from the benchmarks of the checkout itself, and both get the same packings: the first that needs
+one writes it down for the other. Calls go through the tables of versions.py, which say what the tag calls otherwise.
+
+Printed for each row: the median over the pairs of head's time over tag's, its quartiles, and the median times; at the
+end the geometric mean of the medians. The exit code is 1 where a median is above 1.05 or the mean above 1.01. Run it on
+an idle machine: one that is shared adds some per cent of noise to the quartiles.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import functools
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from versions import SIDES, Versions
+
+_HERE = Path(__file__).resolve()
+_HEAD = _HERE.parents[2]
+LARGEST_RATIO, LARGEST_MEAN = 1.05, 1.01
+
+# name -> function of the worker that prepares the row and returns a call that returns seconds
+ROWS: dict[str, Callable[[Worker], Callable[[], float]]] = {}
+
+
+def row(name: str, /, **settings: Any):
+    """Register a function as the row of this name, called with these settings."""
+
+    def registered(function):
+        ROWS[name] = functools.partial(function, **settings)
+        return function
+
+    return registered
+
+
+def cpu_of(call: Callable[[], Any]) -> float:
+    """Return the CPU seconds of a call."""
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+def least_of(call: Callable[[], Any], repeats: int = 3) -> Callable[[], float]:
+    """Return a call that returns the least CPU seconds of several."""
+    return lambda: min(cpu_of(call) for _ in range(repeats))
+
+
+class Worker:
+    """One version, with the packings that both share.
+
+    Parameters
+    ----------
+    side
+        "head" or "tag".
+    folder
+        Where packings are written down for the other.
+
+    """
+
+    def __init__(self, side: str, folder: Path) -> None:
+        self.pm = Versions(side)
+        self.folder = folder
+        self._prepared: dict[str, Callable[[], float]] = {}
+
+    def packing(self, name: str, make: Callable[[], Any]) -> Any:
+        """Return the packing of this name: as the other worker wrote it down, or made now."""
+        path = self.folder / f"{name}.npz"
+        if not path.exists():
+            made = make()
+            arrays = {"position_nd": made.position_nd, "radius_n": made.radius_n, "lattice_dd": made.box.lattice_dd}
+            links = made.links
+            if links is not None:
+                arrays |= {key: getattr(links, key) for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")}
+            with path.open("wb") as file:
+                np.savez(file, **arrays)
+        with np.load(path) as file:
+            links = None
+            if "i_l" in file.files:
+                links = self.pm.Links(*(file[key] for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")))
+            return self.pm.Packing(file["position_nd"], file["radius_n"], self.pm.Box(file["lattice_dd"]), links)
+
+    def time(self, name: str) -> float:
+        """Return the seconds of a row."""
+        if name not in self._prepared:
+            call = ROWS[name](self)
+            call()
+            self._prepared[name] = call
+        return self._prepared[name]()
+
+
+# -- minimizers -------------------------------------------------------------------------------------------------------
+
+
+def fire_step(worker, particles, dimension):
+    bench = worker.pm.benchmark("bench_fire:bench_step")
+    return lambda: bench(particles, dimension=dimension) * 1e-9 * particles
+
+
+for _n, _d in ((64, 2), (1000, 2), (4096, 2), (10_000, 2), (4096, 3)):
+    row(f"FIRE step, {_d}D, N = {_n}", particles=_n, dimension=_d)(fire_step)
+
+
+# -- time stepping ----------------------------------------------------------------------------------------------------
+
+COMBINATIONS = ("spring", "spring, dashpot", "spring, dashpot, friction", "the same and bonds")
+MARCHED = {150: 10_000, 1_000: 2_000, 10_000: 200, 100_000: 40}
+
+
+@functools.cache
+def march_start(worker, particles):
+    """Return the start of bench_march.py, the same for both."""
+    path = worker.folder / f"start-{particles}.npz"
+    start_type = worker.pm.benchmark("bench_march:Start")
+    if not path.exists():
+        made = worker.pm.benchmark("bench_march:make_start")(particles)
+        with path.open("wb") as file:
+            np.savez(file, **made._asdict())
+    with np.load(path) as file:
+        return start_type(**{name: file[name] for name in start_type._fields})._replace(side=float(file["side"]))
+
+
+def frictional_step(worker, particles, combination):
+    ours = worker.pm.benchmark("bench_march:ours")
+    start = march_start(worker, particles)
+    effects = {name: one for name, one, *_ in worker.pm.benchmark("bench_march:combinations")(start)}[combination]
+    steps = MARCHED[particles]
+
+    def once():
+        engine = ours(start, effects)
+        engine.advance(3)
+        return cpu_of(lambda: engine.advance(steps)) / steps
+
+    return lambda: min(once() for _ in range(3))
+
+
+for _n in MARCHED:
+    for _name in COMBINATIONS:
+        row(f"frictional step, N = {_n}: {_name}", particles=_n, combination=_name)(frictional_step)
+
+
+def simulated(worker, kind, particles, dimension, fraction):
+    pm = worker.pm
+    clusters = {"dimers": pm.Dimer(), "trimers": pm.Trimer()}
+
+    def start():
+        if kind in clusters:
+            return pm.cluster_packing(
+                particles, clusters[kind], dimension=dimension, packing_fraction=fraction, seed=1, crossing="allowed"
+            )
+        if kind == "chains":
+            return pm.chain_packing(particles, 200, dimension=dimension, packing_fraction=fraction, seed=1)
+        sizes = pm.Bidisperse(ratio=1.4)
+        return pm.random_packing(particles, dimension=dimension, sizes=sizes, packing_fraction=fraction, seed=1)
+
+    def at_rest():
+        relaxed = pm.benchmark("bench_simulate:relaxed")
+        return relaxed(start(), (pm.Repulsion(),)).packing
+
+    packing = worker.packing(f"simulated-{kind}-{particles}-{dimension}", at_rest)
+    damped = (pm.ContactDamping(coefficient=0.1),) if kind == "dashpots" else ()
+    scene = pm.Scene(packing, (pm.Repulsion(), *damped))
+    steps = max(100, 1_000_000 // packing.particles)
+    given = {"dt": 0.05, "mass_n": np.ones(packing.particles), "temperature": 1e-4, "seed": 1}
+    few = 2
+
+    def once():
+        # what it takes to build the run is taken off
+        building = cpu_of(lambda: pm.simulate(scene, steps=few, **given))
+        return (cpu_of(lambda: pm.simulate(scene, steps=steps + few, **given)) - building) / steps
+
+    return lambda: min(once() for _ in range(2))
+
+
+for _kind, _n, _d, _fraction in (
+    ("discs", 1_000, 2, 0.95),
+    ("discs", 10_000, 2, 0.95),
+    ("dashpots", 10_000, 2, 0.95),
+    ("spheres", 10_000, 3, 0.7),
+    ("dimers", 1_000, 2, 0.85),
+    ("trimers", 1_000, 2, 0.85),
+    ("trimers", 1_000, 3, 0.6),
+    ("chains", 50, 2, 0.6),
+    ("chains", 20, 3, 0.4),
+):
+    row(
+        f"simulate, {_n} {_kind}, {_d}D", kind=_kind, particles=_n, dimension=_d, fraction=_fraction
+    )(simulated)  # fmt: skip
+
+
+# -- links ------------------------------------------------------------------------------------------------------------
+
+
+def linked(worker, what):
+    pm = worker.pm
+    packing = worker.packing("chains-200-80", lambda: pm.benchmark("bench_links:chains")(200, 80))
+    force = np.random.default_rng(1).normal(size=packing.position_nd.shape)
+    moved = packing.replace(position_nd=packing.position_nd + 0.03 * force)
+    call = {
+        "basis": lambda: pm.constraint_basis(packing),
+        "basis with strains and volume": lambda: pm.constraint_basis(packing, strain="isochoric"),
+        "independent links": lambda: pm.independent_links(packing),
+        "a first projection": lambda: pm.project_force(packing.replace(), force),
+        "50 further projections": lambda: [pm.project_force(packing, force) for _ in range(50)],
+        "re-affixing": lambda: pm.reaffix_links(moved),
+    }[what]
+    return least_of(call, 1 if what.startswith("basis") else 3)
+
+
+for _name in (
+    *("basis", "basis with strains and volume", "independent links", "a first projection"),
+    *("50 further projections", "re-affixing"),
+):
+    row(f"links, 80 chains of 200: {_name}", what=_name)(linked)
+
+
+# -- jamming and mechanics --------------------------------------------------------------------------------------------
+
+
+@row("jam, 2D, N = 1024", particles=1024, dimension=2)
+@row("jam, 3D, N = 256", particles=256, dimension=3)
+def jam(worker, particles, dimension):
+    pm = worker.pm
+    start = pm.benchmark("bench_jam:start")(particles, dimension, 0.0, 1)
+    packing = worker.packing(f"jam-{particles}-{dimension}", lambda: start.packing)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    return lambda: cpu_of(lambda: pm.jam(scene, pressure=1e-8, strain="free", method=pm.HardVertex()))
+
+
+@row("verdict, 2D, N = 4096")
+def verdict(worker):
+    pm = worker.pm
+    packing = worker.packing("verdict-4096", lambda: pm.benchmark("bench_verdict:cell")(4096, 2))
+    return lambda: cpu_of(lambda: pm.classify_jamming(packing))
+
+
+@row("moduli, 2D, N = 1024")
+def moduli(worker):
+    pm = worker.pm
+
+    def at_rest():
+        scene = pm.benchmark("bench_mechanics:nearly_at_rest")(1024, 2, 0.9, 1)
+        return pm.quench(scene, force_tolerance=1e-11).packing
+
+    scene = pm.Scene(worker.packing("moduli-1024", at_rest), (pm.Repulsion(),))
+    return least_of(lambda: [pm.elastic_moduli(scene) for _ in range(3)])
+
+
+# -- environments -----------------------------------------------------------------------------------------------------
+
+
+@row("Quench-v0, a step of 1", relax=1)
+@row("Quench-v0, a step of 10", relax=10)
+def quench_step(worker, relax):
+    given = {"relax": relax, "step_budget": None, "evaluation_budget": None, "largest_pressure": 1e-9}
+    env = worker.pm.make("Quench-v0", scene=None, **given).unwrapped
+    env.reset(seed=0)
+    action = np.zeros(2)
+    return least_of(lambda: [env.step(action) for _ in range(1000)], 5)
+
+
+@row("Quench-v0, batch of 64, steps of 1", relax=1)
+@row("Quench-v0, batch of 64, steps of 10", relax=10)
+@row("Quench-v0, batch of 64, relaxed", relax="full")
+def quench_batch(worker, relax):
+    given = {
+        "relax": relax,
+        "start_packing_fraction": 0.88,
+        "largest_change": 2e-3,
+        "largest_strain": 1e-2,
+        "step_budget": 100,
+        "evaluation_budget": None,
+    }
+    envs = worker.pm.make_vec("Quench-v0", 64, scene=None, threads=1, **given)
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 64, 2))
+
+    def play():
+        envs.reset(seed=0)
+        for one in action[: 5 if relax == "full" else 20]:
+            envs.step(one)
+
+    return least_of(play, 2)
+
+
+def shear_scene(worker, particles, frictional):
+    """Return a scene of bench_envs_shear.py, with friction or without, the packing the same for both."""
+    pm = worker.pm
+    packing = worker.packing(f"shear-{particles}", lambda: pm.benchmark("bench_envs_shear:scene_of")(particles).packing)
+    effects = pm.benchmark("bench_envs_shear:RUBBING") if frictional else ()
+    return pm.Scene(packing, (pm.Repulsion(), *effects))
+
+
+def shear_step(worker, frame_skip, frictional):
+    scene = shear_scene(worker, 64, frictional)
+    given = {"frame_skip": frame_skip, "budget": None, "largest_rate": 1.0}
+    env = worker.pm.make("Shear-v0", scene=scene, **given).unwrapped
+    env.reset(seed=0)
+    action = np.array([1e-3])
+    return least_of(lambda: [env.step(action) for _ in range(4000 if frame_skip == 1 else 500)], 5)
+
+
+def shear_batch(worker, frame_skip, frictional):
+    scene = shear_scene(worker, 32, frictional)
+    given = {"frame_skip": frame_skip, "budget": None, "largest_rate": 1.0, "relax": False}
+    envs = worker.pm.make_vec("Shear-v0", 64, scene=scene, threads=1, **given)
+    envs.reset(seed=0)
+    actions = np.full(envs.action_space.shape, 1e-3)
+    return least_of(lambda: [envs.step(actions) for _ in range(200 // frame_skip + 50)])
+
+
+for _skip in (1, 20):
+    for _frictional in (False, True):
+        _effects = "friction" if _frictional else "frictionless"
+        _given = {"frame_skip": _skip, "frictional": _frictional}
+        row(f"Shear-v0, a step of {_skip}, {_effects}", **_given)(shear_step)
+        row(f"Shear-v0, batch of 64, steps of {_skip}, {_effects}", **_given)(shear_batch)
+
+
+# -- the comparison ---------------------------------------------------------------------------------------------------
+
+
+def work(side: str, folder: Path) -> None:
+    """Answer the names of rows, line by line, with seconds; what else is printed goes to the error stream."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    worker = Worker(side, folder)
+    for line in sys.stdin:
+        print(json.dumps(worker.time(json.loads(line))), file=answers, flush=True)
+
+
+class Process:
+    """A worker in a process of its own."""
+
+    def __init__(self, side: str, checkout: Path, folder: Path) -> None:
+        path = os.pathsep.join(map(os.fspath, (checkout, checkout / "envs")))
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        environment = {**os.environ, **threads, "PYTHONPATH": path}
+        if side == "tag" and "NUMBA_CACHE_DIR" in environment:
+            environment["NUMBA_CACHE_DIR"] += "-tag"
+        words = [sys.executable, os.fspath(_HERE), "--worker", side, "--folder", os.fspath(folder)]
+        self._running = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
+        self._side = side
+
+    def ask(self, name: str) -> float:
+        """Return the seconds of a row."""
+        assert self._running.stdin is not None and self._running.stdout is not None
+        self._running.stdin.write(json.dumps(name) + "\n")
+        self._running.stdin.flush()
+        answer = self._running.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"the worker of the {self._side} ended while it was asked for {name!r}")
+        return float(json.loads(answer))
+
+    def close(self) -> None:
+        """End the process."""
+        assert self._running.stdin is not None
+        self._running.stdin.close()
+        self._running.wait()
+
+
+def compare(tag: Path, names: list[str], pairs: int) -> int:
+    """Print the table; return 1 where the head is slower than it may be."""
+    slower = []
+    medians = []
+    print(f"other processes that run: {os.getloadavg()[0]:.1f}; {pairs} pairs")
+    print(f"{'row':52s} {'head / tag':>10s} {'quartiles':>15s} {'tag [ms]':>11s} {'head [ms]':>11s}", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        processes = {side: Process(side, path, Path(folder)) for side, path in (("tag", tag), ("head", _HEAD))}
+        for name in names:
+            for side in ("tag", "head"):
+                processes[side].ask(name)
+            seconds: dict[str, list[float]] = {side: [] for side in SIDES}
+            for k in range(pairs):
+                for side in ("tag", "head") if k % 2 == 0 else ("head", "tag"):
+                    seconds[side].append(processes[side].ask(name))
+            ratio = np.array(seconds["head"]) / np.array(seconds["tag"])
+            low, middle, high = np.quantile(ratio, [0.25, 0.5, 0.75])
+            medians.append(middle)
+            if middle > LARGEST_RATIO:
+                slower.append(name)
+            times = [1e3 * float(np.median(seconds[side])) for side in ("tag", "head")]
+            mark = "  SLOWER" if middle > LARGEST_RATIO else ""
+            print(
+                f"{name:52s} {middle:10.3f} {low:7.3f} {high:7.3f} {times[0]:11.4g} {times[1]:11.4g}{mark}", flush=True
+            )
+        for process in processes.values():
+            process.close()
+    mean = math.exp(float(np.mean(np.log(medians))))
+    print(f"geometric mean of {len(medians)} rows: {mean:.4f} (at most {LARGEST_MEAN})")
+    print(f"medians above {LARGEST_RATIO}: {', '.join(slower) or 'none'}")
+    return int(bool(slower) or mean > LARGEST_MEAN)
+
+
+def main(words: list[str] | None = None) -> int:
+    """Do what the command line says; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tag", type=Path, help="a checkout of the other version")
+    parser.add_argument("--pairs", type=int, default=15)
+    parser.add_argument("--rows", nargs="+", default=["*"], metavar="PATTERN")
+    parser.add_argument("--list", action="store_true", help="print the names of the rows")
+    parser.add_argument("--worker", choices=SIDES, help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args(words)
+    if given.worker is not None:
+        work(given.worker, given.folder)
+        return 0
+    names = [name for name in ROWS if any(fnmatch.fnmatchcase(name, one) for one in given.rows)]
+    if given.list:
+        print("\n".join(names))
+        return 0
+    if given.tag is None or not names or given.pairs < 1:
+        parser.error("--tag must be given, --rows match a row, and --pairs be at least 1")
+    return compare(given.tag.resolve(), names, given.pairs)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,599 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""One vocabulary for two versions of packmech: the tables of what is called otherwise, and the facade that reads them.
+
+Cases for both versions are written once, in the words of the newer one (the "head"), against the facade `Versions`.
+Under the older one (the "tag") the facade says the same in its words. Both get every default stated, so that one that
+changes does not make two versions differ.
+
+How to extend the tables when something is renamed: change the word in the cases and in `STATED`, and say here what the
+tag calls it.
+
+=============================================  ========================================================================
+what was renamed                               where it is said
+=============================================  ========================================================================
+a public function or class                     ``RENAMED["new_name"] = Renamed(name="old_name")``
+its arguments                                  ``Renamed(arguments={"new": "old"})``
+their values                                   ``Renamed(values={"strain": {"free": True}})``, or a function
+an argument that the tag lacks                 ``Renamed(absent={"new": value})``: the value that changes nothing there
+a call that became another                     ``Renamed(call=function)``, called as function(packmech, *args, **kwargs)
+                                               with the tag's module and the head's arguments
+another orientation or unit of what returns    ``Renamed(result=function)``, from the tag's result to the head's
+attributes and methods of results              ``ATTRIBUTES["OldClass"] = {"new": "old"}``, or a function of the object
+fields that became properties                  ``KEPT["NewClass"] = ("name", ...)``: they are recorded all the same
+keys of reports, infos and JSON files          ``KEYS = {"old": "new"}``
+texts among results (verdicts, outcomes)       ``WORDS = {"old": "new"}``
+modules and private names                      ``PRIVATE["word"] = ("head.module:name", "tag.module:name")``
+words of the command line                      ``COMMANDS = {"--new": "--old"}``
+what benchmarks define (compare_speed.py)      ``BENCHMARKS["bench_new:name"] = "bench_old:name"``
+what is gone on purpose                        ``GONE["case pattern"] = {"array pattern": "reason"}``
+=============================================  ========================================================================
+
+In cases only arguments without a default go by position, all others by name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import enum
+import functools
+import importlib
+import io
+import os
+import runpy
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+SIDES = ("head", "tag")
+
+
+@dataclasses.dataclass(frozen=True)
+class Renamed:
+    """How the tag says what the head calls by another name; see the head of the module."""
+
+    name: str | None = None
+    arguments: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    absent: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    call: Callable[..., Any] | None = None
+    result: Callable[[Any], Any] | None = None
+
+    def translate(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return keyword arguments of the head in the tag's words."""
+        told = {}
+        for name, value in given.items():
+            if name in self.absent:
+                if value != self.absent[name]:
+                    raise ValueError(f"{name} must be {self.absent[name]!r} at the tag, which lacks it, got {value!r}")
+                continue
+            change = self.values.get(name)
+            if callable(change):
+                value = change(value)
+            elif change is not None:
+                value = change[value]
+            told[self.arguments.get(name, name)] = value
+        return told
+
+
+# -- the table: head's name -> the tag's ------------------------------------------------------------------------------
+
+RENAMED: dict[str, Renamed] = {
+    "Shear-v0": Renamed(arguments={"goal": "task"}),
+}
+
+# class of the tag, by public name or "module:name" -> {attribute of the head: attribute of the tag, or a function}
+ATTRIBUTES: dict[str, dict[str, Any]] = {}
+
+# class name of the head -> attributes that are recorded beside its fields
+KEPT: dict[str, tuple[str, ...]] = {}
+
+# keys of dictionaries: tag's -> head's
+KEYS: dict[str, str] = {}
+
+# texts: tag's -> head's
+WORDS: dict[str, str] = {}
+
+# what is not public: word -> (head's module:name, tag's module:name)
+PRIVATE: dict[str, tuple[str, str]] = {
+    "prepared_discs": (
+        "packmech.validation.particle_shear:prepared_discs",
+        "packmech.dynamics.particle_shear:prepared_discs",
+    ),
+    "scenarios": ("packmech.validation.particle_shear:SCENARIOS", "packmech.dynamics.particle_shear:SCENARIOS"),
+    "FollowStress": ("packmech_envs.shear_goals:FollowStress", "packmech_envs.shear_tasks:FollowStress"),
+    "QuenchReward": ("packmech_envs.quench:QuenchReward", "packmech_envs.quench_reward:QuenchReward"),
+    "lattice_names": ("packmech.generate:LATTICE_NAMES", "packmech.generate:LATTICE_NAMES"),
+}
+
+# arguments of the command: head's -> tag's
+COMMANDS: dict[str, str] = {}
+
+# what the benchmarks of a checkout define, for compare_speed.py: head's module:name -> the tag's
+BENCHMARKS: dict[str, str] = {}
+
+# pattern of case names -> {pattern of array names at the tag: why the head has none}
+GONE: dict[str, dict[str, str]] = {
+    f"{room}/*": {"*touching_t": "contacts are given with positions for every scene"}
+    for room in ("simulate", "checkpoint")
+}
+
+# -- defaults, in the head's words; functions are called with the facade -----------------------------------------------
+
+_AXES = {"axes": (0, 1)}
+_STRAINED = {"method": lambda pm: pm.VelocityVerlet()}
+_SHEARED = {"pre_periods": 0.0, "periods": 4.0, "post_periods": 0.0, "samples_per_period": 200, **_AXES}
+_CRYSTAL = {"conventional": False, "relative_overlap": 0.0, "diameter": 1.0}
+_BASIS = {"strain": True, "volume": "free", "gap_tolerance": 1e-9}
+_COUNT = {"strain": "none", "gap_tolerance": 1e-9, "rank_tolerance": 1e-5, "method": "auto"}
+
+STATED: dict[str, dict[str, Any]] = {
+    # laws and effects
+    "Harmonic": {"energy_scale": 1.0},
+    "Hertz": {"energy_scale": 1.0},
+    "LinearSpring": {"stiffness": 1.0},
+    "PowerLaw": {"energy_scale": 1.0, "exponent": 2.0},
+    "RepulsiveLennardJones": {"energy_scale": 1.0},
+    "DivergentRepulsion": {"stiffness": 1.0, "divergence": 1.0, "cap": 1000.0},
+    "ExponentialTension": {"stiffness": 1.0, "fraction": 0.2},
+    "PlateauRepulsion": {"begin": 0.3, "end": 0.8, "slope": 0.1, "law": lambda pm: pm.LinearSpring()},
+    "Repulsion": {"law": lambda pm: pm.Harmonic()},
+    "BackgroundDamping": {"rate": 0.1},
+    "ContactDamping": {"coefficient": 0.1, "onset": "jump"},
+    "Friction": {"coefficient": 0.5, "stiffness": 1.0, "damping": 0.0},
+    "Gravity": {"x": 0.0, "y": -1.0, "z": 0.0},
+    "Walls": {"axis": 1.0, "low": 0.0, "high": 1.0, "law": lambda pm: pm.LinearSpring(), "damping": 0.0},
+    "bond_contacts": {
+        "compression": lambda pm: pm.LinearSpring(),
+        "tension": lambda pm: pm.LinearSpring(),
+        "tangential_stiffness": 1.0,
+        "damping": 0.0,
+        "tangential_damping": 0.0,
+        "rest": "contact",
+        "gap_tolerance": 0.0,
+    },
+    # starting packings
+    "Monodisperse": {"scatter": 0.0},
+    "Bidisperse": {"ratio": 1.4, "fraction": 0.5, "scatter": 0.0},
+    "Mixture": {"scatter": 0.0},
+    "Uniform": {"ratio": 1.4},
+    "Normal": {"spread": 0.1},
+    "LogNormal": {"spread": 0.1},
+    "Dimer": {"length": 1.0, "radii": 0.5},
+    "Trimer": {"length": 1.0, "angle": np.pi / 3.0, "radii": 0.5},
+    "LinearCluster": {"length": 1.0, "radii": 0.5},
+    "RingCluster": {"length": 1.0, "radii": 0.5, "rigid": True},
+    "StarCluster": {"arm_beads": 1, "length": 1.0, "radii": 0.5, "rigid": True},
+    "lattice_packing": _CRYSTAL,
+    "reinforced_kagome_packing": _CRYSTAL,
+    "tunneled_packing": {"relative_overlap": 0.0, "diameter": 1.0},
+    "vacancy_packing": {"apart": False},
+    "cluster_packing": {"crossing": "avoided", "tries": 1000},
+    "chain_packing": {
+        "link_length": 1.0,
+        "angles": "free",
+        "bend": 2.0 * np.pi / 3.0,
+        "form": "open",
+        "crossing": "avoided",
+        "tries": 200,
+    },
+    "scattered_packing": {"largest_overlap": 0.1},
+    "cut_fragments": {
+        "edge_fuzziness": 0.0,
+        "avoided_angle": np.pi / 12.0,
+        "cut_top_bottom": False,
+        "join_isolated": True,
+        "removed_fraction": 0.0,
+        "spanning": "avoided",
+        "axis": 1,
+        "tries": 100,
+    },
+    "rough_plates": {"layer": "crossing", "axis": 1},
+    "material_constants": {
+        "young_modulus": 8000.0,
+        "poisson_ratio": 0.0,
+        "density": 1000.0,
+        "particles": 150,
+        "packing_fraction": 1.5,
+        "side": 500.0,
+        "size_ratio": 1.4,
+        "friction_coefficient": 0.01,
+        "relative_viscosity": 0.1,
+        "tangential_ratio": 1.0,
+        "relative_frequency": 0.025,
+        "period_decay": 0.5,
+    },
+    # contacts and measures
+    "find_contacts": {"gap_tolerance": 0.0},
+    "find_rattlers": {"gap_tolerance": 1e-9},
+    "find_rattling_clusters": {"gap_tolerance": 1e-9},
+    "remove_rattlers": {"gap_tolerance": 1e-9},
+    "coordination_number": {"gap_tolerance": 0.0, "rattlers": "remove"},
+    "stress_tensor": {"parts": "total"},
+    "pressure": {"parts": "total"},
+    "demodulate": {"skip_periods": 1.0},
+    "mean_with_error": {"error": "standard", "draws": 2000, "seed": 0},
+    "softening_strain": {"remaining": 0.9},
+    # mechanics
+    "rigidity_matrix": {"strain": True, "gap_tolerance": 1e-9},
+    "constrained_rigidity_matrix": _BASIS,
+    "n_matrix": _BASIS,
+    "change_of_basis": {"strain": True, "volume": "free"},
+    "constraint_jacobian": {"strain": False, "volume": False, "form": "exact", "strain_scale": 1.0},
+    "constraint_basis": {
+        "strain": False,
+        "volume": False,
+        "method": "householder",
+        "form": "exact",
+        "rank_tolerance": 1e-10,
+    },
+    "project_force": {"volume": False, "method": "clusters"},
+    "reaffix_links": {"tolerance": 1e-13, "iteration_limit": 50},
+    "independent_links": {"strain": False, "tolerance": 1e-9, "rank_tolerance": 1e-6},
+    "floppy_modes": _COUNT,
+    "states_of_self_stress": _COUNT,
+    "hessian": {"strain": True, "kind": "exact", "volume": "free", "volume_curvature": "det", "gap_tolerance": 1e-9},
+    "dynamical_matrix": {
+        "strain": False,
+        "kind": "exact",
+        "volume": "free",
+        "volume_curvature": "det",
+        "gap_tolerance": 1e-9,
+    },
+    "perturbation_energy": {"kind": "exact", "volume": "free", "volume_curvature": "det", "gap_tolerance": 1e-9},
+    "normal_modes": {
+        "strain": False,
+        "kind": "exact",
+        "volume": "free",
+        "volume_curvature": "det",
+        "rattlers": "remove",
+        "gap_tolerance": 1e-9,
+        "method": "auto",
+    },
+    "density_of_states": {"bins": 50, "kind": "exact", "rattlers": "remove", "gap_tolerance": 1e-9},
+    "elastic_moduli": {"kind": "exact", "rattlers": "remove", "gap_tolerance": 1e-9},
+    "compliance_matrix": {"kind": "exact", "method": "sparse", "rattlers": "remove", "gap_tolerance": 1e-9},
+    "complex_modulus": {"mode": "shear", **_AXES},
+    "classify_jamming": {
+        "method": "certificate",
+        "solver": "clarabel",
+        "volume": "nonincreasing",
+        "rest_tolerance": 1e-5,
+        "tolerance": 1e-8,
+        "bound": "ball",
+        "seed": 0,
+    },
+    "play_motion": {"amplitude": 0.5, "steps": 50, "volume": "nonincreasing", "overlap_tolerance": 1e-9},
+    # minimizers and protocols
+    "ConjugateGradient": {"slope_ratio": 0.1, "largest_step": 0.1},
+    "DampedDynamics": {"damping": 1.0, "dt": 0.2, "largest_step": 0.1},
+    "Fire": {
+        "dt": 0.3,
+        "dt_max": 0.6,
+        "dt_min": 0.02,
+        "delay": 10.0,
+        "grow": 1.1,
+        "shrink": 0.8,
+        "mixing": 0.15,
+        "mixing_decay": 0.97,
+        "largest_step": 0.1,
+    },
+    "Fire2": {
+        "dt": 0.1,
+        "dt_max": 0.5,
+        "dt_min": 0.002,
+        "delay": 20.0,
+        "grow": 1.1,
+        "shrink": 0.5,
+        "mixing": 0.25,
+        "mixing_decay": 0.99,
+        "largest_step": 0.1,
+    },
+    "GradientDescent": {"step": 0.8, "largest_step": 0.1},
+    "LBFGS": {"memory": 8, "slope_ratio": 0.9, "largest_step": 0.1},
+    "Newton": {"largest_step": 0.1, "skin": 0.3},
+    "quench": {"step_limit": 500_000},
+    "HardVertex": {"quench_tolerance": 1e-3, "quench_steps": 200_000, "iteration_limit": 2000},
+    "ProgramChain": {
+        "stop_pressure": 1e-3,
+        "quench_tolerance": 3e-3,
+        "quench_steps": 500_000,
+        "solver": "clarabel",
+        "trust_radius": 0.05,
+        "program_limit": 200,
+    },
+    "StepHalving": {
+        "increment": 1e-4,
+        "energy_tolerance": 1e-16,
+        "quench_tolerance": 1e-5,
+        "quench_steps": 1_000_000,
+        "step_limit": 10_000,
+    },
+    "Decompression": {
+        "stop_pressure": 1e-4,
+        "factor": 0.15,
+        "quench_tolerance": 1e-4,
+        "quench_steps": 1_000_000,
+        "iteration_limit": 2000,
+    },
+    "jam": {"strain": "free", "force_tolerance": 1e-5},
+    "compress": {"strain": "fixed", "force_tolerance": 1e-9, "iteration_limit": 2000},
+    "shear_stabilize": {"force_tolerance": 1e-10, "step_limit": 200_000},
+    "cement": {"seed": 0, "step": 0.05, "freeze": "angles", "kind": "unstressed", "gap_tolerance": 1e-9},
+    "cementing_curve": {"seed": 0, "step": 0.05, "freeze": "angles", "pressure": 1e-8},
+    "QuenchBatch": {
+        "batch": 1,
+        "relax": "full",
+        "force_tolerance": 1e-8,
+        "force_floor": 0.0,
+        "method": lambda pm: pm.Fire(),
+        "step_limit": 100_000,
+        "threads": 1,
+    },
+    # motion and rheology
+    "VelocityVerlet": {"fraction": 0.05},
+    "SemiImplicitEuler": {"fraction": 0.05},
+    "SteadyStrain": {"start": 0.0, "mode": "shear", **_AXES},
+    "OscillatoryStrain": {"start": 0.0, "mode": "shear", **_AXES},
+    "simulate": {"threads": 1, **_STRAINED},
+    "resume": {"threads": 1},
+    "equilibrate": {"largest_oscillation": 0.1, "step_limit": 500_000, **_STRAINED, **_AXES},
+    "oscillatory_shear": {"carried": True, "strain_path": "exact", **_STRAINED, **_SHEARED},
+    "amplitude_sweep": {**_STRAINED, **_SHEARED},
+    "shear_series": {"repeats": 3, "controls": ("prepared",), "seed": 0, "error": "standard", **_SHEARED},
+    "steady_shear": {"strain": 3.0, "skip_strain": 1.0, "blocks": 8, "samples": 400, **_STRAINED, **_AXES},
+    "ramp_strain": {"mode": "shear", "samples": 200, **_STRAINED, **_AXES},
+    "creep": {**_STRAINED, **_AXES},
+    "ShearBatch": {"control": "rate", "steps": 1, "switched_friction": False, "threads": 1, **_STRAINED, **_AXES},
+    "ParticleShear": {
+        "amplitude": 0.2,
+        "friction_coefficient": 0.01,
+        "young_modulus": 8000.0,
+        "particles": 150,
+        "packing_fraction": 1.5,
+        "density": 50.0,
+        "size_ratio": 1.4,
+        "relative_viscosity": 0.1,
+        "tangential_ratio": 1.0,
+        "relative_frequency": 0.025,
+        "divergence": 1.0,
+        "reinforcement_normal": 1.0,
+        "reinforcement_tangential": 1.0,
+        "keep_viscosity": False,
+        "pre_periods": 2.0,
+        "periods": 3.0,
+        "post_periods": 1.0,
+        "cooling": 0.5,
+        "law": "divergent",
+    },
+    # drives of scene files
+    "JamDrive": {"strain": "free"},
+    "QuenchDrive": {"force_tolerance": 1e-12},
+    "OscillatoryShearDrive": {"largest_oscillation": 0.1, "carried": True, **_SHEARED},
+    # pictures and tables
+    "draw_frame": {"effects": (), "beads": 1.0, "size": (480, 480)},
+    "work_precision": {"knob": "setting", "reference_is": "", "repeats": 3},
+    "write_scene": {"description": ""},
+    # environments, made by `Versions.make` and `Versions.make_vec`
+    "Quench-v0": {
+        "bonds": "refuse",
+        "relax": "full",
+        "force_tolerance": 1e-8,
+        "force_floor": 0.0,
+        "method": lambda pm: pm.Fire(),
+        "start": "random",
+        "largest_change": 0.05,
+        "largest_strain": 0.05,
+        "verdict": "collective",
+        "shear_modulus": False,
+        "step_budget": 40,
+        "evaluation_budget": 50_000,
+    },
+    "Shear-v0": {
+        "goal": "follow_stress",
+        "control": "rate",
+        "frame_skip": 20,
+        "largest_strain": 0.2,
+        "extra_actions": (),
+        "start": "as_prepared",
+        "relax": True,
+        "links": "refuse",
+        "budget": 200,
+        "units": "scene",
+    },
+}
+
+
+# -- the facade --------------------------------------------------------------------------------------------------------
+
+
+class Call:
+    """A public name under the head's words: states defaults and, at the tag, translates."""
+
+    def __init__(self, versions: Versions, name: str, target: Callable[..., Any] | None = None) -> None:
+        self._versions, self._name = versions, name
+        self._renamed = RENAMED.get(name) if versions.side == "tag" else None
+        if target is None and (self._renamed is None or self._renamed.call is None):
+            target = versions.raw(name)
+        self._target = target
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Call it with what is given and the stated defaults."""
+        for name, value in STATED.get(self._name, {}).items():
+            if name not in kwargs:
+                kwargs[name] = value(self._versions) if callable(value) else value
+        renamed = self._renamed
+        if renamed is None:
+            return self._target(*args, **kwargs)
+        if renamed.call is not None:
+            result = renamed.call(self._versions.module, *args, **kwargs)
+        else:
+            result = self._target(*args, **renamed.translate(kwargs))
+        return result if renamed.result is None else renamed.result(result)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of what is called, such as a class method."""
+        return getattr(self._target, name)
+
+
+class Versions:
+    """The packmech that is importable, in the head's words.
+
+    Parameters
+    ----------
+    side
+        "head", or "tag": whose words the importable packmech speaks.
+
+    """
+
+    def __init__(self, side: str) -> None:
+        if side not in SIDES:
+            raise ValueError(f"names must be one of {SIDES}, got {side!r}")
+        self.side = side
+        self.module = importlib.import_module("packmech")
+        self._fields: dict[str, dict[str, Any]] = {}
+        if side == "tag":
+            for name, attributes in ATTRIBUTES.items():
+                self._alias(name, attributes)
+
+    def _alias(self, name: str, attributes: Mapping[str, Any]) -> None:
+        """Give a class of the tag the attributes of the head."""
+        cls = _found(name) if ":" in name else getattr(self.module, name)
+        for new, old in attributes.items():
+            setattr(cls, new, property(old if callable(old) else lambda self, old=old: getattr(self, old)))
+        self._fields[cls.__qualname__] = dict(attributes)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a public name: what it is where nothing is to be stated or translated, else a call."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        value = Call(self, name) if name in STATED or (self.side == "tag" and name in RENAMED) else self.raw(name)
+        setattr(self, name, value)
+        return value
+
+    def raw(self, name: str) -> Any:
+        """Return the object of this name itself, for `isinstance` and `scene.without`."""
+        renamed = RENAMED.get(name) if self.side == "tag" else None
+        return getattr(self.module, name if renamed is None or renamed.name is None else renamed.name)
+
+    def private(self, word: str) -> Any:
+        """Return what is not public, by its word in `PRIVATE`."""
+        return _found(PRIVATE[word][SIDES.index(self.side)])
+
+    def benchmark(self, place: str) -> Any:
+        """Return what a benchmark of this version's own checkout defines, such as "bench_march:make_start"."""
+        folder = os.fspath(Path(self.module.__file__).parents[1] / "tests" / "benchmarks")
+        if sys.path[0] != folder:
+            sys.path.insert(0, folder)
+        return _found(BENCHMARKS.get(place, place) if self.side == "tag" else place)
+
+    def make(self, name: str, **kwargs: Any) -> Any:
+        """Return an environment such as "Quench-v0"."""
+        import gymnasium
+
+        return Call(self, name, functools.partial(gymnasium.make, f"packmech_envs:packmech/{name}"))(**kwargs)
+
+    def make_vec(self, name: str, num_envs: int, **kwargs: Any) -> Any:
+        """Return a batch of environments."""
+        import gymnasium
+
+        made = functools.partial(gymnasium.make_vec, f"packmech_envs:packmech/{name}", num_envs=num_envs)
+        return Call(self, name, made)(**kwargs)
+
+    def command(self, *words: str) -> int:
+        """Run the command in this process and return its exit code; what it prints goes nowhere."""
+        told = [COMMANDS.get(word, word) if self.side == "tag" else word for word in words]
+        before, sys.argv = sys.argv, ["packmech", *told]
+        said = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+                runpy.run_module("packmech", run_name="__main__")
+        except SystemExit as end:
+            code = 0 if end.code is None else end.code
+        else:
+            code = 0
+        finally:
+            sys.argv = before
+        if code not in (0, 1):
+            raise RuntimeError(f"packmech {' '.join(told)} ended with {code}: {said.getvalue()[-2000:]}")
+        return int(code)
+
+    def load(self) -> None:
+        """Import all modules that public names and environments are in."""
+        for name in self.module.__all__:
+            getattr(self.module, name)
+        for name in ("packmech_envs", *(place.partition(":")[0] for place in self._places())):
+            importlib.import_module(name)
+
+    def _places(self) -> list[str]:
+        return [places[SIDES.index(self.side)] for places in PRIVATE.values()]
+
+    # -- results as named arrays ------------------------------------------------------------------------------------
+
+    def record(self, results: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Return everything in a case's results as arrays, under the head's names; times and prose are left out."""
+        found: dict[str, np.ndarray] = {}
+        for name, value in results.items():
+            self._record(name, value, found)
+        return found
+
+    def _record(self, name: str, value: Any, found: dict[str, np.ndarray]) -> None:
+        if value is None or isinstance(value, str):
+            text = str(value)
+            found[name] = np.array(WORDS.get(text, text) if self.side == "tag" else text)
+        elif isinstance(value, enum.Enum):
+            self._record(name, value.name, found)
+        elif isinstance(value, bool | int | float | complex | np.generic):
+            found[name] = np.asarray(value)
+        elif isinstance(value, np.ndarray):
+            if value.dtype == object:
+                self._record(name, list(value.ravel()), found)
+            else:
+                found[name] = value
+        elif sp.issparse(value):
+            found[name] = value.toarray()
+        elif isinstance(value, Mapping):
+            for key, part in value.items():
+                word = str(KEYS.get(key, key) if self.side == "tag" else key)
+                if not _is_left_out(word, part):
+                    self._record(f"{name}.{word}", part, found)
+        elif dataclasses.is_dataclass(value) or hasattr(value, "_fields"):
+            for word, part in self._parts(value):
+                if not _is_left_out(word, part):
+                    self._record(f"{name}.{word}", part, found)
+        elif isinstance(value, tuple | list | set | frozenset):
+            parts = sorted(value) if isinstance(value, set | frozenset) else value
+            found[f"{name}.count"] = np.asarray(len(parts))
+            for k, part in enumerate(parts):
+                self._record(f"{name}.{k}", part, found)
+        else:
+            raise TypeError(f"{name} must be made of records, mappings, sequences and arrays, got {type(value)}")
+
+    def _parts(self, value: Any) -> list[tuple[str, Any]]:
+        """Return the fields of a record under the head's names, and what else is kept of it."""
+        names = value._fields if hasattr(value, "_fields") else [field.name for field in dataclasses.fields(value)]
+        new = self._fields.get(type(value).__qualname__, {})
+        old = {one: name for name, one in new.items() if isinstance(one, str)}
+        parts = [(old.get(name, name), getattr(value, name)) for name in names]
+        listed = {name for name, _ in parts}
+        more = [*new, *(KEPT.get(type(value).__qualname__, ()) if self.side == "head" else ())]
+        return parts + [(name, getattr(value, name)) for name in dict.fromkeys(more) if name not in listed]
+
+
+# fields that hold times, and texts for readers
+_PROSE = frozenset({"note", "reason", "local_reason", "status", "name", "experiment", "about", "description"})
+
+
+def _is_left_out(name: str, value: Any) -> bool:
+    """Whether a field tells how long something took, or is prose."""
+    return "seconds" in name or name in _PROSE or (callable(value) and not hasattr(value, "_fields"))
+
+
+def _found(place: str) -> Any:
+    """Return what "module:name" says."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,404 @@
+"""Facts about the command: what it writes is what Python gives, errors are one line, exit codes say what happened."""
+
+import contextlib
+import io
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.cli import execute, main
+from packmech.cli.output import Watch
+
+JSON_FIELDS = {
+    "packing_fraction",
+    "pressure",
+    "particles",
+    "rattlers",
+    "contacts",
+    "isostatic_contacts",
+    "collective",
+    "strict",
+    "bulk_modulus",
+    "shear_modulus",
+    "force_residual",
+    "seconds",
+}
+
+SMALL = """
+[packing]
+kind = "random"
+particles = 24
+dimension = 2
+packing_fraction = 0.87
+seed = 2
+
+[[effects]]
+kind = "repulsion"
+law = { kind = "harmonic", energy_scale = 1.0 }
+
+[drive]
+kind = "jam"
+pressure = 1e-6
+strain = "isotropic"
+"""
+
+
+class Done(NamedTuple):
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def packmech(*arguments: str, folder: Path) -> Done:
+    """Run the command as the shell would, in this process: the words, the exit code, the working folder."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        argv, sys.argv = sys.argv, ["packmech", *arguments]
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        finally:
+            sys.argv = argv
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def one_line(done: Done) -> str:
+    """The one line of an error; more than one line, or a traceback, fails."""
+    (line,) = done.stderr.strip().splitlines()
+    return line
+
+
+@pytest.fixture(scope="module")
+def jammed(tmp_path_factory):
+    """A small scene jammed by the command, with everything it can write."""
+    folder = tmp_path_factory.mktemp("jammed")
+    (folder / "small.toml").write_text(SMALL)
+    done = packmech("jam", "small.toml", "--out", "end.npz", "--json", "end.json", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder, done, json.loads((folder / "end.json").read_text())
+
+
+def test_jam_writes_every_number_that_is_promised(jammed):
+    _, _, numbers = jammed
+    assert set(numbers) >= JSON_FIELDS
+
+
+def test_jam_leaves_a_recording_by_default_and_says_how_to_open_it(jammed):
+    folder, done, _ = jammed
+    assert (folder / "jam.rrd").stat().st_size > 1000
+    assert "rerun jam.rrd" in done.stdout
+
+
+def test_numbers_of_jam_are_those_of_the_packing_it_wrote(jammed):
+    folder, _, numbers = jammed
+    packing = pm.read_packing(folder / "end.npz")
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
+    verdict = pm.classify_jamming(scene)
+    moduli = pm.elastic_moduli(scene)
+    assert numbers["packing_fraction"] == pm.packing_fraction(packing)
+    assert numbers["pressure"] == pm.pressure(scene) / scene.pressure_unit
+    assert numbers["contacts"] == verdict.contacts
+    assert numbers["rattlers"] == int(verdict.rattlers.sum())
+    assert (numbers["collective"], numbers["strict"]) == (verdict.collective, verdict.strict)
+    assert numbers["bulk_modulus"] == moduli.bulk_modulus
+    assert numbers["shear_modulus"] == moduli.shear_modulus
+
+
+def test_numbers_of_jam_are_those_of_the_python_call(jammed):
+    folder, _, numbers = jammed
+    run = pm.jam(pm.read_scene(folder / "small.toml"), pressure=1e-6, strain="isotropic")
+    assert pm.read_packing(folder / "end.npz") == run.packing
+    assert numbers["force_residual"] == run.residual
+
+
+def test_jam_reaches_the_pressure_of_the_scene_at_the_isostatic_count(jammed):
+    _, _, numbers = jammed
+    assert numbers["pressure"] == pytest.approx(1e-6, rel=1e-4)
+    assert numbers["contacts"] == numbers["isostatic_contacts"]
+    assert numbers["isostatic_contacts"] == 2 * (numbers["particles"] - numbers["rattlers"]) - 1
+    assert numbers["force_residual"] <= 1e-5
+
+
+def test_the_recording_of_jam_holds_the_numbers_of_its_json(jammed):
+    import rerun.chunk as chunk
+
+    folder, _, numbers = jammed
+    (kept,) = [
+        piece.to_record_batch()
+        for piece in chunk.RrdReader(folder / "jam.rrd").stream().to_chunks()
+        if str(piece.entity_path) == "/__properties/packmech"
+    ]
+    results = json.loads(kept.column("results_json").to_pylist()[0][0])
+    assert {name: results[name] for name in JSON_FIELDS} == {name: numbers[name] for name in JSON_FIELDS}
+    parameters = json.loads(kept.column("parameters_json").to_pylist()[0][0])
+    assert parameters["drive"] == {"kind": "jam-drive", "pressure": 1e-6, "strain": "isotropic"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "packing fraction",
+        "pressure",
+        "isostatic",
+        "rattlers",
+        "collectively jammed",
+        "strictly jammed",
+        "smallest singular value",
+        "bulk modulus",
+        "shear modulus",
+        "simple shear xy",
+        "lowest frequencies",
+        "residual",
+        "force evaluations",
+        "CPU s",
+    ],
+)
+def test_the_table_names(jammed, words):
+    assert words in jammed[1].stdout
+
+
+def test_analyze_of_the_written_packing_finds_the_same_numbers(jammed):
+    folder, _, numbers = jammed
+    done = packmech("analyze", "end.npz", "--json", "again.json", folder=folder)
+    assert done.returncode == 0, done.stderr
+    again = json.loads((folder / "again.json").read_text())
+    same = JSON_FIELDS - {"seconds", "force_residual"}
+    assert {name: again[name] for name in same} == {name: numbers[name] for name in same}
+    assert "stored with it" in done.stdout
+
+
+def test_run_does_what_the_drive_of_the_scene_says(jammed, tmp_path):
+    folder, _, numbers = jammed
+    done = packmech("run", str(folder / "small.toml"), "--json", "run.json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    ran = json.loads((tmp_path / "run.json").read_text())
+    assert ran["packing_fraction"] == numbers["packing_fraction"]
+
+
+def test_options_overrule_the_scene(jammed, tmp_path):
+    folder, _, numbers = jammed
+    options = ("--pressure", "1e-5", "--strain", "free", "--seed", "3", "--no-record", "--json", "other.json")
+    done = packmech("jam", str(folder / "small.toml"), *options, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    other = json.loads((tmp_path / "other.json").read_text())
+    assert other["pressure"] == pytest.approx(1e-5, rel=1e-4)
+    assert other["isostatic_contacts"] == 2 * (other["particles"] - other["rattlers"]) + 1
+    assert other["packing_fraction"] != numbers["packing_fraction"]
+    assert not list(tmp_path.glob("*.rrd"))
+
+
+def test_a_packing_without_law_is_analyzed_as_harmonic_and_says_so(tmp_path):
+    pm.write_packing(pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-3), tmp_path / "crystal.txt")
+    done = packmech("analyze", "crystal.txt", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "law: harmonic" in done.stdout
+    assert "none is stored with it" in done.stdout
+
+
+def test_a_touching_lattice_is_analyzed_with_no_residual_and_null_in_its_json(tmp_path):
+    pm.write_packing(pm.lattice_packing("kagome", repeats=(2, 2)), tmp_path / "kagome.npz")
+    done = packmech("analyze", "kagome.npz", "--json", "kagome.json", folder=tmp_path)
+    assert re.search(r"force residual +- +no contact carries a force", done.stdout)
+    assert re.search(r"lowest frequencies +0  0  0  0  1  1 ", done.stdout)
+    assert json.loads((tmp_path / "kagome.json").read_text())["force_residual"] is None
+
+
+def test_scenes_lists_every_shipped_scene(tmp_path):
+    done = packmech("scenes", folder=tmp_path)
+    assert all(name in done.stdout for name in pm.list_scenes())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("jam", "no-such-scene"), "packmech: path must name a file or a shipped scene"),
+        (("jam", "broken.toml"), "packmech: packing.particels must be a field of random"),
+        (("jam", "--pressure", "-1"), "packmech: drive.pressure must be"),
+        (("jam", "--strain", "loose"), "packmech: drive.strain must be one of 'isotropic', 'free', got 'loose'"),
+        (("jam", "--out", "packing.docx"), "packmech: path must end in one of"),
+        (("jam", "--json", "no/such/folder.json"), "packmech: path must lie in an existing folder"),
+        (("jam", "--record", "x.png"), "packmech: record must be a file name ending in .rrd, got 'x.png'"),
+        (("analyze", "missing.npz"), "packmech: path must name an existing file, got 'missing.npz'"),
+        (
+            ("analyze", "text.npz"),
+            "packmech: path must name a readable packing, got 'text.npz': text.npz is not a .npz file",
+        ),
+        (("analyze", "nan.txt"), "position_nd must be finite"),
+        (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
+        (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
+        (
+            ("accuracy", "guess"),
+            "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', "
+            "'jamming_2d', 'jamming_3d', 'gap_tolerance', 'shear_time_step', 'integrators', 'effect_costs', got",
+        ),
+        (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(tmp_path, arguments, message):
+    (tmp_path / "broken.toml").write_text(SMALL.replace("particles", "particels"))
+    (tmp_path / "idle.toml").write_text(SMALL.split("[drive]")[0])
+    (tmp_path / "text.npz").write_text("no archive")
+    (tmp_path / "nan.txt").write_text("lattice 4 0\nlattice 0 4\nnan 0 0.5\n")
+    (tmp_path / "pair.txt").write_text("lattice 4 0\nlattice 0 4\n0 0 0.5\n0.9 0 0.5\n")
+    done = packmech(*arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert message in one_line(done)
+
+
+def test_a_run_that_does_not_converge_is_exit_code_1_and_says_so(tmp_path):
+    (tmp_path / "small.toml").write_text(SMALL + 'method = { kind = "hard-vertex", iteration_limit = 2 }\n')
+    done = packmech("jam", "small.toml", "--no-record", "--out", "end.npz", folder=tmp_path)
+    assert done.returncode == 1
+    assert pm.Outcome.NOT_JAMMED.value in " ".join(done.stderr.split())
+    assert (tmp_path / "end.npz").exists()
+
+
+def test_a_hard_case_out_of_bounds_is_exit_code_1(monkeypatch, capsys):
+    from packmech.cli import hard_cases as verb
+    from packmech.validation import hard_cases
+
+    bad = hard_cases.HardCase("two and two", "counting", "2 + 2 - 3", 0.5, "arithmetic", lambda: 2 + 2 - 3)
+    monkeypatch.setattr(verb, "catalogue", lambda: (bad,))
+    assert execute(["hard-cases"]) == 1
+    assert "OUT OF BOUNDS" in capsys.readouterr().out
+
+
+@pytest.fixture
+def ctrl_c():
+    """Give Ctrl-C its usual meaning, however the tests were started: a shell's background jobs ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_waits_until_the_compiler_is_done():
+    from packmech.jit.interrupts import safe_interrupts
+
+    seen = []
+
+    def compiling():
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.1)
+        seen.append("compiled")
+
+    inside = {"__name__": "numba.core.dispatcher", "compiling": compiling}
+    exec("def compile(): compiling()", inside)  # a function that numba's own frames lead to
+    with pytest.raises(KeyboardInterrupt), safe_interrupts():
+        inside["compile"]()
+        for _ in range(100):
+            time.sleep(0.05)
+        seen.append("never interrupted")
+    assert seen == ["compiled"]
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_acts_at_once_elsewhere_and_as_before_afterwards():
+    from packmech.jit.interrupts import safe_interrupts
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), safe_interrupts():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_sigterm_ends_a_run_as_ctrl_c_does(tmp_path):
+    (tmp_path / "scene.toml").write_text(SMALL)
+    program = (
+        "import signal, sys; sys.argv = ['packmech', 'run', 'scene.toml', '--out', 'saved.npz']\n"
+        "from packmech.cli import main\n"
+        "from packmech.cli.output import Watch\n"
+        "signal.signal(signal.SIGINT, signal.{})\n"
+        "Watch.__call__ = lambda self, stage, figures: signal.raise_signal(signal.SIGTERM)\n"
+        "main()\n"
+    )
+    for usual in ("default_int_handler", "SIG_IGN"):
+        words = [sys.executable, "-c", program.replace("{}", usual)]
+        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 130, done.stderr
+        assert "interrupted; the last finished packing is in saved.npz" in done.stderr
+        assert pm.read_packing(tmp_path / "saved.npz").particles == 24
+        (tmp_path / "saved.npz").unlink()
+
+
+def test_lines_have_no_blanks_at_their_ends_where_the_output_is_no_terminal(tmp_path):
+    lines = packmech("scenes", folder=tmp_path).stdout.splitlines()
+    assert len(lines) > 20 and all(line == line.rstrip() for line in lines)
+
+
+def test_wrong_words_on_the_command_line_are_one_line_and_exit_code_2(tmp_path):
+    for words, message in ((("bake",), "bake"), (("jam", "--sped", "3"), "--sped"), (("run",), "SCENE")):
+        done = packmech(*words, folder=tmp_path)
+        assert done.returncode == 2 and message in one_line(done)
+    assert packmech(folder=tmp_path).returncode == 2
+
+
+def test_hard_cases_within_bounds_are_exit_code_0_and_print_bound_and_measured(tmp_path):
+    done = packmech("hard-cases", "flat box", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"ok\s+nearly flat box.*0\s+0", done.stdout)
+
+
+def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
+    from packmech.cli import accuracy as verb
+    from packmech.validation.work_precision import work_precision
+
+    def halves(progress):
+        return work_precision(lambda step: 1.0 + step, (0.5, 0.25), 1.0, progress=progress), "It halves."
+
+    monkeypatch.setattr(verb, "studies", lambda: {"halves": halves})
+    assert execute(["accuracy", "--out", str(tmp_path / "out")]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["halves.csv", "halves.md", "halves.png"]
+    assert "It halves." in capsys.readouterr().out
+    assert "It halves." in (tmp_path / "out" / "halves.md").read_text()
+
+
+def test_ctrl_c_stays_ignored_where_it_was():
+    from packmech.jit.interrupts import safe_interrupts
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with safe_interrupts():
+            signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.parametrize("drive", ["jam", "quench"])
+def test_ctrl_c_saves_the_last_finished_packing(monkeypatch, tmp_path, drive):
+    def press_ctrl_c(self, stage, figures):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Watch, "__call__", press_ctrl_c)
+    text = SMALL if drive == "jam" else SMALL.split("[drive]")[0] + '[drive]\nkind = "quench"\n'
+    (tmp_path / "scene.toml").write_text(text)
+    done = packmech("run", "scene.toml", "--out", "saved.npz", folder=tmp_path)
+    assert done.returncode == 130
+    assert "interrupted; the last finished packing is in saved.npz" in " ".join(done.stderr.split())
+    assert np.isfinite(pm.read_packing(tmp_path / "saved.npz").position_nd).all()
+
+
+def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
+    program = (
+        "import sys; sys.argv = ['packmech', 'jam', '--no-record']\n"
+        "import packmech.minimize.fire as fire\n"
+        "import packmech.minimize.program as program\n"
+        "def stop(*arguments, **names): print(' '.join(sorted(sys.modules))); raise SystemExit\n"
+        "fire.fire_steps = program.evaluate = stop\n"
+        "from packmech.cli import main; main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    loaded = set(done.stdout.split())
+    assert "packmech.protocols.jam" in loaded, done.stderr
+    assert not loaded & {"cvxpy", "rerun", "matplotlib", "clarabel", "highspy", "gsd", "gymnasium", "pyarrow"}

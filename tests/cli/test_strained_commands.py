@@ -1,0 +1,138 @@
+"""Facts about `packmech run` with scenes that are strained: what it writes of them, and how it goes on after Ctrl-C."""
+
+import json
+import signal
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.cli import INTERRUPTED, execute
+from packmech.dynamics.engine import Engine
+from packmech.rheology import strain_run as travel
+
+CRYSTAL = """
+[packing]
+kind = "lattice"
+name = "triangular"
+repeats = 4
+relative_overlap = 0.01
+
+[[effects]]
+kind = "repulsion"
+law = "linear-spring"
+
+[[effects]]
+kind = "background-damping"
+rate = 0.5
+
+[drive]
+"""
+DRIVES = {
+    "sine": 'kind = "oscillatory-shear"\namplitude = 0.01\nfrequency = 0.05\nperiods = 3\nsamples_per_period = 20\n',
+    "flow": 'kind = "steady-shear"\nrates = [0.1, 0.2]\nstrain = 0.4\nskip_strain = 0.2\nsamples = 40\n',
+    "squeeze": 'kind = "ramp-strain"\nrate = -0.01\nstrain = 0.05\nmode = "isotropic"\nsamples = 20\n',
+    "creep": 'kind = "creep"\nstress = 0.002\nduration = 80.0\nhold = 40.0\n',
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the scenes in it, where the command runs and looks up every few steps."""
+    for name, drive in DRIVES.items():
+        (tmp_path / f"{name}.toml").write_text(CRYSTAL + drive)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(travel, "_CHUNK", 2000)
+    monkeypatch.setattr("packmech.rheology.creep._REPORT", 5)
+    return tmp_path
+
+
+def run(*words):
+    return execute(["run", *words])
+
+
+def stop_at(monkeypatch, steps):
+    """Press Ctrl-C in the next run, once it has taken so many steps."""
+    usual, taken = Engine.advance, [0]
+
+    def advance(march, due, ledger=None):
+        taken[0] += due
+        if taken[0] > steps:
+            monkeypatch.setattr(Engine, "advance", usual)
+            signal.raise_signal(signal.SIGINT)
+        return usual(march, due, ledger)
+
+    monkeypatch.setattr(Engine, "advance", advance)
+
+
+def plain(path):
+    """The numbers in a file, less those that depend on the clock."""
+    return {name: value for name, value in json.loads(path.read_text()).items() if "seconds" not in name}
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_same_command_goes_on_after_an_interrupt_and_ends_with_the_same_numbers(name, folder, monkeypatch, capsys):
+    assert run(f"{name}.toml", "--json", "whole.json", "--out", "whole.npz") == 0
+    # nothing is left behind where nothing was interrupted
+    kept = folder / f"{name}.checkpoint.npz"
+    assert not kept.exists()
+    command = (f"{name}.toml", "--json", "again.json", "--out", "again.npz")
+    stop_at(monkeypatch, 50)
+    assert run(*command) == INTERRUPTED
+    assert kept.exists()
+    assert f"the same command goes on from {kept.name}" in capsys.readouterr().err
+    assert run(*command) == 0
+    assert f"going on from {kept.name}" in capsys.readouterr().err
+    assert plain(folder / "again.json") == plain(folder / "whole.json")
+    assert pm.read_packing("again.npz") == pm.read_packing("whole.npz")
+    assert not kept.exists()
+
+
+def test_a_checkpoint_that_was_asked_for_stays_and_spares_the_work(folder, monkeypatch):
+    command = ("sine.toml", "--checkpoint", "mine.npz", "--json", "a.json")
+    assert run(*command) == 0
+    assert (folder / "mine.npz").exists() and not (folder / "sine.checkpoint.npz").exists()
+    before = plain(folder / "a.json")
+    stop_at(monkeypatch, 0)
+    assert run(*command) == 0
+    assert plain(folder / "a.json") == before
+
+
+def test_a_checkpoint_of_another_scene_is_refused(folder):
+    assert run("sine.toml", "--checkpoint", "mine.npz") == 0
+    (folder / "sine.toml").write_text(CRYSTAL.replace("0.5", "0.4") + DRIVES["sine"])
+    with pytest.raises(ValueError, match=r"checkpoint must hold a run of the same scene and settings.*effects\[1\]"):
+        run("sine.toml", "--checkpoint", "mine.npz")
+
+
+def test_a_checkpoint_is_refused_where_nothing_is_strained(folder):
+    (folder / "rest.toml").write_text(CRYSTAL + 'kind = "quench"\n')
+    with pytest.raises(ValueError, match="checkpoint must be left out for a scene that is not strained"):
+        run("rest.toml", "--checkpoint", "mine.npz")
+
+
+@pytest.mark.parametrize(("name", "stems"), [("flow", ["-rate-0.1", "-rate-0.2"]), ("squeeze", [""])])
+def test_recordings_pictures_and_live_streams_are_written_of_every_strained_run(name, stems, folder, capsys):
+    words = ("--record", "run.rrd", "--live", "live.rrd", "--frames", "3", "--format", "svg", "--out", "film")
+    assert run(f"{name}.toml", *words) == 0
+    for stem in stems:
+        assert (folder / f"run{stem}.rrd").stat().st_size > 10_000
+        pictures = sorted((folder / "film" / stem.removeprefix("-")).glob("frame-*.svg"))
+        assert len(pictures) == 3
+        assert pictures[0].read_bytes() != pictures[-1].read_bytes()
+    assert (folder / "live.rrd").stat().st_size > 10_000
+    assert "live: " in capsys.readouterr().out
+
+
+def test_a_squeezed_crystal_has_the_pressure_of_its_overlaps_and_creep_the_compliance_of_the_crystal(folder):
+    run("squeeze.toml", "--json", "squeeze.json")
+    numbers = plain(folder / "squeeze.json")
+    assert numbers["strain"] == pytest.approx(-0.05)
+    # three contacts a disc, each of force k (1 - 0.95 * 0.99): pressure = sqrt(3) force / distance
+    distance = 0.95 * 0.99
+    assert numbers["pressure"] == pytest.approx(np.sqrt(3.0) * (1.0 - distance) / distance, rel=1e-3)
+    run("creep.toml", "--json", "creep.json")
+    numbers = plain(folder / "creep.json")
+    # sqrt(3)/4 less the pressure's part
+    assert 1.0 / numbers["compliance"] == pytest.approx(0.42, abs=0.01)
+    assert abs(numbers["strain"]) < 1e-2 * numbers["strain_under_stress"]

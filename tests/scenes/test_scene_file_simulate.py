@@ -1,0 +1,110 @@
+"""Facts about scenes that are followed through time: the drive in files, and what the command prints of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.cli import execute
+
+SHORT = [
+    "single-sphere-moving",
+    "single-sphere-spinning",
+    "two-spheres-central",
+    "two-spheres-tangential",
+    "two-spheres-general",
+    "sphere-against-plate",
+    "two-spheres-across",
+]
+SHEARED = ["assembly-sheared", "crosslinked-sheared"]
+
+
+def ran(name, folder, *more):
+    arguments = ["run", str(name), "--json", str(folder / "a.json"), *more]
+    assert execute(arguments) == 0
+    return json.loads((folder / "a.json").read_text())
+
+
+def test_every_scenario_of_the_reference_package_ships_as_a_scene():
+    from packmech.validation.particle_shear import SCENARIOS
+
+    assert {name.replace("_", "-") for name in SCENARIOS} == {*SHORT, *SHEARED, "assembly-at-rest"}
+    assert {name.replace("_", "-") for name in SCENARIOS} <= set(pm.list_scenes())
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_the_command_prints_stress_energy_and_momentum_of_a_disc_or_two(name, tmp_path, capsys):
+    numbers = ran(name, tmp_path)
+    said = capsys.readouterr().out
+    for words in ("overall stress", "contact stress", "spin stress", "kinetic stress", "energy", "momentum"):
+        assert words in said
+    scene = pm.read_scene(name)
+    assert numbers["steps"] == scene.drive.steps and numbers["time_step"] == scene.drive.dt
+    overall = np.array(numbers["stress"]["overall"])
+    assert abs(overall[0, 1] - overall[1, 0]) <= 1e-13 * np.abs(overall).max()
+
+
+@pytest.mark.parametrize("name", SHEARED)
+def test_the_command_prints_the_stress_at_the_end_of_a_shear_without_a_whole_period(name, tmp_path, capsys):
+    numbers = ran(name, tmp_path)
+    assert "stress at the end" in capsys.readouterr().out
+    assert "storage_modulus" not in numbers
+    overall = -np.array(numbers["end_stress"])
+    assert (np.diag(overall) > 500.0).all()
+    assert abs(overall[0, 1] - overall[1, 0]) <= 1e-13 * np.abs(overall).max()
+
+
+@pytest.mark.slow
+def test_an_assembly_at_rest_stays_at_rest(tmp_path):
+    numbers = ran("assembly-at-rest", tmp_path)
+    assert (-np.diag(numbers["stress"]["overall"]) > 500.0).all()
+    assert numbers["kinetic_energy"] < 1e-9 * numbers["potential_energy"]
+
+
+def test_a_drive_is_read_back_equal_and_does_what_simulate_does(tmp_path):
+    packing = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    moving = {"velocities": ((1.0, 0.0), (0.0, 0.5)), "masses": (1.0, 2.0)}
+    drive = pm.SimulateDrive(duration=2.0, dt=0.1, **moving)
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),), drive)
+    other = scene.replace(
+        drive=pm.SimulateDrive(steps=3, method=pm.SemiImplicitEuler(), spins=((0.5,), (0.0,)), density=2.0, held=(1,))
+    )
+    for one in (other, scene):
+        pm.write_scene(one, tmp_path / "a.toml")
+        assert pm.read_scene(tmp_path / "a.toml") == one
+    numbers = ran(tmp_path / "a.toml", tmp_path, "--out", str(tmp_path / "end.npz"))
+    run = pm.simulate(scene, duration=2.0, dt=0.1, velocity_nd=[[1.0, 0.0], [0.0, 0.5]], mass_n=[1.0, 2.0])
+    assert pm.read_packing(tmp_path / "end.npz") == run.packing
+    assert numbers["steps"] == 20 and numbers["momentum"] == pytest.approx([1.0, 1.0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, "drive.steps must be given, or else duration, got neither"),
+        ({"steps": 2, "duration": 1.0}, "drive.steps must be given, or else duration, got both"),
+        (
+            {"steps": 2, "masses": (1.0,), "density": 2.0},
+            "drive.density must be left out where masses are given, got 2",
+        ),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        pm.SimulateDrive(**changes)
+
+
+def test_who_is_held_must_be_there(tmp_path):
+    packing = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    scene = pm.Scene(packing, (pm.Repulsion(),), pm.SimulateDrive(steps=2, held=(2,)))
+    pm.write_scene(scene, tmp_path / "a.toml")
+    with pytest.raises(ValueError, match="drive.held must be numbers of 2 particles, got 2"):
+        execute(["run", str(tmp_path / "a.toml")])
+
+
+def test_a_run_without_friction_is_recorded_too(tmp_path):
+    packing = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    pm.write_scene(pm.Scene(packing, (pm.Repulsion(),), pm.SimulateDrive(steps=2)), tmp_path / "a.toml")
+    assert execute(["run", str(tmp_path / "a.toml"), "--record", str(tmp_path / "a.rrd")]) == 0
+    assert (tmp_path / "a.rrd").stat().st_size > 0

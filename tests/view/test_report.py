@@ -1,0 +1,167 @@
+"""Facts about reports: counts by hand, units, and what is said when something is missing or unstable."""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.result import Stage
+from packmech.view.report import Report, _part, examine, isostatic_contacts, result_rows
+
+HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
+
+
+def crystal(**options) -> pm.Scene:
+    return pm.Scene(pm.lattice_packing("triangular", repeats=(4, 4), **{"relative_overlap": 1e-3, **options}), HARMONIC)
+
+
+def row(rows, name):
+    (found,) = [words for words in rows if words[0] == name]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("dimension", "strain", "count"), [(2, "isotropic", 127), (2, "free", 129), (3, "isotropic", 190), (3, "free", 195)]
+)
+def test_isostatic_counts_of_64_particles(dimension, strain, count):
+    assert isostatic_contacts(64, dimension, strain) == count
+
+
+def test_moduli_of_a_triangular_crystal_are_those_of_its_closed_form():
+    """Springs k = eps / sigma^2 on a triangular lattice: B = sqrt(3)/2 k, G = sqrt(3)/4 k at zero overlap."""
+    numbers = examine(crystal(relative_overlap=1e-9), modes=0).numbers
+    assert numbers["bulk_modulus"] == pytest.approx(3**0.5 / 2, rel=1e-7)
+    assert numbers["shear_modulus"] == pytest.approx(3**0.5 / 4, rel=1e-7)
+    assert numbers["elastic_constants"]["xxxx"] == pytest.approx(3 * 3**0.5 / 4, rel=1e-7)
+    assert numbers["elastic_constants"]["xyxy"] == pytest.approx(3**0.5 / 4, rel=1e-7)
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e4])
+def test_numbers_do_not_depend_on_the_unit_of_length(length):
+    plain = examine(crystal()).numbers
+    packing = crystal().packing
+    scaled = pm.Packing(packing.position_nd * length, packing.radius_n * length, packing.box.scaled(length))
+    other = examine(pm.Scene(scaled, HARMONIC)).numbers
+    for name in ("packing_fraction", "pressure", "energy", "bulk_modulus", "shear_modulus"):
+        assert other[name] == pytest.approx(plain[name], rel=1e-10), name
+    assert np.allclose(other["lowest_frequencies"], plain["lowest_frequencies"], rtol=1e-8)
+
+
+def test_a_scene_without_contacts_has_no_stiffness_and_is_not_jammed():
+    report = examine(crystal(relative_overlap=-0.1))
+    assert report.numbers["rattlers"] == 16
+    assert report.numbers["contacts"] == 0
+    assert report.numbers["collective"] == report.numbers["strict"] == "not jammed"
+    assert report.numbers["bulk_modulus"] == 0.0
+    assert row(result_rows(report.numbers, report.missing), "contacts")[2] == "isostatic: 0; 0 states of self stress"
+
+
+def touching_kagome(**options) -> pm.Scene:
+    return pm.Scene(pm.lattice_packing("kagome", repeats=(2, 2), **options), HARMONIC)
+
+
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e6])
+def test_particles_that_just_touch_have_no_force_residual(length):
+    packing = touching_kagome().packing
+    scaled = pm.Packing(
+        packing.position_nd * length, packing.radius_n * length, pm.Box(packing.box.lattice_dd * length)
+    )
+    report = examine(pm.Scene(scaled, HARMONIC), modes=0)
+    assert report.numbers["contacts"] == 24
+    assert report.numbers["force_residual"] is None
+    assert row(result_rows(report.numbers, report.missing), "force residual")[1:] == ("-", "no contact carries a force")
+
+
+@pytest.mark.parametrize("overlap", [1e-12, 1e-6])
+def test_particles_that_overlap_a_little_have_a_force_residual(overlap):
+    assert examine(crystal(relative_overlap=overlap), modes=0).numbers["force_residual"] < 1e-2
+
+
+def test_floppy_modes_have_frequency_zero_in_the_table_and_what_was_computed_in_the_numbers():
+    report = examine(touching_kagome(), modes=6)
+    row_ = row(result_rows(report.numbers, report.missing), "lowest frequencies")
+    # 24 contacts on 24 coordinates with 6 states of self stress: 6 zero modes, 2 of them translations
+    assert row_[1].split()[:4] == ["0"] * 4 and float(row_[1].split()[4]) > 0.1
+    assert row_[2].endswith("1e-6 of the stiffest)")
+    assert report.numbers["lowest_frequencies"] == pm.normal_modes(touching_kagome(), 6).frequency_m.tolist()
+    assert report.numbers["lowest_frequencies"][3] <= report.numbers["frequency_floor"] < 1e-5
+
+
+def test_a_frequency_above_rounding_keeps_its_digits_and_its_sign():
+    """A square crystal under pressure p falls apart with a growth rate of about sqrt(p), however small that is."""
+    square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=1e-8)
+    report = examine(pm.Scene(square, HARMONIC), modes=2)
+    first = row(result_rows(report.numbers, report.missing), "lowest frequencies")[1].split()[0]
+    assert -1e-3 < float(first) < -1e-5
+
+
+def test_every_part_says_what_it_achieved_and_cost():
+    stages = {stage.name: stage for stage in examine(crystal()).stages}
+    assert set(stages) == {"verdict", "moduli", "modes"}
+    assert all(stage.residual < 1e-10 and stage.seconds >= 0.0 for stage in stages.values())
+
+
+def test_a_part_that_compiles_says_so_the_first_time_only(monkeypatch):
+    monkeypatch.setattr("packmech.jit.cache.KernelCache._kept", lambda cache, sig: "Unmet" not in str(sig))
+
+    class Unmet(NamedTuple):
+        energy_scale: float = 1.0
+
+    for name in ("energy", "first", "second"):
+        setattr(Unmet, name, vars(pm.Harmonic)[name])
+    scene = crystal().replace(effects=(pm.Repulsion(law=pm.law(Unmet)()),))
+    report = Report(scene, {})
+    for notes in ("compiling, once for all runs", ""):
+        with _part(report, "verdict", lambda part: None):
+            began = time.process_time()
+            pm.energy(scene)
+            report.stages.append(Stage("verdict", 0.0, seconds=time.process_time() - began))
+        assert report.stages[-1].note.endswith(notes) and bool(report.stages[-1].note) == bool(notes)
+
+
+def test_a_part_that_cannot_be_had_is_named_and_the_others_count(monkeypatch):
+    def refuse(scene):
+        raise ValueError("touching centers must not coincide, got particles 3 and 5")
+
+    monkeypatch.setattr("packmech.view.report.elastic_moduli", refuse)
+    report = examine(crystal())
+    words = row(result_rows(report.numbers, report.missing), "moduli")
+    assert words == ("moduli", "not available", "touching centers must not coincide, got particles 3 and 5")
+    assert report.numbers["strict"] == "jammed"
+
+
+def test_a_negative_shear_modulus_is_named():
+    pressed = pm.Scene(pm.lattice_packing("square", repeats=(4, 4), relative_overlap=0.01), HARMONIC)
+    report = examine(pressed, modes=0)
+    assert report.numbers["shear_modulus"] < 0.0
+    note = row(result_rows(report.numbers, report.missing), "shear modulus")[2]
+    assert "NEGATIVE" in note
+    assert "elastically unstable" in note
+
+
+def test_one_state_of_self_stress_is_singular():
+    numbers = {**examine(crystal(), modes=0).numbers, "states_of_self_stress": 1}
+    assert row(result_rows(numbers, {}), "contacts")[2].endswith("1 state of self stress")
+
+
+def test_the_summary_has_every_result_and_every_step():
+    report = examine(crystal())
+    rows = result_rows(report.numbers, report.missing)
+    text = report.summary().markdown("crystal")
+    assert all(f"| {name} |" in text for name, _, _ in rows)
+    assert all(f"| {stage.name} |" in text for stage in report.stages)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"scene": 3}, TypeError, "scene must be a Scene"),
+        ({"strain": "loose"}, ValueError, "strain must be one of 'isotropic', 'free', got 'loose'"),
+        ({"modes": -1}, ValueError, "modes must be an integer at least 0, got -1"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, error, message):
+    with pytest.raises(error, match=message):
+        examine(**{"scene": crystal(), **arguments})
