@@ -257,7 +257,7 @@ def test_rank_of_a_floppy_crystal_needs_no_solver(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "repeats", "overlap", "isotropic", "deformable"),
+    ("name", "repeats", "overlap", "fixed", "deformable"),
     [
         ("triangular", (3, 3), 0.01, True, True),
         ("triangular", (3, 3), 0.0, True, True),
