@@ -383,7 +383,7 @@ MODES = ("shear", "uniaxial", "isotropic")
 def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
     a, b = axes
     if max(a, b) >= dimension:
-        raise ValueError(f"strain.axes must be axes of {dimension} dimensions, got {axes}")
+        raise ValueError(f"applied_strain.axes must be axes of {dimension} dimensions, got {axes}")
     matrix = np.zeros((dimension, dimension))
     if mode == "shear":
         matrix[a, b] = 1.0
@@ -395,13 +395,13 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
 
 
 def _check(mode: str, axes: tuple[int, int]) -> None:
-    one_of("strain.mode", mode, MODES)
+    one_of("applied_strain.mode", mode, MODES)
     if not isinstance(axes, tuple) or len(axes) != 2:
-        raise TypeError(f"strain.axes must be two axes, got {axes!r}")
+        raise TypeError(f"applied_strain.axes must be two axes, got {axes!r}")
     for axis in axes:
-        integer("strain.axes", axis, at_least=0, at_most=2)
+        integer("applied_strain.axes", axis, at_least=0, at_most=2)
     if mode == "shear" and axes[0] == axes[1]:
-        raise ValueError(f"strain.axes must be two different axes, got {axes}")
+        raise ValueError(f"applied_strain.axes must be two different axes, got {axes}")
 
 
 @dataclass(frozen=True)
@@ -432,10 +432,10 @@ class SteadyStrain:
     axes: tuple[int, int] = (0, 1)
 
     def __post_init__(self) -> None:
-        real("strain.rate", self.rate)
-        real("strain.start", self.start)
+        real("applied_strain.rate", self.rate)
+        real("applied_strain.start", self.start)
         if self.duration is not None:
-            positive("strain.duration", self.duration)
+            positive("applied_strain.duration", self.duration)
         _check(self.mode, self.axes)
 
     def profile(self) -> Any:
@@ -475,11 +475,11 @@ class OscillatoryStrain:
     axes: tuple[int, int] = (0, 1)
 
     def __post_init__(self) -> None:
-        positive("strain.amplitude", self.amplitude)
-        positive("strain.frequency", self.frequency)
-        real("strain.start", self.start, at_least=0.0)
+        positive("applied_strain.amplitude", self.amplitude)
+        positive("applied_strain.frequency", self.frequency)
+        real("applied_strain.start", self.start, at_least=0.0)
         if self.periods is not None:
-            positive("strain.periods", self.periods)
+            positive("applied_strain.periods", self.periods)
         _check(self.mode, self.axes)
 
     def profile(self) -> Any:

@@ -30,7 +30,7 @@ def simulate(
     seed: int | None = None,
     mass_n: ArrayLike | None = None,
     spin_nk: ArrayLike | None = None,
-    strain: SteadyStrain | OscillatoryStrain | None = None,
+    applied_strain: SteadyStrain | OscillatoryStrain | None = None,
     held_n: ArrayLike | None = None,
     threads: int = 1,
     trace_every: int | None = None,
@@ -71,7 +71,7 @@ def simulate(
         reference diameter.
     spin_nk
         (N, 1) spins at the start in a plane, (N, 3) in space [1/time], where particles turn (friction, bonds).
-    strain
+    applied_strain
         How the box deforms: SteadyStrain(rate) or OscillatoryStrain(amplitude, frequency). Velocities are then peculiar
         ones, v - L x: what follows the box has none.
     held_n
@@ -158,15 +158,17 @@ def simulate(
     spin = None
     if spin_nk is not None:
         spin = finite_array("spin_nk", spin_nk, shape=(shape[0], 1 if shape[1] == 2 else 3))
-    if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
-        raise TypeError(f"strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
+    if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
+        raise TypeError(
+            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"
+        )
     settings = SimulationSettings(
         scene,
         mass,
         step,
         count,
         method,
-        strain,
+        applied_strain,
         _held(held_n, shape[0]),
         None if trace_every is None else integer("trace_every", trace_every, at_least=1),
         trace_positions,
@@ -194,8 +196,8 @@ def resume(
 ) -> Simulation:
     """Return a simulation that goes on from its checkpoint, with the bits of one that was never stopped.
 
-    Everything but the scene is in the file: time step, method, masses, strain, who is held, what is kept on the way,
-    and all that was kept so far. Checkpoints go on being written to it.
+    Everything but the scene is in the file: time step, method, masses, applied strain, who is held, what is kept on the
+    way, and all that was kept so far. Checkpoints go on being written to it.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ def _steady_shear(
     return steady_shear(
         scene,
         rates=drive.rates,
-        strain=drive.strain,
+        applied_strain=drive.applied_strain,
         skip_strain=drive.skip_strain,
         blocks=drive.blocks,
         samples=drive.samples,
@@ -177,7 +177,7 @@ def _ramp_strain(
     return ramp_strain(
         scene,
         rate=drive.rate,
-        strain=drive.strain,
+        applied_strain=drive.applied_strain,
         mode=drive.mode,
         samples=drive.samples,
         frames=frames,

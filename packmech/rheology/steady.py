@@ -27,7 +27,7 @@ def ramp_strain(
     scene: Scene,
     *,
     rate: float,
-    strain: float,
+    applied_strain: float,
     mode: str = "shear",
     axes: tuple[int, int] = (0, 1),
     samples: int = 200,
@@ -41,7 +41,7 @@ def ramp_strain(
         The scene, without rigid links.
     rate
         Of gamma [1/time]; negative rates compress.
-    strain
+    applied_strain
         Size of gamma at the end, positive [1].
     mode, axes
         "shear" along the first and with the gradient along the second of the axes; "uniaxial" along the first;
@@ -61,17 +61,17 @@ def ramp_strain(
     >>> import packmech as pm
     >>> packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
     >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
-    >>> run = pm.ramp_strain(scene, rate=-1e-3, strain=0.01, mode="isotropic")
+    >>> run = pm.ramp_strain(scene, rate=-1e-3, applied_strain=0.01, mode="isotropic")
     >>> bool(run.pressure_t[-1] > 1.9 * run.pressure_t[0]), round(float(run.strain_t[-1]), 12)
     (True, -0.01)
 
     """
     settings = check_arguments(scene, **common)
-    speed, most = real("rate", rate), positive("strain", strain)
+    speed, most = real("rate", rate), positive("applied_strain", applied_strain)
     if speed == 0.0:
         raise ValueError("rate must not be zero, got 0.0")
     if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and most >= 1.0:
-        raise ValueError(f"strain must be below 1 where the box is compressed, got {most:g}")
+        raise ValueError(f"applied_strain must be below 1 where the box is compressed, got {most:g}")
     count = integer("samples", samples, at_least=1)
     return _ramp(settings, speed, most, mode, two_axes(axes), count)
 
@@ -206,7 +206,7 @@ def steady_shear(
     scene: Scene,
     *,
     rates: Sequence[float],
-    strain: float = 3.0,
+    applied_strain: float = 3.0,
     skip_strain: float = 1.0,
     blocks: int = 8,
     samples: int = 400,
@@ -221,7 +221,7 @@ def steady_shear(
         The scene, without rigid links.
     rates
         Shear rates, positive [1/time].
-    strain, skip_strain
+    applied_strain, skip_strain
         How far each shear goes, and how much of it is not yet steady and does not count [1].
     blocks
         The strain that counts is cut into so many blocks, whose means give the errors.
@@ -248,7 +248,7 @@ def steady_shear(
     >>> import packmech as pm
     >>> packing = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
     >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.5)))
-    >>> curve = pm.steady_shear(scene, rates=[0.1, 0.2], strain=2.0)
+    >>> curve = pm.steady_shear(scene, rates=[0.1, 0.2], applied_strain=2.0)
     >>> curve.stress_r.shape, bool((curve.pressure_r > 0).all())
     ((2,), True)
 
@@ -257,7 +257,7 @@ def steady_shear(
     if isinstance(rates, str) or not isinstance(rates, Sequence | np.ndarray) or not len(rates):
         raise TypeError(f"rates must be a list of shear rates, got {rates!r}")
     speeds = [positive("rates", one) for one in rates]
-    most = positive("strain", strain)
+    most = positive("applied_strain", applied_strain)
     skip = real("skip_strain", skip_strain, at_least=0.0, below=most)
     parts = integer("blocks", blocks, at_least=2)
     count = integer("samples", samples, at_least=1)
