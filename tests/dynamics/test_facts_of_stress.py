@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import packmech as pm
 import packmech.validation.particle_shear as ps
-from packmech.dynamics.friction import slip_in_space, stretch_after, stretch_before
+from packmech.dynamics.friction import Contact, slip_in_space, stretch_after, stretch_before
 
 SPRING = pm.LinearSpring()
 STILL = pm.SteadyStrain(0.0)
@@ -198,10 +198,11 @@ def stretched(history, turned, steps, first=(0.0, 0.0, 0.0), duration=2.0):
         n = branch / r
         body = np.zeros((2, 10))
         body[:, 3], body[:, 7:] = RADII, own
-        *_, sx, sy, sz, ox, oy, oz = slip_in_space(body, 0, 1, *n, *rate, r, RADII.sum())
+        contact = Contact(0, 1, *n, *rate, r, RADII.sum())
+        slip = slip_in_space(body, contact)
         before, after = 0.5 * dt * (step > 0), 0.5 * dt * (step < steps)
-        stretch = stretch_before(held, 0, *n, sx, sy, sz, ox, oy, oz, before)
-        stretch_after(held, 0, *stretch, sx, sy, sz, ox, oy, oz, after)
+        stretch = stretch_before(held, 0, contact, slip, before)
+        stretch_after(held, 0, *stretch, slip, after)
     return q.T @ held[0], q.T @ n
 
 
