@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, one_of, positive, positive_array, real
+from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.dynamics.batch_frames import (
     AGAIN,
     COUNTS,
@@ -33,7 +33,13 @@ from packmech.dynamics.batch_frames import (
 )
 from packmech.dynamics.deformation import Driven
 from packmech.dynamics.engine import Engine, build_engine
-from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet, choose_time_step
+from packmech.dynamics.integrators import (
+    Method,
+    VelocityVerlet,
+    checked_method,
+    choose_time_step,
+    start_of_motion,
+)
 from packmech.dynamics.observables import COLUMNS
 from packmech.effects import Friction
 from packmech.minimize.kernels import RUNNING
@@ -80,23 +86,6 @@ def direction_of(axes: Any, dimension: int) -> NDArray[np.float64]:
     direction = np.zeros((dimension, dimension))
     direction[a, b] = 1.0
     return direction
-
-
-def motion_of(
-    packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: Any
-) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, NDArray[np.bool_] | None]:
-    """Return velocities, spins and who is held, checked; None where not given."""
-    n, d = packing.particles, packing.dimension
-    velocity = None if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
-    spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
-    if held_n is None:
-        return velocity, spin, None
-    held = np.asarray(held_n)
-    if held.dtype != bool:
-        raise TypeError(f"held_n must be True or False for each particle, got {held_n!r:.60}")
-    if held.shape != (n,):
-        raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
-    return velocity, spin, held
 
 
 # what sets the strain of each packing in a frame, by the name of the control
@@ -176,7 +165,7 @@ class ShearBatch:
         dt: float | None = None,
         switched_friction: bool = False,
         axes: tuple[int, int] = (0, 1),
-        method: VelocityVerlet | SemiImplicitEuler | None = None,
+        method: Method | None = None,
         mass_n: ArrayLike | None = None,
         density: float | None = None,
         velocity_nd: ArrayLike | None = None,
@@ -191,19 +180,16 @@ class ShearBatch:
             raise TypeError(f"switched_friction must be True or False, got {switched_friction!r}")
         if switched_friction and not any(isinstance(one, Friction) for one in first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
-        method = VelocityVerlet() if method is None else method
-        if not isinstance(method, INTEGRATORS):
-            raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
+        method = checked_method(method)
         self._direction_dd = direction_of(axes, first.packing.dimension)
         self.axes = (int(axes[0]), int(axes[1]))
         if mass_n is not None and density is not None:
             raise ValueError(f"density must be left out where mass_n is given, got {density!r}")
-        self._mass = None if mass_n is None else positive_array("mass_n", mass_n, shape=(first.packing.particles,))
         self._density = None if density is None else positive("density", density)
-        self._velocity, self._spin, self._held = motion_of(first.packing, velocity_nd, spin_nk, held_n)
-        fraction = positive("method.fraction", method.fraction)
-        longest = choose_time_step(first, self.masses(first.packing), fraction) if dt is None else positive("dt", dt)
-        self.dt: float = longest
+        self._start_of_motion = start_of_motion(first.packing, mass_n, velocity_nd, spin_nk, held_n)
+        self._mass = None if mass_n is None else self._start_of_motion.mass_n
+        longest = choose_time_step(first, self.masses(first.packing), method.fraction)
+        self.dt: float = longest if dt is None else positive("dt", dt)
         d = first.packing.dimension
         self.steps: int = integer("steps", steps, at_least=1)
         self.controls = CONTROLS[control] + bool(switched_friction)
@@ -283,16 +269,15 @@ class ShearBatch:
         packing = scene.packing
         path = np.zeros(6)
         path[4:] = rate
-        velocity = np.zeros_like(packing.position_nd) if self._velocity is None else self._velocity
         built = build_engine(
             scene,
             dt=self.dt,
             mass_n=self.masses(packing),
-            velocity_nd=velocity,
-            spin_nk=self._spin,
+            velocity_nd=self._start_of_motion.velocity_nd,
+            spin_nk=self._start_of_motion.spin_nk,
             profile=Driven(path),
             direction_dd=self._direction_dd,
-            held_n=self._held,
+            held_n=self._start_of_motion.held_n,
             second_order=self._second_order,
         )
         built.begin()

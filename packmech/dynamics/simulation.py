@@ -16,7 +16,7 @@ from packmech.box import Box
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import Moment, moments_of, steps_between_observations, watch_of
 from packmech.dynamics.engine import Engine, build_engine
-from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
+from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet
 from packmech.dynamics.observables import (
     ANGULAR,
     BONDED,
@@ -58,7 +58,6 @@ from packmech.packing import Packing
 from packmech.result import Outcome, Row, Run, Stage, Trace
 from packmech.scene import Scene
 
-Method = VelocityVerlet | SemiImplicitEuler
 # what its checkpoints say they are of
 KIND = "pm.simulate"
 
