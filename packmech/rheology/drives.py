@@ -16,10 +16,9 @@ from packmech.dynamics.simulate import simulate
 from packmech.dynamics.simulation import Simulation
 from packmech.loop.checkpoint import RunsFile
 from packmech.rheology.arguments import runs_file
-from packmech.rheology.creep import creep
 from packmech.rheology.equilibrate import equilibrate
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
-from packmech.rheology.steady import FlowCurve, ramp_strain, steady_shear
+from packmech.rheology.steady import FlowCurve, creep, ramp_strain, steady_shear
 from packmech.rheology.strain_run import StrainRun
 from packmech.rheology.walls import rough_plates
 from packmech.scene import (

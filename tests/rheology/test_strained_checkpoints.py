@@ -48,7 +48,7 @@ SEVERAL = {
 def often(monkeypatch):
     """Look up every few steps."""
     monkeypatch.setattr(strain_run, "_CHUNK", 2000)
-    monkeypatch.setattr("packmech.rheology.creep._REPORT", 5)
+    monkeypatch.setattr("packmech.rheology.steady._REPORT", 5)
 
 
 def bits(value):
