@@ -164,6 +164,7 @@ _rows = partial(_tuple, of=_numbers, words="tuples of numbers, one a particle")
 # what the fields of drives must be; None is let pass where it is the default
 _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "amplitude": positive,
+    "applied_strain": positive,
     "axes": _axes,
     "blocks": partial(integer, at_least=2),
     "carried": partial(instance, kind=bool),
@@ -197,12 +198,11 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "spins": _rows,
     "step": positive,
     "steps": _count,
-    "strain": positive,
+    "strain": partial(one_of, choices=("isotropic", "free")),
     "stress": _not_zero,
     "velocities": _rows,
     "viscosity": _not_negative,
     "JamDrive.method": _protocol,
-    "JamDrive.strain": partial(one_of, choices=("isotropic", "free")),
     "QuenchDrive.method": _minimizer,
 }
 
@@ -391,7 +391,7 @@ class SteadyShearDrive:
 
     Parameters
     ----------
-    rates, strain, skip_strain, blocks, samples, axes, dt, method
+    rates, applied_strain, skip_strain, blocks, samples, axes, dt, method
         What pm.steady_shear takes.
     density
         As in `OscillatoryShearDrive`.
@@ -399,7 +399,7 @@ class SteadyShearDrive:
     """
 
     rates: tuple[float, ...]
-    strain: float = 3.0
+    applied_strain: float = 3.0
     skip_strain: float = 1.0
     blocks: int = 8
     samples: int = 400
@@ -410,7 +410,7 @@ class SteadyShearDrive:
 
     def __post_init__(self) -> None:
         _check_fields(self)
-        real("drive.skip_strain", self.skip_strain, at_least=0.0, below=self.strain)
+        real("drive.skip_strain", self.skip_strain, at_least=0.0, below=self.applied_strain)
 
 
 @_built_in("packmech.rheology.drives:RAMP_STRAIN")
@@ -420,7 +420,7 @@ class RampStrainDrive:
 
     Parameters
     ----------
-    rate, strain, mode, samples, axes, dt, method
+    rate, applied_strain, mode, samples, axes, dt, method
         What pm.ramp_strain takes.
     density
         As in `OscillatoryShearDrive`.
@@ -428,7 +428,7 @@ class RampStrainDrive:
     """
 
     rate: float
-    strain: float
+    applied_strain: float
     mode: str = "shear"
     samples: int = 200
     axes: tuple[int, int] = (0, 1)

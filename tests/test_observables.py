@@ -62,7 +62,7 @@ def test_an_added_observable_of_a_simulation_goes_on_after_a_checkpoint(tmp_path
 
 
 def test_an_added_observable_of_a_strained_run_is_measured_at_every_row_and_changes_no_bit(tmp_path):
-    shear = {"rate": 0.05, "strain": 0.1, "samples": 20, "frames": 21}
+    shear = {"rate": 0.05, "applied_strain": 0.1, "samples": 20, "frames": 21}
     plain = pm.ramp_strain(SCENE, **shear)
 
     @pm.observable(unit="time")

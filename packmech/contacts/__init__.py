@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from packmech.contacts.crossing import Crossings, crossing_links
-from packmech.contacts.neighbors import Candidates, candidate_pairs
-from packmech.contacts.network import Contacts, find_contacts, pair_contacts
+from packmech.contacts.network import Candidates, Contacts, candidate_pairs, find_contacts, pair_contacts
 
 __all__ = [
     "Candidates",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import instance
-from packmech.contacts.neighbors import candidate_pairs
+from packmech.contacts.network import candidate_pairs
 from packmech.links import Links
 from packmech.packing import Packing
 

@@ -1,45 +1,351 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Batches of sheared packings, advanced frame by frame, as a caller controls them."""
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, one_of, positive, positive_array, real
-from packmech.dynamics.batch_frames import (
-    AGAIN,
-    COUNTS,
-    FRESH,
-    HEIGHT,
-    LEFT,
-    NUMBERS,
-    OBSERVE,
-    REACH,
-    STATUS,
-    STEPS,
-    VOLUME,
-    Plan,
-    fetch,
-    figure_names,
-    frames,
-    new_batch,
-    not_finite,
-    put,
-)
+from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.dynamics.deformation import Driven
 from packmech.dynamics.engine import Engine, build_engine
-from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet, choose_time_step
-from packmech.dynamics.observables import COLUMNS
+from packmech.dynamics.friction import Pace
+from packmech.dynamics.integrators import (
+    Method,
+    VelocityVerlet,
+    checked_method,
+    choose_time_step,
+    start_of_motion,
+)
+from packmech.dynamics.observables import (
+    COLUMNS,
+    CONTACTS,
+    FORCE,
+    KINETIC,
+    MOTION,
+    POTENTIAL,
+    RATE,
+    ROTATIONAL,
+    SLIDING,
+    SPINNING,
+    STRAIN,
+    TANGENTIAL,
+    TIME,
+    TORQUE,
+    measure,
+)
+from packmech.dynamics.pair_lists import search
+from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, take_steps
 from packmech.effects import Friction
-from packmech.minimize.kernels import RUNNING
+from packmech.jit.compiled import compiled_form, device, kernel
+from packmech.minimize.kernels import NOT_FINITE, RUNNING
+from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing, without_links
 from packmech.result import Outcome
 from packmech.scene import Scene
+
+# what a frame's strain is controlled by: the strain at its end, the rate, or the strain and the rate at its end
+END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
+# columns of the counts and of the numbers of each packing
+STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
+REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, HEIGHT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7
+# whether a particle left the cell is checked every so many steps, or whenever the box has sheared by so much
+_WRAP_EVERY, _MOST_SHEARED = 1024, 0.2
+# other lattice vectors may be better where the least height has become so much smaller
+_FLATTER = 0.85
+# what a call does: start a frame, go on with one that was left, or only observe
+FRESH, AGAIN, OBSERVE = 0, 1, 2
+# leading columns of figures; then the stress (3 numbers in a plane, 6 in space), and the others named in `figure_names`
+FIGURE_TIME, FIGURE_STRAIN, FIGURE_RATE, FIGURE_STRESS = 0, 1, 2, 3
+
+
+class Plan(NamedTuple):
+    """What is the same for all packings of a batch, and one packing's counts, numbers, row of observables, and figures.
+
+    axes is (0, 1) or (0, 1, 2); a and b are the axes of displacement and gradient. `switched`: the last number of what
+    that control a packing is its coefficient of friction. good_nk holds its rows at the end of the last good frame.
+    """
+
+    axes: Any
+    a: int
+    b: int
+    control: int
+    switched: bool
+    steps: int
+    dt: float
+    second_order: bool
+    good_nk: Any
+    count_k: Any
+    number_k: Any
+    row: Any
+    figure_k: Any
+
+
+def figure_names(dimension: int) -> tuple[str, ...]:
+    """Return the names of the figures' columns.
+
+    Examples
+    --------
+    >>> figure_names(2)[3:7]
+    ('stress_xx', 'stress_yy', 'stress_xy', 'pressure')
+
+    """
+    size = OBSERVABLES["stress"].size_in(dimension)
+    named = ("kinetic_energy", "elastic_energy", "work", "contacts", "sliding_fraction")
+    return ("time", "strain", "rate", *component_names("stress", size, symmetric=True), "pressure", *named)
+
+
+def with_friction(acting: Acting, coefficient: float) -> Acting:
+    """Return what acts, with another coefficient of friction; the same where there is none."""
+    raise NotImplementedError("frames are taken in compiled loops")
+
+
+@compiled_form(with_friction)
+def _choose_with_friction(acting: Any, coefficient: Any) -> Any:
+    if isinstance(acting[2], types.NoneType):
+        return lambda acting, coefficient: acting
+
+    def another(acting, coefficient):
+        old = acting.friction
+        return Acting(acting.pairs, acting.bodies, Friction(coefficient, old.stiffness, old.damping))
+
+    return another
+
+
+@kernel
+def put(batch, b, record):
+    """Replace the record of a packing."""
+    batch[b] = record
+
+
+@kernel
+def new_batch(record, count):
+    """Return a batch of so many packings, all of this record until others are put there."""
+    batch = List()
+    for _ in range(count):
+        batch.append(record)
+    return batch
+
+
+@kernel
+def fetch(batch, b):
+    """Return the record of a packing."""
+    return batch[b]
+
+
+@device
+def _drive(number, control, begin, end, control_k):
+    """Set the next piece of a path from where the last one ended; return the largest rate in it, at most."""
+    number[0], number[1] = begin, end
+    number[2] = number[3]
+    span = end - begin
+    if control == MEAN_RATE:
+        number[3] = number[2] + control_k[0] * span
+    else:
+        number[3] = control_k[0]
+    mean = (number[3] - number[2]) / span
+    if control == END_STRAIN_AND_RATE:
+        number[4], number[5] = number[5], control_k[1]
+    else:
+        number[4] = number[5] = mean
+    return abs(mean) + abs(number[4] - mean) + abs(number[5] - mean)
+
+
+@device
+def _write_figures(plan):
+    row, number_k, out = plan.row, plan.number_k, plan.figure_k
+    d = len(plan.axes)
+    volume = number_k[VOLUME]
+    out[FIGURE_TIME], out[FIGURE_STRAIN], out[FIGURE_RATE] = row[TIME], row[STRAIN], row[RATE]
+    k = FIGURE_STRESS
+    trace = 0.0
+    for a in range(d):
+        stress = row[FORCE + 4 * a] / volume - row[SPINNING + 4 * a] / volume
+        trace += stress
+        out[k] = stress
+        k += 1
+    # yz, xz, xy; in a plane the last one
+    for c in range(3 - d * (d - 1) // 2, 3):
+        a, b = (c + 1) % 3, (c + 2) % 3
+        torque = 0.5 * row[TORQUE + c] / volume
+        out[k] = row[FORCE + 3 * a + b] / volume + torque - row[SPINNING + 3 * a + b] / volume
+        k += 1
+    out[k] = -trace / d
+    out[k + 1] = row[KINETIC] + row[ROTATIONAL]
+    out[k + 2] = row[POTENTIAL] + row[TANGENTIAL]
+    # what the box shears against, the mean of both ends of the frame
+    force = row[FORCE + 3 * plan.a + plan.b] - row[MOTION + 3 * plan.a + plan.b]
+    out[k + 3] += 0.5 * (number_k[LAST_FORCE] + force) * (row[STRAIN] - number_k[LAST_STRAIN])
+    out[k + 4] = row[CONTACTS]
+    out[k + 5] = row[SLIDING] / max(row[CONTACTS], 1.0)
+    number_k[LAST_FORCE] = force
+    number_k[LAST_STRAIN] = row[STRAIN]
+
+
+@device
+def _is_finite(row):
+    total = 0.0
+    for k in range(row.shape[0]):
+        total += abs(row[k])
+    return total < math.inf
+
+
+@device
+def _put_back(state, plan, path):
+    """Put places, velocities, strain and time back to the end of the last frame that was finished."""
+    good_nk, count_k, row = plan.good_nk, plan.count_k, plan.row
+    for i in range(good_nk.shape[0]):
+        for a in range(good_nk.shape[1]):
+            state.body[i, a] = good_nk[i, a]
+    count_k[STEPS] = count_k[GOOD]
+    count_k[LEFT] = 0
+    path[0] = path[1] = row[TIME]
+    path[2] = path[3] = row[STRAIN]
+    path[4] = path[5] = row[RATE]
+
+
+@device
+def _is_outside(axes, body, frame, height):
+    """Whether a particle is more than a cell away from the cell, or the cell so flat that others may be better."""
+    d = len(axes)
+    for a in range(d):
+        if frame.height_d[a] < _FLATTER * height:
+            return True
+    for i in range(body.shape[0]):
+        for a in range(d):
+            fraction = 0.0
+            for b in range(d):
+                fraction += frame.inverse_dd[a, b] * body[i, b]
+            if fraction < -1.0 or fraction >= 2.0:
+                return True
+    return False
+
+
+@device
+def _frame(batch, b, doing, control_k):
+    """Take a frame of one packing, or what was left of it; return how it fares.
+
+    That is RUNNING or how it failed, and whether its particles must be wrapped.
+    """
+    acting, state, space, pairs, track, plan = batch[b]
+    count_k, number_k, row = plan.count_k, plan.number_k, plan.row
+    if count_k[STATUS] != RUNNING:
+        return count_k[STATUS], False
+    path = space.flow.profile.number_k
+    dt = plan.dt
+    changed = False
+    step = count_k[STEPS]
+    if doing == FRESH:
+        if plan.switched:
+            acting = with_friction(acting, control_k[control_k.shape[0] - 1])
+            changed = True
+        fastest = _drive(path, plan.control, step * dt, (step + plan.steps) * dt, control_k)
+        number_k[FASTEST] = fastest * dt
+        count_k[LEFT] = plan.steps
+    left = count_k[LEFT]
+    status = RUNNING
+    start = WHOLE_STEP
+    outside = False
+    while left > 0 and not outside:
+        due = min(left, _WRAP_EVERY - count_k[SINCE])
+        room = _MOST_SHEARED - number_k[SHEARED]
+        if number_k[FASTEST] * due > room:
+            due = max(1, int(room / number_k[FASTEST]))
+        status, taken = take_steps(
+            acting,
+            plan.axes,
+            state,
+            None,
+            space,
+            pairs,
+            track,
+            None,
+            None,
+            start,
+            step,
+            due,
+            dt,
+            plan.second_order,
+            number_k[REACH],
+        )
+        step += taken
+        left -= taken
+        count_k[SINCE] += taken
+        number_k[SHEARED] += taken * number_k[FASTEST]
+        start = WHOLE_STEP
+        if status == SEARCH:
+            pairs, track = search(plan.axes, state.body, space, pairs, track)
+            changed = True
+            start = REST_OF_STEP
+            continue
+        if status != RUNNING:
+            break
+        if count_k[SINCE] >= _WRAP_EVERY or number_k[SHEARED] >= _MOST_SHEARED * (1.0 - 1e-9):
+            outside = _is_outside(plan.axes, state.body, space.frame, number_k[HEIGHT])
+            count_k[SINCE] = 0
+            number_k[SHEARED] = 0.0
+    count_k[STEPS] = step
+    count_k[LEFT] = left
+    if status == RUNNING and left == 0:
+        half = 0.5 * dt
+        pace = Pace(half, half) if plan.second_order else Pace(0.0, dt)
+        fresh = np.empty(COLUMNS)
+        measure(acting, plan.axes, state, None, space, pairs, track, step * dt, pace, fresh)
+        if _is_finite(fresh):
+            row[:] = fresh
+            _write_figures(plan)
+            plan.good_nk[:] = state.body
+            count_k[GOOD] = step
+        else:
+            status = NOT_FINITE
+    if changed:
+        batch[b] = (acting, state, space, pairs, track, plan)
+    if status != RUNNING:
+        _put_back(state, plan, path)
+        count_k[STATUS] = status
+        return status, False
+    return status, outside
+
+
+@kernel
+def not_finite(control_bk, active_b):
+    """Return the first active packing that is given a number that is not finite; -1: none."""
+    for b in range(control_bk.shape[0]):
+        if active_b[b]:
+            for k in range(control_bk.shape[1]):
+                if not math.isfinite(control_bk[b, k]):
+                    return b
+    return -1
+
+
+@kernel
+def frames(batch, doing, low, high, active_b, control_bk, wrap_b, good_b):
+    """Take frames of the active packings from low to high; return how many must be wrapped.
+
+    Those are marked in home_b; of a frame that they cut short LEFT steps are left. A packing that moved too fast in a
+    step is put back to where its last frame ended, and so is its count; its STATUS is not RUNNING, it is marked in
+    good_b and it moves no more. Where packing b is given a number that is not finite, nothing moves: -1 - b.
+    """
+    if doing == FRESH:
+        bad = not_finite(control_bk, active_b)
+        if bad >= 0:
+            return -1 - bad
+    count = 0
+    for b in range(low, high):
+        if active_b[b]:
+            status, outside = _frame(batch, b, doing, control_bk[b])
+            wrap_b[b] = outside
+            count += outside
+            good_b[b] = status == RUNNING
+    return count
 
 
 def scenes_of(scenes: Any) -> list[Scene]:
@@ -80,23 +386,6 @@ def direction_of(axes: Any, dimension: int) -> NDArray[np.float64]:
     direction = np.zeros((dimension, dimension))
     direction[a, b] = 1.0
     return direction
-
-
-def motion_of(
-    packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: Any
-) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, NDArray[np.bool_] | None]:
-    """Return velocities, spins and who is held, checked; None where not given."""
-    n, d = packing.particles, packing.dimension
-    velocity = None if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
-    spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
-    if held_n is None:
-        return velocity, spin, None
-    held = np.asarray(held_n)
-    if held.dtype != bool:
-        raise TypeError(f"held_n must be True or False for each particle, got {held_n!r:.60}")
-    if held.shape != (n,):
-        raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
-    return velocity, spin, held
 
 
 # what sets the strain of each packing in a frame, by the name of the control
@@ -176,7 +465,7 @@ class ShearBatch:
         dt: float | None = None,
         switched_friction: bool = False,
         axes: tuple[int, int] = (0, 1),
-        method: VelocityVerlet | SemiImplicitEuler | None = None,
+        method: Method | None = None,
         mass_n: ArrayLike | None = None,
         density: float | None = None,
         velocity_nd: ArrayLike | None = None,
@@ -191,19 +480,16 @@ class ShearBatch:
             raise TypeError(f"switched_friction must be True or False, got {switched_friction!r}")
         if switched_friction and not any(isinstance(one, Friction) for one in first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
-        method = VelocityVerlet() if method is None else method
-        if not isinstance(method, INTEGRATORS):
-            raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
+        method = checked_method(method)
         self._direction_dd = direction_of(axes, first.packing.dimension)
         self.axes = (int(axes[0]), int(axes[1]))
         if mass_n is not None and density is not None:
             raise ValueError(f"density must be left out where mass_n is given, got {density!r}")
-        self._mass = None if mass_n is None else positive_array("mass_n", mass_n, shape=(first.packing.particles,))
         self._density = None if density is None else positive("density", density)
-        self._velocity, self._spin, self._held = motion_of(first.packing, velocity_nd, spin_nk, held_n)
-        fraction = positive("method.fraction", method.fraction)
-        longest = choose_time_step(first, self.masses(first.packing), fraction) if dt is None else positive("dt", dt)
-        self.dt: float = longest
+        self._start_of_motion = start_of_motion(first.packing, mass_n, velocity_nd, spin_nk, held_n)
+        self._mass = None if mass_n is None else self._start_of_motion.mass_n
+        longest = choose_time_step(first, self.masses(first.packing), method.fraction)
+        self.dt: float = longest if dt is None else positive("dt", dt)
         d = first.packing.dimension
         self.steps: int = integer("steps", steps, at_least=1)
         self.controls = CONTROLS[control] + bool(switched_friction)
@@ -283,16 +569,15 @@ class ShearBatch:
         packing = scene.packing
         path = np.zeros(6)
         path[4:] = rate
-        velocity = np.zeros_like(packing.position_nd) if self._velocity is None else self._velocity
         built = build_engine(
             scene,
             dt=self.dt,
             mass_n=self.masses(packing),
-            velocity_nd=velocity,
-            spin_nk=self._spin,
+            velocity_nd=self._start_of_motion.velocity_nd,
+            spin_nk=self._start_of_motion.spin_nk,
             profile=Driven(path),
             direction_dd=self._direction_dd,
-            held_n=self._held,
+            held_n=self._start_of_motion.held_n,
             second_order=self._second_order,
         )
         built.begin()

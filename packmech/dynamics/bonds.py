@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Bonds in time steps, chosen by type, and bonds made of the contacts of a packing."""
+"""Bonds in time steps, and bonds made of the contacts of a packing."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
 from packmech.contacts import find_contacts
 from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import (
-    Pace,
+    Contact,
     add_force,
     add_reaction,
     slip_in_plane,
@@ -28,7 +27,7 @@ from packmech.dynamics.friction import (
 from packmech.dynamics.pair_lists import NO_SLOT, Slots, blocks_of, collect
 from packmech.effects import Bonds, LinearSpring, law_first
 from packmech.effects.laws import Law
-from packmech.jit.compiled import compiled_form, device, inlined, inlined_form
+from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing, without_links
 
 
@@ -98,10 +97,10 @@ def _choose_bond_first(compression: Any, tension: Any, r: Any, rest: Any) -> Any
 
 
 @inlined
-def _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest):
+def _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz):
     """Return what a bond does: force on its i, moment and arms."""
-    compression, tension = laws
-    k, damping, c = numbers
+    i, j, stretch_bk = bonds.i_b[b], bonds.j_b[b], bonds.stretch_bk
+    k, c = bonds.tangential_stiffness, bonds.tangential_damping
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     # ends at the same place have no direction: the next step tells them apart
     inverse = 1.0 / r if r > 0.0 else 0.0
@@ -112,28 +111,31 @@ def _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, 
         # no branch that holds an array: it would be counted at every bond
         ux = uy = uz = 0.0
     else:
-        first = bond_first(compression, tension, r, rest) + damping * (ux * nx + uy * ny + uz * nz)
-    sigma = body[i, 3] + body[j, 3]
+        first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
+        first += bonds.damping * (ux * nx + uy * ny + uz * nz)
+    contact = Contact(i, j, nx, ny, nz, ux, uy, uz, r, body[i, 3] + body[j, 3])
     if len(axes) == 2:
-        ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
+        ai, aj, slip = slip_in_plane(body, contact)
         stretch = stretch_bk[b, 0] + pace.before * slip
         stretch_bk[b, 0] = stretch + pace.after * slip
         force = k * stretch + c * slip
         return first * nx - force * ny, first * ny + force * nx, 0.0, 0.0, 0.0, force, ai, aj
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_before(stretch_bk, b, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
-    stretch_after(stretch_bk, b, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
-    fx, fy, fz, mx, my, mz, ai, aj = with_moment(nx, ny, nz, k * x + c * sx, k * y + c * sy, k * z + c * sz, ai, aj)
+    slip = slip_in_space(body, contact)
+    x, y, z = stretch_before(stretch_bk, b, contact, slip, pace.before)
+    stretch_after(stretch_bk, b, x, y, z, slip, pace.after)
+    force = k * x + c * slip.sx, k * y + c * slip.sy, k * z + c * slip.sz
+    fx, fy, fz, mx, my, mz, ai, aj = with_moment(contact, slip, *force)
     return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
 
 
 @inlined
-def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
+def bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
+    """Add what the bonds of a block's rows do; nothing where the scene has none."""
+    if bonds is None:
+        return
     spins = turning_axes(bonds, axes)
     slot_b, slot_qk = bonds.slot_b, bonds.slots.push_qk
-    i_b, j_b, image_bd, rest_b, stretch_bk = bonds.i_b, bonds.j_b, bonds.image_bd, bonds.rest_b, bonds.stretch_bk
-    laws = bonds.compression, bonds.tension
-    numbers = bonds.tangential_stiffness, bonds.damping, bonds.tangential_damping
+    i_b, j_b = bonds.i_b, bonds.j_b
     first = np.uint64(bonds.start_s[2 * block])
     special = np.uint64(bonds.start_s[2 * block + 1])
     last = np.uint64(bonds.start_s[2 * block + 2])
@@ -144,13 +146,13 @@ def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
         dz = 0.0
         if len(axes) == 3:
             dz = body[j, 2] - body[i, 2]
-        done = _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
+        done = _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz)
         add_force(axes, spins, push, i, done)
         add_reaction(axes, spins, push, j, done)
     for b in range(special, last):
         i, j = i_b[b], j_b[b]
-        dx, dy, dz = bond_vector(axes, body, image_bd, lattice, b, i, j)
-        done = _force_of_bond(laws, numbers, rates, axes, body, stretch_bk, pace, b, i, j, dx, dy, dz, rest_b[b])
+        dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
+        done = _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz)
         add_force(axes, spins, push, i, done)
         slot = slot_b[b]
         if slot == NO_SLOT:
@@ -159,34 +161,11 @@ def _bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
             store_reaction(axes, spins, slot_qk, slot, done)
 
 
-def bonds_of_block(
-    bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Pace, block: int
-) -> None:
-    """Add what the bonds of a block's rows do; nothing where the scene has none."""
-    raise NotImplementedError("bonds act in compiled loops")
-
-
-@inlined_form(bonds_of_block)
-def _choose_bonds_of_block(
-    bonds: Any, rates: Any, axes: Any, body: Any, push: Any, lattice: Any, pace: Any, block: Any
-) -> Any:
-    if isinstance(bonds, types.NoneType):
-        return lambda bonds, rates, axes, body, push, lattice, pace, block: None
-    return lambda bonds, rates, axes, body, push, lattice, pace, block: _bonds_of_block(
-        bonds, rates, axes, body, push, lattice, pace, block
-    )
-
-
-def collect_bonds(bonds: Any, axes: Any, spins: Any, push: Any, block: int) -> None:
+@inlined
+def collect_bonds(bonds, axes, spins, push, block):
     """Add what bonds of other blocks do to the rows of a block; nothing where the scene has none."""
-    raise NotImplementedError("bonds act in compiled loops")
-
-
-@inlined_form(collect_bonds)
-def _choose_collect_bonds(bonds: Any, axes: Any, spins: Any, push: Any, block: Any) -> Any:
-    if isinstance(bonds, types.NoneType):
-        return lambda bonds, axes, spins, push, block: None
-    return lambda bonds, axes, spins, push, block: collect(axes, spins, bonds.slots, push, block)
+    if bonds is not None:
+        collect(axes, spins, bonds.slots, push, block)
 
 
 def bond_table(

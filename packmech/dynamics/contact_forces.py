@@ -1,17 +1,16 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""The pass over the contacts in a time step: everything that a scene may lack is chosen by type."""
+"""The pass over the contacts in a time step: what a scene lacks is None, and numba leaves out its branches."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import literal_unroll, types
+from numba import literal_unroll
 
 from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import (
-    Pace,
+    Contact,
     add_force,
     add_reaction,
     reset_stretch,
@@ -21,37 +20,47 @@ from packmech.dynamics.friction import (
 )
 from packmech.dynamics.pair_lists import NO_SLOT
 from packmech.effects import pair_elastic, pair_first
-from packmech.jit.compiled import inlined, inlined_form
+from packmech.jit.compiled import inlined
 from packmech.minimize.kernels import coincident_direction
 
 
 @inlined
-def force_of_pair(effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, square, sigma, pace):
-    """Return what a touching pair does: force on i, and moment and arms of its tangential part."""
+def touching_pair(rates, axes, body, i, j, dx, dy, dz, square, sigma):
+    """Return the contact of two rows; coincident ones get a direction."""
     r = math.sqrt(square)
     inverse = 1.0 / r
     ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
     if square == 0.0:
         dx, dy, dz = coincident_direction(i, j, len(axes))
         inverse = 1.0
-    nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
-    rate = ux * nx + uy * ny
+    return Contact(i, j, dx * inverse, dy * inverse, dz * inverse, ux, uy, uz, r, sigma)
+
+
+@inlined
+def force_of_pair(effects, friction, axes, body, stretch_pk, p, contact, pace):
+    """Return what a touching pair does: force on i, and moment and arms of its tangential part."""
+    nx, ny, nz = contact.nx, contact.ny, contact.nz
+    rate = contact.ux * nx + contact.uy * ny
     if len(axes) == 3:
-        rate += uz * nz
+        rate += contact.uz * nz
     first = 0.0
     elastic = 0.0
     for one in literal_unroll(effects):
-        first += pair_first(one, r, sigma, rate)
-        elastic += pair_elastic(one, r, sigma)
+        first += pair_first(one, contact.r, contact.sigma, rate)
+        elastic += pair_elastic(one, contact.r, contact.sigma)
     fx, fy, fz, mx, my, mz, ai, aj = tangential_force_of_pair(
-        friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, abs(elastic), pace
+        friction, axes, body, stretch_pk, p, contact, abs(elastic), pace
     )
     return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
 
 
 @inlined
-def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
+def contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
     """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
+    if effects is None:
+        for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
+            pairs.slots.push_qk[q] = 0.0
+        return
     spins = turning_axes(friction, axes)
     i_p, j_p, image_p, slot_p = pairs.i_p, pairs.j_p, pairs.image_p, pairs.slot_p
     shift_kd, slot_qk = pairs.shift_kd, pairs.slots.push_qk
@@ -72,9 +81,8 @@ def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretc
             square += dz * dz
         sigma = body[i, 3] + body[j, 3]
         if square < sigma * sigma:
-            done = force_of_pair(
-                effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, square, sigma, pace
-            )
+            contact = touching_pair(rates, axes, body, i, j, dx, dy, dz, square, sigma)
+            done = force_of_pair(effects, friction, axes, body, stretch_pk, p, contact, pace)
             add_force(axes, spins, push, i, done)
             add_reaction(axes, spins, push, j, done)
         else:
@@ -94,9 +102,8 @@ def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretc
             square += dz * dz
         sigma = body[i, 3] + body[j, 3]
         if square < sigma * sigma:
-            done = force_of_pair(
-                effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, square, sigma, pace
-            )
+            contact = touching_pair(rates, axes, body, i, j, dx, dy, dz, square, sigma)
+            done = force_of_pair(effects, friction, axes, body, stretch_pk, p, contact, pace)
             add_force(axes, spins, push, i, done)
             if slot == NO_SLOT:
                 add_reaction(axes, spins, push, j, done)
@@ -108,46 +115,3 @@ def _contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretc
                 # as many as a pair's force and torque: a loop of unknown length would become a call
                 for a in range(len(axes) + len(spins)):
                     slot_qk[slot, a] = 0.0
-
-
-def contacts_of_block(
-    effects: Any,
-    friction: Any,
-    rates: Any,
-    axes: Any,
-    body: Any,
-    push: Any,
-    pairs: Any,
-    stretch_pk: Any,
-    pace: Pace,
-    b: int,
-) -> None:
-    """Add what the touching pairs of a block's rows do; nothing where no effect acts on touching pairs."""
-    raise NotImplementedError("contacts act in compiled loops")
-
-
-@inlined_form(contacts_of_block)
-def _choose_contacts_of_block(
-    effects: Any,
-    friction: Any,
-    rates: Any,
-    axes: Any,
-    body: Any,
-    push: Any,
-    pairs: Any,
-    stretch_pk: Any,
-    pace: Any,
-    b: Any,
-) -> Any:
-    if isinstance(effects, types.NoneType):
-
-        def none(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
-            for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
-                pairs.slots.push_qk[q] = 0.0
-
-        return none
-
-    def some(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
-        _contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b)
-
-    return some

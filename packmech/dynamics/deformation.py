@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""How a box deforms with time, F(t) = 1 + gamma(t) M, chosen by type: a box at rest has no code and no cost of it.
+"""How a box deforms with time, F(t) = 1 + gamma(t) M. A box at rest has none (None), and no code or cost of it.
 
 Velocities in the loops are peculiar ones, c = v - L x with L = dF/dt F^-1: the same in all images, and zero where a
 particle follows the box. Newton's equations dv/dt = f / m + (d2F/dt2 F^-1) x become dx/dt = L x + c and
@@ -78,10 +78,13 @@ class Driven(NamedTuple):
 
 def gamma_at(profile: Any, time: float) -> tuple[float, float]:
     """Return gamma and its rate [1/time] at a time."""
-    if isinstance(profile, Still):
-        return profile.gamma, 0.0
     found: tuple[float, float] = _GAMMA[type(profile)](profile, time)
     return found
+
+
+@device
+def _still(profile, time):
+    return profile.gamma, 0.0
 
 
 @device
@@ -135,21 +138,12 @@ def _driven(profile, time):
     return gamma, rate
 
 
-_GAMMA = {Ramp: _ramp, Sine: _sine, Increments: _increments, Driven: _driven}
+_GAMMA = {Still: _still, Ramp: _ramp, Sine: _sine, Increments: _increments, Driven: _driven}
 
 
 @compiled_form(gamma_at)
 def _choose_gamma_at(profile: Any, time: Any) -> Any:
-    cls = getattr(profile, "instance_class", None)
-    if cls is Ramp:
-        return lambda profile, time: _ramp(profile, time)
-    if cls is Sine:
-        return lambda profile, time: _sine(profile, time)
-    if cls is Increments:
-        return lambda profile, time: _increments(profile, time)
-    if cls is Driven:
-        return lambda profile, time: _driven(profile, time)
-    return lambda profile, time: (profile.gamma, 0.0)
+    return _GAMMA[profile.instance_class]
 
 
 class Flow(NamedTuple):
@@ -167,11 +161,6 @@ class Flow(NamedTuple):
     back_dd: NDArray[np.float64]
     work_dd: NDArray[np.float64]
     number: NDArray[np.float64]
-
-
-def is_still(flow: Any) -> bool:
-    """Whether the numba type says that nothing deforms."""
-    return isinstance(flow, types.NoneType)
 
 
 @device
@@ -297,7 +286,7 @@ def rates(flow: Any) -> Any:
 
 @compiled_form(rates)
 def _choose_rates(flow: Any) -> Any:
-    if is_still(flow):
+    if isinstance(flow, types.NoneType):
         return lambda flow: None
 
     def nine(flow: Any) -> Any:
@@ -307,15 +296,11 @@ def _choose_rates(flow: Any) -> Any:
     return nine
 
 
-def with_flow(rates: Any, ux: float, uy: float, uz: float, dx: float, dy: float, dz: float) -> Any:
+@device
+def with_flow(rates, ux, uy, uz, dx, dy, dz):
     """Return the relative velocity of two places that are (dx, dy, dz) apart, from the peculiar one."""
     if rates is None:
         return ux, uy, uz
-    return _add_flow(rates, ux, uy, uz, dx, dy, dz)
-
-
-@device
-def _add_flow(rates, ux, uy, uz, dx, dy, dz):
     return (
         ux + rates[0] * dx + rates[1] * dy + rates[2] * dz,
         uy + rates[3] * dx + rates[4] * dy + rates[5] * dz,
@@ -323,58 +308,28 @@ def _add_flow(rates, ux, uy, uz, dx, dy, dz):
     )
 
 
-@compiled_form(with_flow)
-def _choose_with_flow(rates: Any, ux: Any, uy: Any, uz: Any, dx: Any, dy: Any, dz: Any) -> Any:
-    if is_still(rates):
-        return lambda rates, ux, uy, uz, dx, dy, dz: (ux, uy, uz)
-    return lambda rates, ux, uy, uz, dx, dy, dz: _add_flow(rates, ux, uy, uz, dx, dy, dz)
-
-
-def relative(rates: Any, axes: Any, body: Any, i: int, j: int, dx: float, dy: float, dz: float) -> Any:
+@device
+def relative(rates, axes, body, i, j, dx, dy, dz):
     """Return the velocity of row j relative to row i, the flow's included."""
-    raise NotImplementedError("velocities are taken in compiled loops")
-
-
-@compiled_form(relative)
-def _choose_relative(rates: Any, axes: Any, body: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any) -> Any:
     if len(axes) == 3:
-
-        def space(rates, axes, body, i, j, dx, dy, dz):
-            ux, uy, uz = body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], body[j, 6] - body[i, 6]
-            return with_flow(rates, ux, uy, uz, dx, dy, dz)
-
-        return space
-    if is_still(rates):
-        return lambda rates, axes, body, i, j, dx, dy, dz: (body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], 0.0)
-
-    def plane(rates, axes, body, i, j, dx, dy, dz):
-        # a plane's flow does not pay for the third axis
-        return (
-            body[j, 4] - body[i, 4] + rates[0] * dx + rates[1] * dy,
-            body[j, 5] - body[i, 5] + rates[3] * dx + rates[4] * dy,
-            0.0,
-        )
-
-    return plane
-
-
-def turning(rates: Any) -> Any:
-    """Return the spin of the flow: half its vorticity."""
+        ux, uy, uz = body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], body[j, 6] - body[i, 6]
+        return with_flow(rates, ux, uy, uz, dx, dy, dz)
     if rates is None:
-        return 0.0, 0.0, 0.0
-    return _turning(rates)
+        return body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], 0.0
+    # a plane's flow does not pay for the third axis
+    return (
+        body[j, 4] - body[i, 4] + rates[0] * dx + rates[1] * dy,
+        body[j, 5] - body[i, 5] + rates[3] * dx + rates[4] * dy,
+        0.0,
+    )
 
 
 @device
-def _turning(rates):
+def turning(rates):
+    """Return the spin of the flow: half its vorticity."""
+    if rates is None:
+        return 0.0, 0.0, 0.0
     return 0.5 * (rates[7] - rates[5]), 0.5 * (rates[2] - rates[6]), 0.5 * (rates[3] - rates[1])
-
-
-@compiled_form(turning)
-def _choose_turning(rates: Any) -> Any:
-    if is_still(rates):
-        return lambda rates: (0.0, 0.0, 0.0)
-    return lambda rates: _turning(rates)
 
 
 MODES = ("shear", "uniaxial", "isotropic")
@@ -383,7 +338,7 @@ MODES = ("shear", "uniaxial", "isotropic")
 def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
     a, b = axes
     if max(a, b) >= dimension:
-        raise ValueError(f"strain.axes must be axes of {dimension} dimensions, got {axes}")
+        raise ValueError(f"applied_strain.axes must be axes of {dimension} dimensions, got {axes}")
     matrix = np.zeros((dimension, dimension))
     if mode == "shear":
         matrix[a, b] = 1.0
@@ -395,13 +350,13 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
 
 
 def _check(mode: str, axes: tuple[int, int]) -> None:
-    one_of("strain.mode", mode, MODES)
+    one_of("applied_strain.mode", mode, MODES)
     if not isinstance(axes, tuple) or len(axes) != 2:
-        raise TypeError(f"strain.axes must be two axes, got {axes!r}")
+        raise TypeError(f"applied_strain.axes must be two axes, got {axes!r}")
     for axis in axes:
-        integer("strain.axes", axis, at_least=0, at_most=2)
+        integer("applied_strain.axes", axis, at_least=0, at_most=2)
     if mode == "shear" and axes[0] == axes[1]:
-        raise ValueError(f"strain.axes must be two different axes, got {axes}")
+        raise ValueError(f"applied_strain.axes must be two different axes, got {axes}")
 
 
 @dataclass(frozen=True)
@@ -432,10 +387,10 @@ class SteadyStrain:
     axes: tuple[int, int] = (0, 1)
 
     def __post_init__(self) -> None:
-        real("strain.rate", self.rate)
-        real("strain.start", self.start)
+        real("applied_strain.rate", self.rate)
+        real("applied_strain.start", self.start)
         if self.duration is not None:
-            positive("strain.duration", self.duration)
+            positive("applied_strain.duration", self.duration)
         _check(self.mode, self.axes)
 
     def profile(self) -> Any:
@@ -475,11 +430,11 @@ class OscillatoryStrain:
     axes: tuple[int, int] = (0, 1)
 
     def __post_init__(self) -> None:
-        positive("strain.amplitude", self.amplitude)
-        positive("strain.frequency", self.frequency)
-        real("strain.start", self.start, at_least=0.0)
+        positive("applied_strain.amplitude", self.amplitude)
+        positive("applied_strain.frequency", self.frequency)
+        real("applied_strain.start", self.start, at_least=0.0)
         if self.periods is not None:
-            positive("strain.periods", self.periods)
+            positive("applied_strain.periods", self.periods)
         _check(self.mode, self.axes)
 
     def profile(self) -> Any:

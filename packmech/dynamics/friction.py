@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Tangential springs of contacts and bonds, and friction, chosen by type: a scene without it holds none of it.
+"""Tangential springs of contacts and bonds, and friction: a scene without it (None) holds none of its code.
 
 A row of `body` holds x, y, z, radius, the peculiar velocity (d numbers) and, where particles turn, the spin (1 in a
 plane, 3 in space); a row of `push` the force (d) and the torque.
@@ -20,6 +20,34 @@ from packmech.effects import Bonds, Friction
 from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, device
 from packmech.scene import Scene
+
+
+class Contact(NamedTuple):
+    """A touching pair: its rows, direction n from i to j, velocity u of j relative to i, distance, contact distance."""
+
+    i: Any
+    j: Any
+    nx: float
+    ny: float
+    nz: float
+    ux: float
+    uy: float
+    uz: float
+    r: float
+    sigma: float
+
+
+class Slip(NamedTuple):
+    """Arms of a contact, the slip velocity of the contact points (in a plane along t = (-ny, nx)), and how it turns."""
+
+    ai: float
+    aj: float
+    sx: float
+    sy: float
+    sz: float
+    ox: float
+    oy: float
+    oz: float
 
 
 class Pace(NamedTuple):
@@ -45,36 +73,38 @@ def rotated(x, y, z, ox, oy, oz, time):
 
 
 @device
-def stretch_before(stretch_pk, p, nx, ny, nz, sx, sy, sz, ox, oy, oz, time):
-    """Return the stretch led on by a time at the present slip: turned, laid into the tangent plane, and stretched."""
+def stretch_before(stretch_pk, p, contact, slip, time):
+    """Return the stretch after a time at the present slip: turned, laid into the tangent plane, and stretched."""
     x, y, z = stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2]
     size = x * x + y * y + z * z
     if size > 0.0:
-        x, y, z = rotated(x, y, z, ox, oy, oz, time)
-        along = x * nx + y * ny + z * nz
-        x -= along * nx
-        y -= along * ny
-        z -= along * nz
+        x, y, z = rotated(x, y, z, slip.ox, slip.oy, slip.oz, time)
+        along = x * contact.nx + y * contact.ny + z * contact.nz
+        x -= along * contact.nx
+        y -= along * contact.ny
+        z -= along * contact.nz
         left = x * x + y * y + z * z
         scale = math.sqrt(size / left) if left > 0.0 else 0.0
         x *= scale
         y *= scale
         z *= scale
-    return x + time * sx, y + time * sy, z + time * sz
+    return x + time * slip.sx, y + time * slip.sy, z + time * slip.sz
 
 
 @device
-def stretch_after(stretch_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, time):
-    """Keep the stretch, led on by a time at the present slip: stretched, then turned."""
-    x, y, z = rotated(x + time * sx, y + time * sy, z + time * sz, ox, oy, oz, time)
+def stretch_after(stretch_pk, p, x, y, z, slip, time):
+    """Store the stretch after a time at the present slip: stretched, then turned."""
+    x, y, z = x + time * slip.sx, y + time * slip.sy, z + time * slip.sz
+    x, y, z = rotated(x, y, z, slip.ox, slip.oy, slip.oz, time)
     stretch_pk[p, 0] = x
     stretch_pk[p, 1] = y
     stretch_pk[p, 2] = z
 
 
 @device
-def slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
-    """Return arms, slip velocity of the contact points, and the angular velocity with which the contact turns."""
+def slip_in_space(body, contact):
+    """Return the slip, with the angular velocity with which the contact turns."""
+    i, j, nx, ny, nz, ux, uy, uz, r, sigma = contact
     share = r * (1.0 / sigma)
     ai = body[i, 3] * share
     aj = body[j, 3] * share
@@ -93,12 +123,13 @@ def slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
     ox = (ny * tz - nz * ty) * inverse + about * nx
     oy = (nz * tx - nx * tz) * inverse + about * ny
     oz = (nx * ty - ny * tx) * inverse + about * nz
-    return ai, aj, sx, sy, sz, ox, oy, oz
+    return Slip(ai, aj, sx, sy, sz, ox, oy, oz)
 
 
 @device
-def slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma):
+def slip_in_plane(body, contact):
     """Return arms, and the slip along t = (-ny, nx)."""
+    i, j, nx, ny, _, ux, uy, _, r, sigma = contact
     share = r * (1.0 / sigma)
     ai = body[i, 3] * share
     aj = body[j, 3] * share
@@ -106,9 +137,10 @@ def slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma):
 
 
 @device
-def with_moment(nx, ny, nz, fx, fy, fz, ai, aj):
+def with_moment(contact, slip, fx, fy, fz):
     """Return a tangential force on i, its moment for an arm of one, and the arms: the torques are arm times moment."""
-    return fx, fy, fz, ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx, ai, aj
+    nx, ny, nz = contact.nx, contact.ny, contact.nz
+    return fx, fy, fz, ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx, slip.ai, slip.aj
 
 
 @device
@@ -215,8 +247,8 @@ def _choose_turning_axes(friction: Any, axes: Any) -> Any:
 
 
 @device
-def _friction_in_plane(friction, body, stretch_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace):
-    ai, aj, slip = slip_in_plane(body, i, j, nx, ny, ux, uy, r, sigma)
+def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
+    ai, aj, slip = slip_in_plane(body, contact)
     stretch = stretch_pk[p, 0] + pace.before * slip
     force = uncapped_force(friction, stretch, slip)
     cap = friction.coefficient * normal
@@ -229,16 +261,16 @@ def _friction_in_plane(friction, body, stretch_pk, p, i, j, nx, ny, ux, uy, r, s
     force = capped
     stretch_pk[p, 0] = stretch + pace.after * slip
     # along t = (-ny, nx); the moment n x t is one
-    return force * -ny, force * nx, 0.0, 0.0, 0.0, force, ai, aj
+    return force * -contact.ny, force * contact.nx, 0.0, 0.0, 0.0, force, ai, aj
 
 
 @device
-def _friction_in_space(friction, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_before(stretch_pk, p, nx, ny, nz, sx, sy, sz, ox, oy, oz, pace.before)
-    fx = uncapped_force(friction, x, sx)
-    fy = uncapped_force(friction, y, sy)
-    fz = uncapped_force(friction, z, sz)
+def _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace):
+    slip = slip_in_space(body, contact)
+    x, y, z = stretch_before(stretch_pk, p, contact, slip, pace.before)
+    fx = uncapped_force(friction, x, slip.sx)
+    fy = uncapped_force(friction, y, slip.sy)
+    fz = uncapped_force(friction, z, slip.sz)
     square = fx * fx + fy * fy + fz * fz
     cap = friction.coefficient * normal
     soft = 1.0 / friction.stiffness
@@ -254,87 +286,25 @@ def _friction_in_space(friction, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, 
         fx *= scale
         fy *= scale
         fz *= scale
-    stretch_after(stretch_pk, p, x, y, z, sx, sy, sz, ox, oy, oz, pace.after)
-    return with_moment(nx, ny, nz, fx, fy, fz, ai, aj)
+    stretch_after(stretch_pk, p, x, y, z, slip, pace.after)
+    return with_moment(contact, slip, fx, fy, fz)
 
 
-def tangential_force_of_pair(
-    friction: Any,
-    axes: Any,
-    body: Any,
-    stretch_pk: Any,
-    p: int,
-    i: int,
-    j: int,
-    nx: float,
-    ny: float,
-    nz: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    r: float,
-    sigma: float,
-    normal: float,
-    pace: Pace,
-) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the friction on i of a touching pair with relative velocity u, its moment and arms; zeros without."""
-    raise NotImplementedError("friction acts in compiled loops")
-
-
-@compiled_form(tangential_force_of_pair)
-def _choose_tangential_force_of_pair(
-    friction: Any,
-    axes: Any,
-    body: Any,
-    stretch_pk: Any,
-    p: Any,
-    i: Any,
-    j: Any,
-    nx: Any,
-    ny: Any,
-    nz: Any,
-    ux: Any,
-    uy: Any,
-    uz: Any,
-    r: Any,
-    sigma: Any,
-    normal: Any,
-    pace: Any,
-) -> Any:
-    if isinstance(friction, types.NoneType):
-
-        def none(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-
-        return none
+@device
+def tangential_force_of_pair(friction, axes, body, stretch_pk, p, contact, normal, pace):
+    """Return the friction on i of a touching pair, its moment and arms; zeros without."""
+    if friction is None:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if len(axes) == 2:
-
-        def plane(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-            return _friction_in_plane(friction, body, stretch_pk, p, i, j, nx, ny, ux, uy, r, sigma, normal, pace)
-
-        return plane
-
-    def space(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-        return _friction_in_space(friction, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace)
-
-    return space
+        return _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace)
+    return _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace)
 
 
-def reset_stretch(axes: Any, stretch_pk: Any, p: int) -> None:
+@device
+def reset_stretch(axes, stretch_pk, p):
     """Set the stretch of a pair that does not touch to zero; nothing where no stretches are held."""
     if stretch_pk is not None:
-        stretch_pk[p] = 0.0
-
-
-@compiled_form(reset_stretch)
-def _choose_reset_stretch(axes: Any, stretch_pk: Any, p: Any) -> Any:
-    if isinstance(stretch_pk, types.NoneType):
-        return lambda axes, stretch_pk, p: None
-
-    def clear(axes, stretch_pk, p):
         stretch_pk[p, 0] = 0.0
         if len(axes) == 3:
             stretch_pk[p, 1] = 0.0
             stretch_pk[p, 2] = 0.0
-
-    return clear

@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import finite_array, positive, positive_array
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 # overlaps [1] at which the stiffness of a contact is looked up
@@ -44,7 +46,63 @@ class SemiImplicitEuler(NamedTuple):
     fraction: float = 0.05
 
 
+Method = VelocityVerlet | SemiImplicitEuler
 INTEGRATORS: tuple[Any, ...] = (VelocityVerlet, SemiImplicitEuler)
+
+
+def checked_method(method: Any) -> Method:
+    """Return the method of integration, VelocityVerlet() where it is None."""
+    found = VelocityVerlet() if method is None else method
+    if not isinstance(found, Method):
+        raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
+    positive("method.fraction", found.fraction)
+    return found
+
+
+class StartOfMotion(NamedTuple):
+    """(N,) masses, (N, d) velocities, (N, 1 or 3) spins, and (N,) who is held; None where nothing turns or is held."""
+
+    mass_n: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    spin_nk: NDArray[np.float64] | None
+    held_n: NDArray[np.bool_] | None
+
+
+def start_of_motion(packing: Packing, mass_n: Any, velocity_nd: Any, spin_nk: Any, held_n: Any) -> StartOfMotion:
+    """Return what particles start with, checked.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    mass_n
+        (N,) masses. None: proportional to radius^d, with mass 1 for a particle of the reference diameter.
+    velocity_nd, spin_nk
+        (N, d) velocities and (N, 1 or 3) spins; None: at rest.
+    held_n
+        (N,) True for particles that are held; None: none.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    """
+    n, d = packing.particles, packing.dimension
+    if mass_n is None:
+        mass = np.asarray((packing.diameter_n / packing.reference_diameter) ** d)
+    else:
+        mass = positive_array("mass_n", mass_n, shape=(n,))
+    velocity = np.zeros((n, d)) if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
+    spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
+    held = None
+    if held_n is not None:
+        held = np.asarray(held_n)
+        if held.dtype != bool:
+            raise TypeError(f"held_n must be True or False for each particle, got {held_n!r:.60}")
+        if held.shape != (n,):
+            raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
+    return StartOfMotion(mass, velocity, spin, held)
 
 
 def choose_time_step(scene: Scene, mass_n: NDArray[np.float64], fraction: float) -> float:

@@ -1,24 +1,21 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """What is measured of a time-stepped packing, in one pass; it changes no bit of what follows."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import literal_unroll, types
+from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import has_links
 from packmech.constraints.rattle import ERROR, measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
-from packmech.dynamics.deformation import GAMMA, gamma_at, is_still, rates, relative, with_flow
-from packmech.dynamics.friction import rotated, slip_in_space, uncapped_force
+from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, with_flow
+from packmech.dynamics.friction import Contact, Slip, rotated, slip_in_space, uncapped_force
 from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first
-from packmech.jit.compiled import compiled_form, device, inlined, inlined_form, lean
-
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
-
+from packmech.jit.compiled import device, inlined, lean
 
 # columns of a row of observables
 TIME, STRAIN, RATE = 0, 1, 2
@@ -51,10 +48,11 @@ def dyad(axes, sums, fx, fy, fz, dx, dy, dz):
 
 
 @inlined
-def moment(axes, sums, ai, aj, nx, ny, nz, fx, fy, fz):
+def moment(axes, sums, arms, contact, fx, fy, fz):
     """Return three sums of torques with those of a tangential force added."""
     mx, my, mz = sums
-    arm = ai + aj
+    nx, ny, nz = contact.nx, contact.ny, contact.nz
+    arm = arms[0] + arms[1]
     mz += arm * (nx * fy - ny * fx)
     if len(axes) == 3:
         mx += arm * (ny * fz - nz * fy)
@@ -69,24 +67,15 @@ def write(out, place, sums):
         out[place + k] = sums[k]
 
 
-def energy_of_bodies(bodies: Any, body: Any, mass_n: Any) -> float:
+@device
+def energy_of_bodies(bodies, body, mass_n):
     """Return the energy of single particles under what acts on them."""
-    raise NotImplementedError("observables are measured in compiled loops")
-
-
-@compiled_form(energy_of_bodies)
-def _choose_energy_of_bodies(bodies: Any, body: Any, mass_n: Any) -> Any:
-    if isinstance(bodies, types.NoneType):
-        return lambda bodies, body, mass_n: 0.0
-
-    def total(bodies, body, mass_n):
-        energy = 0.0
+    energy = 0.0
+    if bodies is not None:
         for i in range(body.shape[0]):
             for one in literal_unroll(bodies):
                 energy += body_energy(one, body[i, 0], body[i, 1], body[i, 2], mass_n[i], body[i, 3])
-        return energy
-
-    return total
+    return energy
 
 
 @inlined
@@ -145,58 +134,25 @@ def measure_motion(axes, state, flowing, out):
     write(out, ANGULAR, (lx, ly, lz))
 
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
-
-
-__all__ = [
-    "ANGULAR",
-    "BONDED",
-    "COLUMNS",
-    "CONTACTS",
-    "FORCE",
-    "IMPULSE",
-    "KINETIC",
-    "MOMENTUM",
-    "MOST",
-    "MOTION",
-    "POTENTIAL",
-    "RATE",
-    "ROTATIONAL",
-    "SLIDING",
-    "SPINNING",
-    "STRAIN",
-    "TANGENTIAL",
-    "TIME",
-    "TORQUE",
-    "TOTAL",
-    "along_contact",
-    "measure",
-    "measure_into",
-    "measure_pair",
-    "slip_of",
-    "stretch_now",
-    "is_touching",
-]
+@device
+def stretch_now(axes, stretch_pk, p, slip, after):
+    """Return the stretch at this time, from the one that a pass has taken half a step ahead."""
+    if len(axes) == 2:
+        return stretch_pk[p, 0] - after * slip.sx, 0.0, 0.0
+    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], slip.ox, slip.oy, slip.oz, -after)
+    return x - after * slip.sx, y - after * slip.sy, z - after * slip.sz
 
 
 @device
-def stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after):
-    """Return the stretch at the present moment, from the one that a pass has led half a step ahead."""
+def slip_of(axes, body, contact):
+    """Return the slip; its first number in a plane."""
     if len(axes) == 2:
-        return stretch_pk[p, 0] - after * sx, 0.0, 0.0
-    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], ox, oy, oz, -after)
-    return x - after * sx, y - after * sy, z - after * sz
-
-
-@device
-def slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
-    """Return arms, the slip (its first number in a plane), and how fast the contact turns."""
-    if len(axes) == 2:
+        i, j, nx, ny, _, ux, uy, _, r, sigma = contact
         ai = body[i, 3] * r / sigma
         aj = body[j, 3] * r / sigma
         slip = ux * -ny + uy * nx - ai * body[i, 6] - aj * body[j, 6]
-        return ai, aj, slip, 0.0, 0.0, 0.0, 0.0, 0.0
-    return slip_in_space(body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+        return Slip(ai, aj, slip, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return slip_in_space(body, contact)
 
 
 @device
@@ -207,40 +163,20 @@ def along_contact(axes, nx, ny, x, y, z):
     return x, y, z
 
 
-def measure_friction(
-    friction: Any,
-    axes: Any,
-    body: Any,
-    stretch_pk: Any,
-    p: int,
-    i: int,
-    j: int,
-    nx: float,
-    ny: float,
-    nz: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    r: float,
-    sigma: float,
-    normal: float,
-    pace: Any,
-) -> tuple[float, float, float, float, float, float, float]:
-    """Return energy of a tangential spring, whether it slides, its force on i, and arms; zeros without friction."""
-    raise NotImplementedError("observables are measured in compiled loops")
-
-
 @inlined
-def _measure_friction(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, pace.after)
+def measure_friction(friction, axes, body, stretch_pk, p, contact, normal, pace):
+    """Return energy of a tangential spring, whether it slides, its force on i, and arms; zeros without friction."""
+    if friction is None:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    slip = slip_of(axes, body, contact)
+    x, y, z = stretch_now(axes, stretch_pk, p, slip, pace.after)
     cap = friction.coefficient * normal
+    fx, fy, fz = uncapped_force(friction, x, slip.sx), 0.0, 0.0
     if len(axes) == 2:
-        fx, fy, fz = uncapped_force(friction, x, sx), 0.0, 0.0
         size = abs(fx)
         square = x * x
     else:
-        fx, fy, fz = uncapped_force(friction, x, sx), uncapped_force(friction, y, sy), uncapped_force(friction, z, sz)
+        fy, fz = uncapped_force(friction, y, slip.sy), uncapped_force(friction, z, slip.sz)
         size = math.sqrt(fx * fx + fy * fy + fz * fz)
         square = x * x + y * y + z * z
     # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
@@ -248,43 +184,8 @@ def _measure_friction(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux,
     if size > cap:
         scale = cap / size
         fx, fy, fz = fx * scale, fy * scale, fz * scale
-    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
-    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz, ai, aj
-
-
-@inlined_form(measure_friction)
-def _choose_measure_friction(
-    friction: Any,
-    axes: Any,
-    body: Any,
-    stretch_pk: Any,
-    p: Any,
-    i: Any,
-    j: Any,
-    nx: Any,
-    ny: Any,
-    nz: Any,
-    ux: Any,
-    uy: Any,
-    uz: Any,
-    r: Any,
-    sigma: Any,
-    normal: Any,
-    pace: Any,
-) -> Any:
-    if isinstance(friction, types.NoneType):
-
-        def none(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-
-        return none
-
-    def some(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-        return _measure_friction(
-            friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace
-        )
-
-    return some
+    fx, fy, fz = along_contact(axes, contact.nx, contact.ny, fx, fy, fz)
+    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz, slip.ai, slip.aj
 
 
 @device
@@ -295,49 +196,38 @@ def is_touching(body, i, j, dx, dy, dz):
 
 
 @inlined
-def measure_pair(effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    """Return what a touching pair does: two energies, whether it slides, elastic force, force on i, n, and arms."""
+def contact_of(flowing, axes, body, i, j, dx, dy, dz):
+    """Return the contact of two rows; without a direction where they coincide."""
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     sigma = body[i, 3] + body[j, 3]
     # coincident centers have an energy, but no branch vector and so no stress
     inverse = 1.0 / r if r > 0.0 else 0.0
-    nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
     ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-    rate = ux * nx + uy * ny + uz * nz
+    return Contact(i, j, dx * inverse, dy * inverse, dz * inverse, ux, uy, uz, r, sigma)
+
+
+@inlined
+def measure_pair(effects, friction, axes, body, stretch_pk, p, contact, pace):
+    """Return what a touching pair does: two energies, whether it slides, elastic force, two forces on i, and arms."""
+    nx, ny, nz = contact.nx, contact.ny, contact.nz
+    rate = contact.ux * nx + contact.uy * ny + contact.uz * nz
     energy = 0.0
     first = 0.0
     elastic = 0.0
     for one in literal_unroll(effects):
-        energy += pair_energy(one, r, sigma)
-        first += pair_first(one, r, sigma, rate)
-        elastic += pair_elastic(one, r, sigma)
+        energy += pair_energy(one, contact.r, contact.sigma)
+        first += pair_first(one, contact.r, contact.sigma, rate)
+        elastic += pair_elastic(one, contact.r, contact.sigma)
     normal = abs(elastic)
-    spring, sliding, fx, fy, fz, ai, aj = measure_friction(
-        friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace
-    )
-    return energy, spring, sliding, normal, (first * nx, first * ny, first * nz), (fx, fy, fz), (nx, ny, nz), (ai, aj)
-
-
-def measure_pairs(
-    acting: Any, flowing: Any, axes: Any, body: Any, pairs: Any, stretch_pk: Any, pace: Any, out: Any
-) -> None:
-    """Write the observables of touching pairs; nothing where no effect acts on them."""
-    raise NotImplementedError("observables are measured in compiled loops")
-
-
-@inlined_form(measure_pairs)
-def _choose_measure_pairs(
-    acting: Any, flowing: Any, axes: Any, body: Any, pairs: Any, stretch_pk: Any, pace: Any, out: Any
-) -> Any:
-    if isinstance(acting[0], types.NoneType):
-        return lambda acting, flowing, axes, body, pairs, stretch_pk, pace, out: None
-    return lambda acting, flowing, axes, body, pairs, stretch_pk, pace, out: _measure_pairs(
-        acting, flowing, axes, body, pairs, stretch_pk, pace, out
-    )
+    spring, sliding, fx, fy, fz, ai, aj = measure_friction(friction, axes, body, stretch_pk, p, contact, normal, pace)
+    return energy, spring, sliding, normal, (first * nx, first * ny, first * nz), (fx, fy, fz), (ai, aj)
 
 
 @inlined
-def _measure_pairs(acting, flowing, axes, body, pairs, stretch_pk, pace, out):
+def measure_pairs(effects, friction, flowing, axes, body, pairs, stretch_pk, pace, out):
+    """Write the observables of touching pairs; nothing where no effect acts on them."""
+    if effects is None:
+        return
     potential = tangential = contacts = slides = total = 0.0
     force = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
@@ -355,8 +245,9 @@ def _measure_pairs(acting, flowing, axes, body, pairs, stretch_pk, pace, out):
                 if len(axes) == 3:
                     dz += shift_kd[k, 2]
             if is_touching(body, i, j, dx, dy, dz):
-                energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = measure_pair(
-                    acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+                contact = contact_of(flowing, axes, body, i, j, dx, dy, dz)
+                energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), arms = measure_pair(
+                    effects, friction, axes, body, stretch_pk, p, contact, pace
                 )
                 potential += energy
                 tangential += spring
@@ -364,7 +255,7 @@ def _measure_pairs(acting, flowing, axes, body, pairs, stretch_pk, pace, out):
                 slides += sliding
                 total += normal
                 force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
-                torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
+                torque = moment(axes, torque, arms, contact, fx, fy, fz)
     out[POTENTIAL] = potential
     out[TANGENTIAL] = tangential
     out[CONTACTS] = contacts
@@ -375,29 +266,45 @@ def _measure_pairs(acting, flowing, axes, body, pairs, stretch_pk, pace, out):
 
 
 @inlined
-def _measure_bonds(bonds, flowing, axes, body, lattice, pace, out):
+def bond_forces(bonds, flowing, axes, body, pace, b, branch):
+    """Return energies of a bond's two springs, its force on i along the bond and across it, its contact, and arms."""
+    i, j = bonds.i_b[b], bonds.j_b[b]
+    dx, dy, dz = branch
+    r = math.sqrt(dx * dx + dy * dy + dz * dz)
+    nx, ny, nz = dx / r, dy / r, dz / r
+    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
+    rest = bonds.rest_b[b]
+    first = bond_first(bonds.compression, bonds.tension, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
+    energy = law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
+    contact = Contact(i, j, nx, ny, nz, ux, uy, uz, r, body[i, 3] + body[j, 3])
+    slip = slip_of(axes, body, contact)
+    x, y, z = stretch_now(axes, bonds.stretch_bk, b, slip, pace.after)
+    k, c = bonds.tangential_stiffness, bonds.tangential_damping
+    spring = 0.5 * k * (x * x + y * y + z * z)
+    across = along_contact(axes, nx, ny, k * x + c * slip.sx, k * y + c * slip.sy, k * z + c * slip.sz)
+    return energy, spring, (first * nx, first * ny, first * nz), across, contact, (slip.ai, slip.aj)
+
+
+@device
+def measure_bonds(bonds, flowing, axes, body, lattice, pace, out):
+    """Add what bonds do; nothing where the scene has none."""
+    if bonds is None:
+        return
     potential = tangential = 0.0
     force = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
     for b in range(np.uint64(bonds.i_b.shape[0])):
         i, j = bonds.i_b[b], bonds.j_b[b]
         dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
-        r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if r == 0.0:
+        if dx * dx + dy * dy + dz * dz == 0.0:
             continue
-        nx, ny, nz = dx / r, dy / r, dz / r
-        ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-        sigma = body[i, 3] + body[j, 3]
-        rest = bonds.rest_b[b]
-        first = bond_first(bonds.compression, bonds.tension, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
-        potential += law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
-        ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-        x, y, z = stretch_now(axes, bonds.stretch_bk, b, sx, sy, sz, ox, oy, oz, pace.after)
-        k, c = bonds.tangential_stiffness, bonds.tangential_damping
-        tangential += 0.5 * k * (x * x + y * y + z * z)
-        fx, fy, fz = along_contact(axes, nx, ny, k * x + c * sx, k * y + c * sy, k * z + c * sz)
-        force = dyad(axes, force, first * nx + fx, first * ny + fy, first * nz + fz, dx, dy, dz)
-        torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
+        energy, spring, (gx, gy, gz), (fx, fy, fz), contact, arms = bond_forces(
+            bonds, flowing, axes, body, pace, b, (dx, dy, dz)
+        )
+        potential += energy
+        tangential += spring
+        force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
+        torque = moment(axes, torque, arms, contact, fx, fy, fz)
     out[POTENTIAL] += potential
     out[TANGENTIAL] += tangential
     for k in range(9):
@@ -407,27 +314,11 @@ def _measure_bonds(bonds, flowing, axes, body, lattice, pace, out):
         out[TORQUE + k] += torque[k]
 
 
-def measure_bonds(bonds: Any, flowing: Any, axes: Any, body: Any, lattice: Any, pace: Any, out: Any) -> None:
-    """Add what bonds do; nothing where the scene has none."""
-    raise NotImplementedError("observables are measured in compiled loops")
-
-
-@compiled_form(measure_bonds)
-def _choose_measure_bonds(bonds: Any, flowing: Any, axes: Any, body: Any, lattice: Any, pace: Any, out: Any) -> Any:
-    if isinstance(bonds, types.NoneType):
-        return lambda bonds, flowing, axes, body, lattice, pace, out: None
-    return lambda bonds, flowing, axes, body, lattice, pace, out: _measure_bonds(
-        bonds, flowing, axes, body, lattice, pace, out
-    )
-
-
-def measure_links(links: Any, axes: Any, state: Any, out: Any) -> None:
-    """Write what links bear, and the largest net force with them; nothing where nothing is linked."""
-    raise NotImplementedError("observables are measured in compiled loops")
-
-
 @device
-def _measure_links(links, axes, state, out):
+def measure_links(links, axes, state, out):
+    """Write what links bear, and the largest net force with them; nothing where nothing is linked."""
+    if links is None:
+        return
     here = links.here
     out[MOST] = measure_tensions(links, axes, state.body, state.push)
     out[LINK_ERROR] = links.number[ERROR]
@@ -438,23 +329,12 @@ def _measure_links(links, axes, state, out):
                 out[LINKED + 3 * a + b] += size * here.normal_rd[r, a] * here.normal_rd[r, b]
 
 
-@compiled_form(measure_links)
-def _choose_measure_links(links: Any, axes: Any, state: Any, out: Any) -> Any:
-    if has_links(links):
-        return lambda links, axes, state, out: _measure_links(links, axes, state, out)
-    return lambda links, axes, state, out: None
-
-
-def strain_of(flow: Any, time: float) -> tuple[float, float]:
+@device
+def strain_of(flow, time):
     """Return gamma and its rate; zeros where nothing deforms."""
-    return (0.0, 0.0) if flow is None else (float(flow.number[GAMMA]), gamma_at(flow.profile, time)[1])
-
-
-@compiled_form(strain_of)
-def _choose_strain_of(flow: Any, time: Any) -> Any:
-    if is_still(flow):
-        return lambda flow, time: (0.0, 0.0)
-    return lambda flow, time: (flow.number[GAMMA], gamma_at(flow.profile, time)[1])
+    if flow is None:
+        return 0.0, 0.0
+    return flow.number[GAMMA], gamma_at(flow.profile, time)[1]
 
 
 @inlined
@@ -467,7 +347,7 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
     out[STRAIN], out[RATE] = strain_of(space.flow, time)
     body = state.body
     stretch_pk = None if track is None else track.inner_pk
-    measure_pairs(acting, flowing, axes, body, pairs, stretch_pk, pace, out)
+    measure_pairs(acting.pairs, acting.friction, flowing, axes, body, pairs, stretch_pk, pace, out)
     measure_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
     out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
     measure_motion(axes, state, flowing, out)
@@ -478,9 +358,6 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
 def measure(acting, axes, state, links, space, pairs, track, time, pace, out):
     """Write the observables of the present moment, in the columns named above."""
     measure_into(acting, axes, state, links, space, pairs, track, time, pace, out)
-
-
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 
 class Ledger(NamedTuple):
@@ -496,57 +373,20 @@ def new_ledger(every: int, rows: int) -> Ledger:
     return Ledger(every, np.zeros((rows, COLUMNS)), np.zeros(1, dtype=np.int64))
 
 
-def append_row(
-    ledger: Ledger | None,
-    acting: Any,
-    axes: Any,
-    state: Any,
-    links: Any,
-    space: Any,
-    pairs: Any,
-    track: Any,
-    step: int,
-    dt: float,
-    pace: Any,
-) -> None:
-    """Write the observables of this step."""
-    raise NotImplementedError("time steps are taken in compiled loops")
-
-
-@compiled_form(append_row)
-def _choose_append_row(
-    ledger: Any,
-    acting: Any,
-    axes: Any,
-    state: Any,
-    links: Any,
-    space: Any,
-    pairs: Any,
-    track: Any,
-    step: Any,
-    dt: Any,
-    pace: Any,
-) -> Any:
-    if isinstance(ledger, types.NoneType):
-        return lambda ledger, acting, axes, state, links, space, pairs, track, step, dt, pace: None
-
-    def keep(ledger, acting, axes, state, links, space, pairs, track, step, dt, pace):
+@device
+def append_row(ledger, acting, axes, state, links, space, pairs, track, step, dt, pace):
+    """Write the observables of this step; nothing without a ledger."""
+    if ledger is not None:
         measure_into(acting, axes, state, links, space, pairs, track, step * dt, pace, ledger.row_tk[ledger.written[0]])
         ledger.written[0] += 1
 
-    return keep
 
-
-def is_due(ledger: Ledger | None, step: int) -> bool:
+@device
+def is_due(ledger, step):
     """Whether the observables of this step are to be kept."""
-    raise NotImplementedError("time steps are taken in compiled loops")
-
-
-@compiled_form(is_due)
-def _choose_is_due(ledger: Any, step: Any) -> Any:
-    if isinstance(ledger, types.NoneType):
-        return lambda ledger, step: False
-    return lambda ledger, step: step % ledger.every == 0 and ledger.written[0] < ledger.row_tk.shape[0]
+    if ledger is None:
+        return False
+    return step % ledger.every == 0 and ledger.written[0] < ledger.row_tk.shape[0]
 
 
 def tensors(row_tk: NDArray[np.float64], dimension: int, volume: float) -> dict[str, NDArray[np.float64]]:

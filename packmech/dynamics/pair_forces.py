@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from packmech.dynamics.bonds import bond_first, bond_vector
-from packmech.dynamics.deformation import rates, relative
+from packmech.dynamics.bonds import bond_vector
+from packmech.dynamics.deformation import rates
 from packmech.dynamics.engine import Engine
-from packmech.dynamics.observables import along_contact, is_touching, measure_pair, slip_of, stretch_now
+from packmech.dynamics.observables import bond_forces, contact_of, is_touching, measure_pair
 from packmech.dynamics.pair_lists import listed_pairs
-from packmech.jit.compiled import compiled_form, device, kernel, lean
+from packmech.jit.compiled import device, kernel, lean
 
 
 class PairForces(NamedTuple):
@@ -51,15 +49,15 @@ def pair_forces(engine: Engine) -> PairForces:
     d = len(engine.axes)
     bonds = 0 if engine.space.bonds is None else len(engine.space.bonds.i_b)
     most = len(engine.pairs.i_p) + bonds
-    row_k2 = np.zeros((most, 2), dtype=np.int64)
-    force, branch = np.zeros((most, 3)), np.zeros((most, 3))
+    # rows, forces and branch vectors
+    pair_list = row_k2, force, branch = np.zeros((most, 2), dtype=np.int64), np.zeros((most, 3)), np.zeros((most, 3))
     count = 0
     if engine.acting.pairs is not None:
         count = _list_contacts(
             *(engine.acting, engine.axes, engine.state, engine.space, engine.pairs, engine.track, engine.pace),
-            *(row_k2, force, branch),
+            pair_list,
         )
-    whole = _list_all_bonds(engine.axes, engine.state, engine.space, engine.pace, count, row_k2, force, branch)
+    whole = _list_all_bonds(engine.axes, engine.state, engine.space, engine.pace, count, pair_list)
     order = engine.order_n
     return PairForces(
         order[row_k2[:whole, 0]],
@@ -71,14 +69,15 @@ def pair_forces(engine: Engine) -> PairForces:
 
 
 @device
-def _write(row_k2, force_k3, branch_k3, k, i, j, fx, fy, fz, dx, dy, dz):
+def _write(pair_list, k, i, j, force, branch):
+    row_k2, force_k3, branch_k3 = pair_list
     row_k2[k, 0], row_k2[k, 1] = i, j
-    force_k3[k, 0], force_k3[k, 1], force_k3[k, 2] = fx, fy, fz
-    branch_k3[k, 0], branch_k3[k, 1], branch_k3[k, 2] = dx, dy, dz
+    force_k3[k, 0], force_k3[k, 1], force_k3[k, 2] = force
+    branch_k3[k, 0], branch_k3[k, 1], branch_k3[k, 2] = branch
 
 
 @lean
-def _list_contacts(acting, axes, state, space, pairs, track, pace, row_k2, force_k3, branch_k3):
+def _list_contacts(acting, axes, state, space, pairs, track, pace, pair_list):
     """Write the touching pairs; return how many there are."""
     flowing = rates(space.flow)
     body = state.body
@@ -99,79 +98,37 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, row_k2, force
             # coincident centers push along no branch vector
             if square == 0.0 or not is_touching(body, i, j, dx, dy, dz):
                 continue
-            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _, _ = measure_pair(
-                acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+            contact = contact_of(flowing, axes, body, i, j, dx, dy, dz)
+            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _ = measure_pair(
+                acting.pairs, acting.friction, axes, body, stretch_pk, p, contact, pace
             )
-            _write(row_k2, force_k3, branch_k3, count, i, j, gx + fx, gy + fy, gz + fz, dx, dy, dz)
+            _write(pair_list, count, i, j, (gx + fx, gy + fy, gz + fz), (dx, dy, dz))
             count += 1
     return count
 
 
 @device
-def _list_bonds(bonds, flowing, axes, body, lattice, pace, first_k, row_k2, force_k3, branch_k3):
+def _list_bonds(bonds, flowing, axes, body, lattice, pace, first_k, pair_list):
+    """Write the bonds behind what is there; return how many there are in all."""
+    if bonds is None:
+        return first_k
     k = first_k
     for b in range(bonds.i_b.shape[0]):
         i, j = bonds.i_b[b], bonds.j_b[b]
         dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
-        r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if r == 0.0:
+        if dx * dx + dy * dy + dz * dz == 0.0:
             continue
-        nx, ny, nz = dx / r, dy / r, dz / r
-        ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-        sigma = body[i, 3] + body[j, 3]
-        first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
-        first += bonds.damping * (ux * nx + uy * ny + uz * nz)
-        _, _, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-        x, y, z = stretch_now(axes, bonds.stretch_bk, b, sx, sy, sz, ox, oy, oz, pace.after)
-        stiff, slow = bonds.tangential_stiffness, bonds.tangential_damping
-        fx, fy, fz = along_contact(axes, nx, ny, stiff * x + slow * sx, stiff * y + slow * sy, stiff * z + slow * sz)
-        _write(row_k2, force_k3, branch_k3, k, i, j, first * nx + fx, first * ny + fy, first * nz + fz, dx, dy, dz)
+        branch = dx, dy, dz
+        _, _, (gx, gy, gz), (fx, fy, fz), _, _ = bond_forces(bonds, flowing, axes, body, pace, b, branch)
+        _write(pair_list, k, i, j, (gx + fx, gy + fy, gz + fz), branch)
         k += 1
     return k
 
 
-def list_bonds(
-    bonds: Any,
-    flowing: Any,
-    axes: Any,
-    body: Any,
-    lattice: Any,
-    pace: Any,
-    first_k: int,
-    row_k2: Any,
-    force_k3: Any,
-    branch_k3: Any,
-) -> int:
-    """Write the bonds behind what is there; return how many there are in all."""
-    raise NotImplementedError("observables are measured in compiled loops")
-
-
-@compiled_form(list_bonds)
-def _choose_list_bonds(
-    bonds: Any,
-    flowing: Any,
-    axes: Any,
-    body: Any,
-    lattice: Any,
-    pace: Any,
-    first_k: Any,
-    row_k2: Any,
-    force_k3: Any,
-    branch_k3: Any,
-) -> Any:
-    if isinstance(bonds, types.NoneType):
-        return lambda bonds, flowing, axes, body, lattice, pace, first_k, row_k2, force_k3, branch_k3: first_k
-    return lambda bonds, flowing, axes, body, lattice, pace, first_k, row_k2, force_k3, branch_k3: _list_bonds(
-        bonds, flowing, axes, body, lattice, pace, first_k, row_k2, force_k3, branch_k3
-    )
-
-
 @kernel
-def _list_all_bonds(axes, state, space, pace, first_k, row_k2, force_k3, branch_k3):
+def _list_all_bonds(axes, state, space, pace, first_k, pair_list):
     flowing = rates(space.flow)
-    return list_bonds(
-        space.bonds, flowing, axes, state.body, space.frame.lattice_dd, pace, first_k, row_k2, force_k3, branch_k3
-    )
+    return _list_bonds(space.bonds, flowing, axes, state.body, space.frame.lattice_dd, pace, first_k, pair_list)
 
 
 class Touching(NamedTuple):
@@ -204,8 +161,9 @@ def _measure_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, stre
         seen_p[p] = is_touching(body, i, j, dx, dy, dz)
         if not seen_p[p]:
             continue
-        _, _, sliding, normal, (gx, gy, gz), (fx, fy, fz), _, _ = measure_pair(
-            acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+        contact = contact_of(flowing, axes, body, i, j, dx, dy, dz)
+        _, _, sliding, normal, (gx, gy, gz), (fx, fy, fz), _ = measure_pair(
+            acting.pairs, acting.friction, axes, body, stretch_pk, p, contact, pace
         )
         figure_pk[p, 0] = normal
         figure_pk[p, 1] = sliding

@@ -29,7 +29,6 @@ from packmech.dynamics.deformation import (
     OUTER_ANCHORED,
     bending,
     entries,
-    is_still,
     map_between,
 )
 from packmech.jit.compiled import compiled_form, device, inlined, kernel
@@ -299,7 +298,10 @@ class Space(NamedTuple):
 
 
 @device
-def _without_bonded(bonds, found):
+def without_bonded(bonds, found):
+    """Return the pairs of a search that are not bonded."""
+    if bonds is None:
+        return found
     kept = 0
     mask = np.uint64((1 << found.bits) - 1)
     bits = np.uint64(found.bits)
@@ -321,43 +323,23 @@ def _without_bonded(bonds, found):
     return PairTable(found.i_p[:kept], found.code_p[:kept], found.image_kd, found.bits)
 
 
-def without_bonded(bonds: Any, found: PairTable) -> PairTable:
-    """Return the pairs of a search that are not bonded."""
-    return found if bonds is None else _without_bonded(bonds, found)
-
-
-@compiled_form(without_bonded)
-def _choose_without_bonded(bonds: Any, found: Any) -> Any:
-    if isinstance(bonds, types.NoneType):
-        return lambda bonds, found: found
-    return lambda bonds, found: _without_bonded(bonds, found)
-
-
-def strained(flow: Any, since: int, largest: float) -> float:
+@device
+def strained(flow, since, largest):
     """Return half of what the strain since an anchor can take from the distance of a pair this far apart [length]."""
-    return 0.0 if flow is None else _strained(flow.number, since, largest)
+    if flow is None:
+        return 0.0
+    bent = flow.number[BENDING + since - ANCHORED]
+    return 0.5 * abs(flow.number[GAMMA] - flow.number[since]) * bent * largest
 
 
 @device
-def _strained(number, since, largest):
-    bent = number[BENDING + since - ANCHORED]
-    return 0.5 * abs(number[GAMMA] - number[since]) * bent * largest
-
-
-@compiled_form(strained)
-def _choose_strained(flow: Any, since: Any, largest: Any) -> Any:
-    if is_still(flow):
-        return lambda flow, since, largest: 0.0
-    return lambda flow, since, largest: _strained(flow.number, since, largest)
-
-
-def displaced(flow: Any, body: Any, anchor_nd: Any, since: int) -> float:
+def displaced(flow, body, anchor_nd, since):
     """Return the largest displacement from an anchor that went with the box [length]."""
-    raise NotImplementedError("lists are followed in compiled loops")
-
-
-@device
-def _displaced(body, anchor_nd, g):
+    if flow is None:
+        g = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    else:
+        map_between(flow, flow.number[since], flow.number[GAMMA], flow.step_dd)
+        g = entries(flow.step_dd)
     most = 0.0
     for i in range(body.shape[0]):
         ax, ay, az = anchor_nd[i, 0], anchor_nd[i, 1], anchor_nd[i, 2]
@@ -368,82 +350,30 @@ def _displaced(body, anchor_nd, g):
     return math.sqrt(most)
 
 
-@compiled_form(displaced)
-def _choose_displaced(flow: Any, body: Any, anchor_nd: Any, since: Any) -> Any:
-    if is_still(flow):
-
-        def unmoved(flow, body, anchor_nd, since):
-            return _displaced(body, anchor_nd, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-
-        return unmoved
-
-    def moved(flow, body, anchor_nd, since):
-        map_between(flow, flow.number[since], flow.number[GAMMA], flow.step_dd)
-        return _displaced(body, anchor_nd, entries(flow.step_dd))
-
-    return moved
-
-
-def mark_strain(flow: Any, since: int) -> None:
+@device
+def mark_strain(flow, since):
     """Note the strain at which an anchor was set."""
     if flow is not None:
-        _mark_strain(flow, since)
+        flow.number[since] = flow.number[GAMMA]
+        flow.number[BENDING + since - ANCHORED] = bending(flow, flow.number[GAMMA])
 
 
 @device
-def _mark_strain(flow, since):
-    flow.number[since] = flow.number[GAMMA]
-    flow.number[BENDING + since - ANCHORED] = bending(flow, flow.number[GAMMA])
-
-
-@compiled_form(mark_strain)
-def _choose_mark_strain(flow: Any, since: Any) -> Any:
-    if is_still(flow):
-        return lambda flow, since: None
-    return lambda flow, since: _mark_strain(flow, since)
-
-
-def store_stretches(track: Any, pairs: Any) -> None:
+def store_stretches(track, pairs):
     """Write the stretches of the inner pairs to their places in the outer list."""
-    raise NotImplementedError("lists are followed in compiled loops")
+    if track is not None:
+        for p in range(pairs.start_s[-1]):
+            for a in range(track.outer_pk.shape[1]):
+                track.outer_pk[pairs.place_p[p], a] = track.inner_pk[p, a]
 
 
 @device
-def _store_stretches(track, pairs):
-    for p in range(pairs.start_s[-1]):
-        for a in range(track.outer_pk.shape[1]):
-            track.outer_pk[pairs.place_p[p], a] = track.inner_pk[p, a]
-
-
-@compiled_form(store_stretches)
-def _choose_store_stretches(track: Any, pairs: Any) -> Any:
-    if isinstance(track, types.NoneType):
-        return lambda track, pairs: None
-    return lambda track, pairs: _store_stretches(track, pairs)
-
-
-def load_stretches(track: Any, pairs: Any) -> None:
+def load_stretches(track, pairs):
     """Fetch the stretches of the inner pairs, newly chosen, from the outer list."""
-    raise NotImplementedError("lists are followed in compiled loops")
-
-
-@device
-def _load_stretches(track, pairs):
-    for p in range(pairs.start_s[-1]):
-        for a in range(track.outer_pk.shape[1]):
-            track.inner_pk[p, a] = track.outer_pk[pairs.place_p[p], a]
-
-
-@compiled_form(load_stretches)
-def _choose_load_stretches(track: Any, pairs: Any) -> Any:
-    if isinstance(track, types.NoneType):
-        return lambda track, pairs: None
-    return lambda track, pairs: _load_stretches(track, pairs)
-
-
-def carried_stretches(track: Any, old: Any, new: Any) -> Any:
-    """Return the stretches for a new outer list, those of pairs that were in the old one kept."""
-    raise NotImplementedError("lists are followed in compiled loops")
+    if track is not None:
+        for p in range(pairs.start_s[-1]):
+            for a in range(track.outer_pk.shape[1]):
+                track.inner_pk[p, a] = track.outer_pk[pairs.place_p[p], a]
 
 
 @device
@@ -481,11 +411,16 @@ def _carried_stretches(track, old, new):
     return Track(np.zeros((new.i_p.shape[0], size)), outer)
 
 
+def carried_stretches(track: Any, old: Any, new: Any) -> Any:
+    """Return the stretches for a new outer list, those of pairs that were in the old one kept; None without a track."""
+    return None if track is None else _carried_stretches(track, old, new)
+
+
 @compiled_form(carried_stretches)
 def _choose_carried_stretches(track: Any, old: Any, new: Any) -> Any:
     if isinstance(track, types.NoneType):
         return lambda track, old, new: None
-    return lambda track, old, new: _carried_stretches(track, old, new)
+    return _carried_stretches
 
 
 @device
@@ -561,26 +496,17 @@ def search(axes, body, space, pairs, track):
     return new, track
 
 
-def deform_images(flow: Any, lattice: Any, image_kd: Any, shift_kd: Any) -> None:
-    """Put the images where the box has taken them."""
-    raise NotImplementedError("lists are followed in compiled loops")
-
-
 @device
-def _deform_images(lattice, image_kd, shift_kd):
+def deform_images(flow, lattice, image_kd, shift_kd):
+    """Put the images where the box has taken them."""
+    if flow is None:
+        return
     for k in range(image_kd.shape[0]):
         for a in range(3):
             shift = 0.0
             for b in range(3):
                 shift += lattice[a, b] * image_kd[k, b]
             shift_kd[k, a] = shift
-
-
-@compiled_form(deform_images)
-def _choose_deform_images(flow: Any, lattice: Any, image_kd: Any, shift_kd: Any) -> Any:
-    if is_still(flow):
-        return lambda flow, lattice, image_kd, shift_kd: None
-    return lambda flow, lattice, image_kd, shift_kd: _deform_images(lattice, image_kd, shift_kd)
 
 
 def empty_track(dimension: int) -> Track:

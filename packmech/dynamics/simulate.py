@@ -7,11 +7,11 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from packmech.check import finite_array, instance, integer, positive, positive_array
+from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
-from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet, choose_time_step
+from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
 from packmech.loop.checkpoint import check_scene, read_checkpoint, restore_from
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
@@ -24,13 +24,13 @@ def simulate(
     steps: int | None = None,
     duration: float | None = None,
     dt: float | None = None,
-    method: VelocityVerlet | SemiImplicitEuler | None = None,
+    method: Method | None = None,
     velocity_nd: ArrayLike | None = None,
     temperature: float | None = None,
     seed: int | None = None,
     mass_n: ArrayLike | None = None,
     spin_nk: ArrayLike | None = None,
-    strain: SteadyStrain | OscillatoryStrain | None = None,
+    applied_strain: SteadyStrain | OscillatoryStrain | None = None,
     held_n: ArrayLike | None = None,
     threads: int = 1,
     trace_every: int | None = None,
@@ -71,7 +71,7 @@ def simulate(
         reference diameter.
     spin_nk
         (N, 1) spins at the start in a plane, (N, 3) in space [1/time], where particles turn (friction, bonds).
-    strain
+    applied_strain
         How the box deforms: SteadyStrain(rate) or OscillatoryStrain(amplitude, frequency). Velocities are then peculiar
         ones, v - L x: what follows the box has none.
     held_n
@@ -100,8 +100,8 @@ def simulate(
     -------
     Simulation
         Outcome.FINISHED; Outcome.STEP_TOO_LONG, and the last good state, where links were lost, something moved by
-        the smallest diameter in one step, or energy came from nowhere: more than work, what was in motion and what
-        fell from the potential explain (in a box that deforms, as far as the stress at looks tells its work).
+        the smallest diameter in one step, or energy grew by more than work, kinetic and potential energy explain (in a
+        box that deforms, as far as the observed stresses give its work).
 
     Raises
     ------
@@ -125,27 +125,14 @@ def simulate(
 
     """
     instance("scene", scene, Scene)
-    method = VelocityVerlet() if method is None else method
-    if not isinstance(method, INTEGRATORS):
-        raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
-    fraction = positive("method.fraction", method.fraction)
-    packing = scene.packing
-    shape = (packing.particles, packing.dimension)
-    if mass_n is None:
-        mass = (packing.diameter_n / packing.reference_diameter) ** packing.dimension
-    else:
-        mass = positive_array("mass_n", mass_n, shape=shape[:1])
-    longest = choose_time_step(scene, mass, fraction) if dt is None else positive("dt", dt)
+    method = checked_method(method)
+    mass, velocity, spin, held = start_of_motion(scene.packing, mass_n, velocity_nd, spin_nk, held_n)
+    longest = choose_time_step(scene, mass, method.fraction) if dt is None else positive("dt", dt)
     count, step = _steps(steps, duration, longest)
-    velocity = np.zeros(shape) if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=shape)
     if seed is not None:
-        seed = integer("seed", seed, at_least=0)
+        integer("seed", seed, at_least=0)
     if temperature is not None:
-        temperature = positive("temperature", temperature)
-        if velocity_nd is not None:
-            raise ValueError(f"temperature must be left out where velocity_nd is given, got {temperature:g}")
-        if seed is None:
-            raise ValueError("seed must be an integer where a temperature is given, got None")
+        _check_temperature(temperature, velocity_nd, seed)
     instance("trace_positions", trace_positions, bool)
     limits = run_settings(
         time_limit=time_limit,
@@ -155,19 +142,18 @@ def simulate(
         progress=progress,
         check=check,
     )
-    spin = None
-    if spin_nk is not None:
-        spin = finite_array("spin_nk", spin_nk, shape=(shape[0], 1 if shape[1] == 2 else 3))
-    if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
-        raise TypeError(f"strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
+    if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
+        raise TypeError(
+            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"
+        )
     settings = SimulationSettings(
         scene,
         mass,
         step,
         count,
         method,
-        strain,
-        _held(held_n, shape[0]),
+        applied_strain,
+        held,
         None if trace_every is None else integer("trace_every", trace_every, at_least=1),
         trace_positions,
     )
@@ -194,8 +180,8 @@ def resume(
 ) -> Simulation:
     """Return a simulation that goes on from its checkpoint, with the bits of one that was never stopped.
 
-    Everything but the scene is in the file: time step, method, masses, strain, who is held, what is kept on the way,
-    and all that was kept so far. Checkpoints go on being written to it.
+    Everything but the scene is in the file: time step, method, masses, applied strain, who is held, what is kept on the
+    way, and all that was kept so far. Checkpoints go on being written to it.
 
     Parameters
     ----------
@@ -246,15 +232,12 @@ def resume(
     return task.run(lambda: restore_from(found.arrays, task, "path", path))
 
 
-def _held(held_n: Any, particles: int) -> NDArray[np.bool_] | None:
-    if held_n is None:
-        return None
-    held = np.asarray(held_n)
-    if held.dtype != bool:
-        raise TypeError(f"held_n must be True or False for each particle, got {held_n!r}")
-    if held.shape != (particles,):
-        raise ValueError(f"held_n must have shape ({particles},), got {held.shape}")
-    return held
+def _check_temperature(temperature: Any, velocity_nd: Any, seed: Any) -> None:
+    positive("temperature", temperature)
+    if velocity_nd is not None:
+        raise ValueError(f"temperature must be left out where velocity_nd is given, got {temperature:g}")
+    if seed is None:
+        raise ValueError("seed must be an integer where a temperature is given, got None")
 
 
 def _steps(steps: Any, duration: Any, longest: float) -> tuple[int, float]:

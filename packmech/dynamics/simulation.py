@@ -16,7 +16,7 @@ from packmech.box import Box
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import Moment, moments_of, steps_between_observations, watch_of
 from packmech.dynamics.engine import Engine, build_engine
-from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet
+from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet
 from packmech.dynamics.observables import (
     ANGULAR,
     BONDED,
@@ -58,7 +58,6 @@ from packmech.packing import Packing
 from packmech.result import Outcome, Row, Run, Stage, Trace
 from packmech.scene import Scene
 
-Method = VelocityVerlet | SemiImplicitEuler
 # what its checkpoints say they are of
 KIND = "pm.simulate"
 
@@ -377,7 +376,7 @@ class SimulationSettings:
     dt: float
     steps: int
     method: Method
-    strain: Strain | None = None
+    applied_strain: Strain | None = None
     held_n: NDArray[np.bool_] | None = None
     trace_every: int | None = None
     trace_positions: bool = False
@@ -388,7 +387,7 @@ class SimulationSettings:
             "dt": self.dt,
             "steps": self.steps,
             "method": to_table(self.method),
-            "strain": None if self.strain is None else to_table(self.strain),
+            "applied_strain": None if self.applied_strain is None else to_table(self.applied_strain),
             "trace_every": self.trace_every,
             "trace_positions": self.trace_positions,
             "scene": scene_fingerprints(self.scene),
@@ -398,9 +397,9 @@ class SimulationSettings:
 def saved_settings(found: Checkpoint, scene: Scene, steps: int) -> SimulationSettings:
     """Return the settings in a checkpoint, for the scene it was made of, to another end."""
     table, arrays = found
-    strain = table["strain"]
+    strain = table["applied_strain"]
     if strain is not None:
-        strain = from_table(strain, "strain", kinds_of((SteadyStrain, OscillatoryStrain)))
+        strain = from_table(strain, "applied_strain", kinds_of((SteadyStrain, OscillatoryStrain)))
     return SimulationSettings(
         scene,
         arrays["mass_n"],
@@ -425,7 +424,7 @@ class SimulationTask:
     ) -> None:
         self.began = time.process_time()
         self.settings, self.scene, self.loop = settings, settings.scene, loop
-        scene, strain, d = settings.scene, settings.strain, settings.scene.packing.dimension
+        scene, strain, d = settings.scene, settings.applied_strain, settings.scene.packing.dimension
         self.engine: Engine = build_engine(
             scene,
             dt=settings.dt,

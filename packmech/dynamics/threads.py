@@ -2,7 +2,7 @@
 """Several threads in one time step: which blocks each walks, and how they wait for each other.
 
 Every thread runs the same compiled loop without the interpreter's lock; between the parts of a step they meet at a
-barrier. One thread alone has no record (None), and no code of it.
+barrier. One thread alone has no record (None), and no code of it: numba leaves out branches that None rules out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from packmech.jit.compiled import compiled_form, device
+from packmech.jit.compiled import device
 
 R = TypeVar("R")
 
@@ -29,7 +29,7 @@ _PATIENCE = 2000
 
 
 class ThreadRecord(NamedTuple):
-    """One thread of several: its rank, their number, arrivals at the barrier, barriers passed, and what they tell."""
+    """One thread of several: its rank, their number, arrivals at the barrier, barriers passed, and messages."""
 
     rank: int
     size: int
@@ -97,7 +97,10 @@ def _yield_processor(context: Any) -> Any:
 
 
 @device
-def _wait(thread):
+def wait(thread):
+    """Wait for the other threads."""
+    if thread is None:
+        return
     own = thread.rank * _APART
     thread.passed_t[own] += 1
     due = thread.passed_t[own] * thread.size
@@ -109,46 +112,29 @@ def _wait(thread):
             _yield_processor()
 
 
-def wait(thread: Any) -> None:
-    """Wait for the other threads."""
-    raise NotImplementedError("threads meet in compiled loops")
-
-
-@compiled_form(wait)
-def _choose_wait(thread: Any) -> Any:
-    if isinstance(thread, types.NoneType):
-        return lambda thread: None
-    return lambda thread: _wait(thread)
-
-
-def is_first(thread: Any) -> bool:
+@device
+def is_first(thread):
     """Whether this thread does what only one may do."""
-    raise NotImplementedError("threads meet in compiled loops")
-
-
-@compiled_form(is_first)
-def _choose_is_first(thread: Any) -> Any:
-    if isinstance(thread, types.NoneType):
-        return lambda thread: True
-    return lambda thread: thread.rank == 0
-
-
-def share(thread: Any, blocks: int) -> tuple[int, int]:
-    """Return the first of the blocks that this thread walks and the one after its last."""
-    raise NotImplementedError("threads meet in compiled loops")
-
-
-@compiled_form(share)
-def _choose_share(thread: Any, blocks: Any) -> Any:
-    if isinstance(thread, types.NoneType):
-        return lambda thread, blocks: (0, blocks)
-    return lambda thread, blocks: (thread.rank * blocks // thread.size, (thread.rank + 1) * blocks // thread.size)
+    if thread is None:
+        return True
+    return thread.rank == 0
 
 
 @device
-def _largest(thread, value):
+def share(thread, blocks):
+    """Return the first of the blocks that this thread walks and the one after its last."""
+    if thread is None:
+        return 0, blocks
+    return thread.rank * blocks // thread.size, (thread.rank + 1) * blocks // thread.size
+
+
+@device
+def largest(thread, value):
+    """Return the largest value of all threads; all of them are done with what came before."""
+    if thread is None:
+        return value
     thread.message_t[thread.rank * _APART] = value
-    _wait(thread)
+    wait(thread)
     most = 0.0
     for t in range(thread.size):
         sent = thread.message_t[t * _APART]
@@ -158,33 +144,12 @@ def _largest(thread, value):
     return most
 
 
-def largest(thread: Any, value: float) -> float:
-    """Return the largest value of all threads; all of them are done with what came before."""
-    raise NotImplementedError("threads meet in compiled loops")
-
-
-@compiled_form(largest)
-def _choose_largest(thread: Any, value: Any) -> Any:
-    if isinstance(thread, types.NoneType):
-        return lambda thread, value: value
-    return lambda thread, value: _largest(thread, value)
-
-
 @device
-def _broadcast(thread, value):
+def broadcast(thread, value):
+    """Return the number of thread 0; all threads see what it did before."""
+    if thread is None:
+        return value
     if thread.rank == 0:
         thread.message_t[thread.size * _APART] = value
-    _wait(thread)
+    wait(thread)
     return np.int64(thread.message_t[thread.size * _APART])
-
-
-def broadcast(thread: Any, value: int) -> int:
-    """Return the number of thread 0; all threads see what it did before."""
-    raise NotImplementedError("threads meet in compiled loops")
-
-
-@compiled_form(broadcast)
-def _choose_broadcast(thread: Any, value: Any) -> Any:
-    if isinstance(thread, types.NoneType):
-        return lambda thread, value: value
-    return lambda thread, value: _broadcast(thread, value)

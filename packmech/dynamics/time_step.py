@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """The time steps: velocity Verlet and semi-implicit Euler for positions, velocities and spins."""
 
 from __future__ import annotations
@@ -6,33 +7,19 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import literal_unroll, types
+from numba import literal_unroll
 
-from packmech.constraints.compiled_links import has_links
 from packmech.constraints.rattle import hold, project_rows
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.contact_forces import contacts_of_block
-from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, is_still, map_between, rates, turning
+from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, rates, turning
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.pair_lists import collect, deform_images, is_stale, largest_contact, update_lists
 from packmech.dynamics.threads import broadcast, is_first, largest, share, wait
 from packmech.effects import body_force, spin_drag
-from packmech.jit.compiled import compiled_form, device, inlined, inlined_form, lean
+from packmech.jit.compiled import device, inlined, lean
 from packmech.minimize.kernels import NOT_FINITE, RUNNING
-
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
-
-
-def kick_and_drift(
-    flow: Any, axes: Any, state: Any, low: int, high: int, time: float, dt: float, early: float, ahead: float
-) -> float:
-    """Kick rows, take them to the end of the step and clear their forces; return the largest squared displacement.
-
-    `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
-    velocities). The box's own share of displacements is not counted.
-    """
-    raise NotImplementedError("time steps are taken in compiled loops")
 
 
 @device
@@ -48,26 +35,15 @@ def clear_rows(axes, state, low, high):
         _clear(axes, state.spins, state.push, i)
 
 
-def extrapolated(state: Any, ahead: float, i: int, a: int, kick: float, kicked: float, before: float) -> float:
-    """Return what a velocity, kicked by a force from what it was before, is taken for at the end of the step."""
-    raise NotImplementedError("time steps are taken in compiled loops")
-
-
 @inlined
-def _extrapolated_by_change(state, ahead, i, a, kick, kicked, before):
+def extrapolated(last, state, ahead, i, a, kick, kicked, before):
+    """Return what a velocity, kicked by a force from what it was before, is taken for at the end of the step."""
+    if last is None:
+        return kicked + ahead * (kicked - before)
     force = state.push[i, a]
-    change = force - state.last[i, a]
-    state.last[i, a] = force
+    change = force - last[i, a]
+    last[i, a] = force
     return kicked + ahead * (kicked - before) + kick * state.lead * change
-
-
-@inlined_form(extrapolated)
-def _choose_extrapolated(state: Any, ahead: Any, i: Any, a: Any, kick: Any, kicked: Any, before: Any) -> Any:
-    if isinstance(state[state.fields.index("last")], types.NoneType):
-        return lambda state, ahead, i, a, kick, kicked, before: kicked + ahead * (kicked - before)
-    return lambda state, ahead, i, a, kick, kicked, before: _extrapolated_by_change(
-        state, ahead, i, a, kick, kicked, before
-    )
 
 
 @inlined
@@ -79,7 +55,7 @@ def _kick_spins(axes, state, i, early, ahead):
         kick = early * weight[i, 1]
         kicked = before + kick * push[i, a]
         half[i, a] = kicked
-        body[i, 4 + a] = extrapolated(state, ahead, i, a, kick, kicked, before)
+        body[i, 4 + a] = extrapolated(state.last, state, ahead, i, a, kick, kicked, before)
 
 
 @inlined
@@ -94,7 +70,7 @@ def _drift_in_still_box(axes, state, low, high, dt, early, ahead):
             before = body[i, 4 + a]
             kicked = before + kick * push[i, a]
             half[i, a] = kicked
-            body[i, 4 + a] = extrapolated(state, ahead, i, a, kick, kicked, before)
+            body[i, 4 + a] = extrapolated(state.last, state, ahead, i, a, kick, kicked, before)
             body[i, a] += dt * kicked
             square += kicked * kicked
         _kick_spins(axes, state, i, early, ahead)
@@ -119,8 +95,8 @@ def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
         body[i, 1] += my
         half[i, 0] = p - uncapped_force * q
         half[i, 1] = q
-        t = extrapolated(state, ahead, i, 1, kick, q, v)
-        body[i, 4] = extrapolated(state, ahead, i, 0, kick, p, u) - uncapped_force * t
+        t = extrapolated(state.last, state, ahead, i, 1, kick, q, v)
+        body[i, 4] = extrapolated(state.last, state, ahead, i, 0, kick, p, u) - uncapped_force * t
         body[i, 5] = t
         square = mx * mx + my * my
         if len(axes) == 3:
@@ -129,7 +105,7 @@ def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
             mz = dt * r
             body[i, 2] += mz
             half[i, 2] = r
-            body[i, 6] = extrapolated(state, ahead, i, 2, kick, r, w)
+            body[i, 6] = extrapolated(state.last, state, ahead, i, 2, kick, r, w)
             square += mz * mz
         _kick_spins(axes, state, i, early, ahead)
         _clear(axes, state.spins, push, i)
@@ -170,7 +146,8 @@ def _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead):
         x, y = body[i, 0], body[i, 1]
         u, v = body[i, 4], body[i, 5]
         p, q = u + kick * push[i, 0], v + kick * push[i, 1]
-        s, t = extrapolated(state, ahead, i, 0, kick, p, u), extrapolated(state, ahead, i, 1, kick, q, v)
+        s = extrapolated(state.last, state, ahead, i, 0, kick, p, u)
+        t = extrapolated(state.last, state, ahead, i, 1, kick, q, v)
         if d == 2:
             mx = dt * (h[0][0] * p + h[0][1] * q)
             my = dt * (h[1][0] * p + h[1][1] * q)
@@ -190,7 +167,7 @@ def _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead):
             body[i, 0] = g[0][0] * x + g[0][1] * y + g[0][2] * z + mx
             body[i, 1] = g[1][0] * x + g[1][1] * y + g[1][2] * z + my
             body[i, 2] = g[2][0] * x + g[2][1] * y + g[2][2] * z + mz
-            o = extrapolated(state, ahead, i, 2, kick, r, w)
+            o = extrapolated(state.last, state, ahead, i, 2, kick, r, w)
             half[i, 0] = b[0][0] * p + b[0][1] * q + b[0][2] * r
             half[i, 1] = b[1][0] * p + b[1][1] * q + b[1][2] * r
             half[i, 2] = b[2][0] * p + b[2][1] * q + b[2][2] * r
@@ -207,31 +184,18 @@ def _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead):
 
 
 @inlined
-def _drift_in_flow(flow, axes, state, low, high, time, dt, early, ahead):
+def kick_and_drift(flow, axes, state, low, high, time, dt, early, ahead):
+    """Kick rows, take them to the end of the step and clear their forces; return the largest squared displacement.
+
+    `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
+    velocities). The box's own share of displacements is not counted.
+    """
+    if flow is None:
+        return _drift_in_still_box(axes, state, low, high, dt, early, ahead)
     if flow.number[ALONG_X] != 0.0:
-        uncapped_force = gamma_at(flow.profile, time + dt)[0] - gamma_at(flow.profile, time)[0]
-        return _drift_along_x(axes, state, low, high, uncapped_force * flow.direction_dd[0, 1], dt, early, ahead)
+        shear = gamma_at(flow.profile, time + dt)[0] - gamma_at(flow.profile, time)[0]
+        return _drift_along_x(axes, state, low, high, shear * flow.direction_dd[0, 1], dt, early, ahead)
     return _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead)
-
-
-@inlined_form(kick_and_drift)
-def _choose_kick_and_drift(
-    flow: Any, axes: Any, state: Any, low: Any, high: Any, time: Any, dt: Any, early: Any, ahead: Any
-) -> Any:
-    if is_still(flow):
-
-        def still(flow, axes, state, low, high, time, dt, early, ahead):
-            return _drift_in_still_box(axes, state, low, high, dt, early, ahead)
-
-        return still
-
-    def flowing(flow, axes, state, low, high, time, dt, early, ahead):
-        return _drift_in_flow(flow, axes, state, low, high, time, dt, early, ahead)
-
-    return flowing
-
-
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 
 TOO_FAST = NOT_FINITE
@@ -266,26 +230,18 @@ class State(NamedTuple):
     lead: Any
 
 
-def move_box(flow: Any, frame: Any, time: float) -> None:
+@device
+def move_box(flow, frame, time):
     """Set the box to its shape at a time."""
     if flow is not None:
         flow_to(flow, frame, time)
 
 
-@compiled_form(move_box)
-def _choose_move_box(flow: Any, frame: Any, time: Any) -> Any:
-    if is_still(flow):
-        return lambda flow, frame, time: None
-    return lambda flow, frame, time: flow_to(flow, frame, time)
-
-
-def body_forces(bodies: Any, axes: Any, state: State, rates: Any, low: int, high: int) -> None:
-    """Set push of rows, which is zero, to the forces on single particles; nothing where nothing acts on them."""
-    raise NotImplementedError("time steps are taken in compiled loops")
-
-
 @inlined
-def _body_forces(bodies, axes, state, rates, low, high):
+def body_forces(bodies, axes, state, rates, low, high):
+    """Set push of rows, which is zero, to the forces on single particles; nothing where nothing acts on them."""
+    if bodies is None:
+        return
     d = len(axes)
     body, push, weight = state.body, state.push, state.weight_nk
     wx, wy, wz = turning(rates)
@@ -315,13 +271,6 @@ def _body_forces(bodies, axes, state, rates, low, high):
                 push[i, 5] = slow * (body[i, 9] - wz)
 
 
-@inlined_form(body_forces)
-def _choose_body_forces(bodies: Any, axes: Any, state: Any, rates: Any, low: Any, high: Any) -> Any:
-    if isinstance(bodies, types.NoneType):
-        return lambda bodies, axes, state, rates, low, high: None
-    return lambda bodies, axes, state, rates, low, high: _body_forces(bodies, axes, state, rates, low, high)
-
-
 @inlined
 def _finish_kick(axes, state, low, high, late):
     """Set velocities and spins to half, kicked by the forces."""
@@ -336,23 +285,14 @@ def _finish_kick(axes, state, low, high, late):
             body[i, 4 + a] = half[i, a] + late * weight[i, 1] * push[i, a]
 
 
-def project_velocities(thread: Any, links: Any, axes: Any, body: Any, half: Any) -> None:
+@device
+def project_velocities(thread, links, axes, body, half):
     """Take what would stretch links out of the velocities at the end of a step; nothing where nothing is linked."""
-    raise NotImplementedError("links are held in compiled loops")
-
-
-@compiled_form(project_velocities)
-def _choose_project_velocities(thread: Any, links: Any, axes: Any, body: Any, half: Any) -> Any:
-    if not has_links(links):
-        return lambda thread, links, axes, body, half: None
-
-    def project(thread, links, axes, body, half):
+    if links is not None:
         wait(thread)
         if is_first(thread):
             project_rows(links, axes, body, half)
         wait(thread)
-
-    return project
 
 
 @lean

@@ -3,11 +3,25 @@
 from packmech.generate.chains import chain_packing
 from packmech.generate.cluster_shapes import Cluster, Dimer, LinearCluster, RingCluster, Shape, StarCluster, Trimer
 from packmech.generate.clusters import cluster_packing, scattered_packing
-from packmech.generate.defects import reinforced_kagome_packing, tunneled_packing, vacancy_packing
 from packmech.generate.fragments import cut_fragments, fragment_numbers
-from packmech.generate.lattices import LATTICE_NAMES, lattice_packing
-from packmech.generate.random import fill_box, random_packing
-from packmech.generate.sizes import Bidisperse, LogNormal, Mixture, Monodisperse, Normal, Sizes, Uniform
+from packmech.generate.lattices import (
+    LATTICE_NAMES,
+    lattice_packing,
+    reinforced_kagome_packing,
+    tunneled_packing,
+    vacancy_packing,
+)
+from packmech.generate.random import (
+    Bidisperse,
+    LogNormal,
+    Mixture,
+    Monodisperse,
+    Normal,
+    Sizes,
+    Uniform,
+    fill_box,
+    random_packing,
+)
 
 __all__ = [
     "LATTICE_NAMES",

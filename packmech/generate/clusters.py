@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
+from packmech.generate.chains import Bonds
 from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
-from packmech.generate.random import box_for, generator_of, shape_of
-from packmech.generate.sizes import Monodisperse, Sizes, sizes_of
-from packmech.generate.walks import Bonds
+from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 

@@ -22,7 +22,7 @@ from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
 from packmech.jit.blas import single_thread
-from packmech.measure.rattlers import without
+from packmech.measure.counting import without
 from packmech.mechanics.stability import is_stable
 from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene

@@ -13,7 +13,7 @@ from packmech.constraints.motion_rules import link_rules
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion, contact_terms
-from packmech.measure.rattlers import loose_in
+from packmech.measure.counting import loose_in
 from packmech.measure.stress import sum_forces
 from packmech.packing import Packing
 

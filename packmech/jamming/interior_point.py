@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.contacts.neighbors import candidate_pairs
+from packmech.contacts.network import candidate_pairs
 from packmech.jit.compiled import kernel
 from packmech.linalg.block_system import BlockSystem, Factored, extensions, gather
 

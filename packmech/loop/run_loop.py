@@ -27,6 +27,8 @@ R = TypeVar("R", bound=Run)
 _SLICE = 0.1
 # steps before the first look where there is a time limit, and by how much more are dared while a look comes early
 _FIRST, _BOLDER = 1, 8.0
+# time limit of a part of a run where none is left [s]
+_MOMENT = 1e-9
 # a step limit that is none
 _ENDLESS = 1 << 62
 # checkpoints are written so often where nothing else is asked for [s]
@@ -153,6 +155,11 @@ class RunLoop:
     def late(self) -> bool:
         """Whether time is up."""
         return time.process_time() > self.deadline
+
+    @property
+    def time_left(self) -> float | None:
+        """CPU time until the limit, and be it no more than a moment [s]; None without a limit."""
+        return None if math.isinf(self.deadline) else max(self.deadline - time.process_time(), _MOMENT)
 
     def report(self, stage: str, **figures: Any) -> None:
         """Call the progress callback, if there is one."""

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from packmech.measure.averages import block_mean, mean_with_error
-from packmech.measure.counting import coordination_number, packing_fraction
-from packmech.measure.demodulation import Demodulation, demodulate, softening_strain, yield_strain
-from packmech.measure.link_tension import link_tension
-from packmech.measure.rattlers import find_rattlers, remove_rattlers
-from packmech.measure.stress import contact_stress, energy, force_balance, forces, pressure, stress_tensor, sum_forces
+from packmech.measure.counting import coordination_number, find_rattlers, packing_fraction, remove_rattlers
+from packmech.measure.signals import (
+    Demodulation,
+    block_mean,
+    demodulate,
+    mean_with_error,
+    softening_strain,
+    yield_strain,
+)
+from packmech.measure.stress import (
+    contact_stress,
+    energy,
+    force_balance,
+    forces,
+    link_tension,
+    pressure,
+    stress_tensor,
+    sum_forces,
+)
 
 __all__ = [
     "Demodulation",

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import isochoric_basis
-from packmech.measure.rattlers import remove_rattlers
+from packmech.measure.counting import remove_rattlers
 from packmech.mechanics.hessian import bordered, closed_terms, hessian, scene_sums, volume_curvature_term
 from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
 from packmech.mechanics.network import held_network

@@ -13,8 +13,7 @@ from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.excluded import Excluded
-from packmech.contacts.neighbors import Candidates, candidate_pairs
-from packmech.contacts.network import Contacts, pair_contacts
+from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.effects import contact_terms
 from packmech.linalg.block_system import BlockSystem, Factored, gather
 from packmech.linalg.factor import factor_saddle

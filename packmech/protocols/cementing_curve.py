@@ -17,7 +17,7 @@ from packmech.box import Box
 from packmech.check import function, integer, one_of, positive
 from packmech.effects import Repulsion
 from packmech.generate import random_packing
-from packmech.generate.sizes import Monodisperse, Sizes, sizes_of
+from packmech.generate.random import Monodisperse, Sizes, sizes_of
 from packmech.jit.blas import single_thread
 from packmech.loop.checkpoint import read_results, write_checkpoint
 from packmech.mechanics.rigidity import TOUCHING

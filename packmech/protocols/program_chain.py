@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
-from packmech.contacts.neighbors import candidate_pairs
-from packmech.contacts.network import pair_contacts
+from packmech.contacts.network import candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import Vertex, certify, kicked
 from packmech.jamming.interior_point import HardState
 from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.contacts.neighbors import candidate_pairs
-from packmech.contacts.network import Contacts, pair_contacts
+from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import Backbone, Vertex
 from packmech.minimize.soft_network import Units
 from packmech.minimize.soft_newton import SoftState, newton

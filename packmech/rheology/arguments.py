@@ -2,37 +2,49 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypedDict, TypeVar
+from typing import Any, TypedDict, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, positive, positive_array
+from packmech.check import instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
-from packmech.dynamics.integrators import INTEGRATORS, SemiImplicitEuler, VelocityVerlet, choose_time_step
+from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.packing import without_links
 from packmech.scene import Scene
 
-Method = VelocityVerlet | SemiImplicitEuler
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-class Several(TypedDict, total=False):
-    """Arguments of every call that strains a scene, those that make several runs among them."""
+class Stepping(TypedDict, total=False):
+    """Arguments of every call that steps a scene through time."""
 
     dt: float | None
     method: Method | None
     mass_n: ArrayLike | None
-    held_n: ArrayLike | None
-    frames: int
     progress: Progress | None
     checkpoint: str | os.PathLike[str] | RunsFile | None
+
+
+class AtRest(Stepping, total=False):
+    """Arguments of a call that brings a scene to rest."""
+
+    time_limit: float | None
+    check: bool
+
+
+class Several(Stepping, total=False):
+    """Arguments of every call that strains a scene, those that make several runs among them."""
+
+    held_n: ArrayLike | None
+    frames: int
 
 
 class Common(Several, total=False):
@@ -51,12 +63,14 @@ _DEFAULTS = {"frames": 0, "check": True}
 def listed(arguments: type) -> Callable[[F], F]:
     """Return a decorator that lists the arguments behind a function's ``**common`` in its signature, one by one.
 
+    Other names are refused with a TypeError.
+
     Examples
     --------
     >>> @listed(Several)
     ... def strained(scene, **common): ...
     >>> list(inspect.signature(strained).parameters)
-    ['scene', 'dt', 'method', 'mass_n', 'held_n', 'frames', 'progress', 'checkpoint']
+    ['scene', 'dt', 'method', 'mass_n', 'progress', 'checkpoint', 'held_n', 'frames']
 
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
@@ -70,8 +84,16 @@ def listed(arguments: type) -> Callable[[F], F]:
     def list_them(function: F) -> F:
         signature = inspect.signature(function)
         own = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
-        function.__signature__ = signature.replace(parameters=[*own, *further])  # type: ignore[attr-defined]
-        return function
+        known = {one.name for one in (*own, *further)}
+
+        @functools.wraps(function)
+        def call(*positional: Any, **named: Any) -> Any:
+            for name in named.keys() - known:
+                raise TypeError(f"{name} must be left out: there is no such argument")
+            return function(*positional, **named)
+
+        call.__signature__ = signature.replace(parameters=[*own, *further])  # type: ignore[attr-defined]
+        return cast(F, call)
 
     return list_them
 
@@ -106,7 +128,6 @@ def check_arguments(
     frames: int = 0,
     checkpoint: str | os.PathLike[str] | RunsFile | None = None,
     check: bool = True,
-    **unknown: Any,
 ) -> StrainSettings:
     """Return the arguments as the engine takes them.
 
@@ -116,40 +137,18 @@ def check_arguments(
         Naming the argument that is wrong.
 
     """
-    for name in unknown:
-        raise TypeError(f"{name} must be left out: there is no such argument")
     instance("scene", scene, Scene)
     without_links("scene.packing", scene.packing)
     refuse_misfits(scene)
-    packing = scene.packing
-    n, d = packing.particles, packing.dimension
-    method = VelocityVerlet() if method is None else method
-    if not isinstance(method, INTEGRATORS):
-        raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
-    fraction = positive("method.fraction", method.fraction)
-    if mass_n is None:
-        mass = (packing.diameter_n / packing.reference_diameter) ** d
-    else:
-        mass = positive_array("mass_n", mass_n, shape=(n,))
-    velocity = np.zeros((n, d)) if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
-    spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
-    held = None
-    if held_n is not None:
-        held = np.asarray(held_n)
-        if held.dtype != bool:
-            raise TypeError(f"held_n must be True or False for each particle, got {held_n!r}")
-        if held.shape != (n,):
-            raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
-        velocity[held] = 0.0
-    longest = choose_time_step(scene, mass, fraction) if dt is None else positive("dt", dt)
+    method = checked_method(method)
+    start = start_of_motion(scene.packing, mass_n, velocity_nd, spin_nk, held_n)
+    if start.held_n is not None:
+        start.velocity_nd[start.held_n] = 0.0
     return StrainSettings(
         scene,
         method,
-        mass,
-        velocity,
-        spin,
-        held,
-        longest,
+        *start,
+        choose_time_step(scene, start.mass_n, method.fraction) if dt is None else positive("dt", dt),
         integer("frames", frames, at_least=0),
         RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check)),
         runs_file(checkpoint),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,9 @@ from packmech.dynamics.simulate import simulate
 from packmech.dynamics.simulation import Simulation
 from packmech.loop.checkpoint import RunsFile
 from packmech.rheology.arguments import runs_file
-from packmech.rheology.creep import creep
 from packmech.rheology.equilibrate import equilibrate
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
-from packmech.rheology.steady import FlowCurve, ramp_strain, steady_shear
+from packmech.rheology.steady import FlowCurve, creep, ramp_strain, steady_shear
 from packmech.rheology.strain_run import StrainRun
 from packmech.rheology.walls import rough_plates
 from packmech.scene import (
@@ -34,6 +33,11 @@ from packmech.scene import (
 
 Progress = Callable[[str, dict[str, Any]], None]
 
+# arguments of oscillatory shear that the periods at rest before it take, too
+_AT_REST = (
+    *("amplitude", "frequency", "relative_frequency", "axes", "dt", "method", "mass_n", "progress", "checkpoint"),
+    "check",
+)
 # rows of a trace that is kept of a simulation
 _ROWS = 200
 
@@ -93,15 +97,15 @@ def follow(
     return simulate(scene, **(arguments | changes))
 
 
-def _strained(
-    drive: Any, scene: Scene, progress: Progress | None, checkpoint: Path | RunsFile | None
+def _arguments(
+    drive: Any, scene: Scene, frames: int, progress: Progress | None, checkpoint: Path | RunsFile | None
 ) -> dict[str, Any]:
-    """Return the arguments that all calls that strain a scene share."""
+    """Return what a drive says to the call that it names: its fields but the density, of which masses are made."""
+    named = {field.name: getattr(drive, field.name) for field in fields(drive) if field.name != "density"}
     return {
-        "axes": drive.axes,
-        "dt": drive.dt,
-        "method": drive.method,
+        **named,
         "mass_n": masses(scene, drive.density),
+        "frames": frames,
         "progress": progress,
         "checkpoint": checkpoint,
     }
@@ -112,30 +116,15 @@ def _oscillatory_shear(
 ) -> OscillatoryShear:
     """Bring the scene to rest, then shear it; the run holds the steps of both, and what is wrong with the first."""
     # one file keeps the periods at rest and the shear, one after the other
-    shared = _strained(drive, scene, progress, runs_file(checkpoint)) | {
-        "amplitude": drive.amplitude,
-        "frequency": drive.frequency,
-        "relative_frequency": drive.relative_frequency,
-        "check": False,
-    }
+    named = _arguments(drive, scene, frames, progress, runs_file(checkpoint)) | {"check": False}
+    largest, plates = named.pop("largest_oscillation"), named.pop("plates")
     rest = None
-    if drive.largest_oscillation is not None:
-        rest = equilibrate(scene, largest_oscillation=drive.largest_oscillation, **shared)
+    if largest is not None:
+        rest = equilibrate(scene, largest_oscillation=largest, **{name: named[name] for name in _AT_REST})
         scene = scene.replace(packing=rest.packing)
-    held = None if drive.plates is None else rough_plates(scene.packing, layer=drive.plates, axis=drive.axes[1])
+    held = None if plates is None else rough_plates(scene.packing, layer=plates, axis=drive.axes[1])
     try:
-        run = oscillatory_shear(
-            scene,
-            held_n=held,
-            carried=drive.carried,
-            pre_periods=drive.pre_periods,
-            periods=drive.periods,
-            post_periods=drive.post_periods,
-            skip_periods=drive.skip_periods,
-            samples_per_period=drive.samples_per_period,
-            frames=frames,
-            **shared,
-        )
+        run = oscillatory_shear(scene, held_n=held, **named)
     except KeyboardInterrupt as stop:
         stop.run = getattr(stop, "run", rest)  # type: ignore[attr-defined]
         raise
@@ -159,47 +148,19 @@ def _oscillatory_shear(
 def _steady_shear(
     drive: SteadyShearDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
 ) -> FlowCurve:
-    return steady_shear(
-        scene,
-        rates=drive.rates,
-        strain=drive.strain,
-        skip_strain=drive.skip_strain,
-        blocks=drive.blocks,
-        samples=drive.samples,
-        frames=frames,
-        **_strained(drive, scene, progress, checkpoint),
-    )
+    return steady_shear(scene, **_arguments(drive, scene, frames, progress, checkpoint))
 
 
 def _ramp_strain(
     drive: RampStrainDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
 ) -> StrainRun:
-    return ramp_strain(
-        scene,
-        rate=drive.rate,
-        strain=drive.strain,
-        mode=drive.mode,
-        samples=drive.samples,
-        frames=frames,
-        check=False,
-        **_strained(drive, scene, progress, checkpoint),
-    )
+    return ramp_strain(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
 
 
 def _creep(
     drive: CreepDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
 ) -> StrainRun:
-    return creep(
-        scene,
-        stress=drive.stress,
-        duration=drive.duration,
-        hold=drive.hold,
-        inertia=drive.inertia,
-        viscosity=drive.viscosity,
-        frames=frames,
-        check=False,
-        **_strained(drive, scene, progress, checkpoint),
-    )
+    return creep(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
 
 
 _METHODS = {"method": lambda: INTEGRATORS}

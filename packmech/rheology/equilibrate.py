@@ -5,23 +5,21 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from packmech.check import integer, positive, real
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Repulsion, is_bound
-from packmech.loop.checkpoint import Arrays, IndexBounds, RunsFile, scene_fingerprints
-from packmech.loop.run_loop import Progress
+from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
 from packmech.mechanics.elasticity import elastic_moduli
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
 from packmech.result import NotConverged, Outcome, Row, Run, Stage
-from packmech.rheology.arguments import Method, StrainSettings, check_arguments, two_axes
+from packmech.rheology.arguments import AtRest, StrainSettings, check_arguments, listed, two_axes
 from packmech.rheology.oscillatory import characteristic_time, frequency_of, rest_row
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.scene import Scene
@@ -81,6 +79,7 @@ class Equilibration(Run):
         return [*super().rows(), rest_row(self.ratio, self.expected_stress)]
 
 
+@listed(AtRest)
 def equilibrate(
     scene: Scene,
     *,
@@ -91,14 +90,8 @@ def equilibrate(
     expected_stress: float | None = None,
     frictionless: bool | None = None,
     axes: tuple[int, int] = (0, 1),
-    dt: float | None = None,
-    method: Method | None = None,
-    mass_n: ArrayLike | None = None,
     step_limit: int = 500_000,
-    time_limit: float | None = None,
-    progress: Progress | None = None,
-    checkpoint: str | os.PathLike[str] | RunsFile | None = None,
-    check: bool = True,
+    **common: Unpack[AtRest],
 ) -> Equilibration:
     """Return the scene's packing at rest: frictionless equilibrium first, then that under all effects.
 
@@ -160,16 +153,7 @@ def equilibrate(
     ('CONVERGED', True)
 
     """
-    settings = check_arguments(
-        scene,
-        dt=dt,
-        method=method,
-        mass_n=mass_n,
-        time_limit=time_limit,
-        progress=progress,
-        checkpoint=checkpoint,
-        check=check,
-    )
+    settings = check_arguments(scene, **common)
     strain = OscillatoryStrain(positive("amplitude", amplitude), frequency_of(settings, frequency, relative_frequency))
     strain = dataclasses.replace(strain, axes=two_axes(axes))
     direction = strain.direction(scene.packing.dimension)
@@ -183,8 +167,14 @@ def equilibrate(
     if frictionless or (frictionless is None and not bonded):
         minimum = _Minimum(_frictionless(scene), settings)
         packing, stages = minimum.packing, minimum.stages
-    expected = _expected(scene, packing, amplitude) if expected_stress is None else expected_stress
-    expected = positive("expected_stress", expected)
+        if minimum.outcome is Outcome.INTERRUPTED:
+            # the file keeps whole minimizations only
+            settings = dataclasses.replace(settings, file=None)
+    if expected_stress is not None:
+        expected = positive("expected_stress", expected_stress)
+    else:
+        # what is not at rest has no modulus
+        expected = math.nan if settings.loop.late else _expected(scene, packing, amplitude)
 
     each = max(_SAMPLES, math.ceil(1.0 / (strain.frequency * settings.longest)))
     every = max(1, each // _SAMPLES)
@@ -219,7 +209,7 @@ def equilibrate(
         periods=periods,
         baseline=run,
     )
-    if check and not made.ok:
+    if settings.loop.settings.check and not made.ok:
         raise NotConverged(made)
     return made
 
@@ -233,12 +223,22 @@ class _Minimum:
 
     def __init__(self, scene: Scene, settings: StrainSettings) -> None:
         self.scene, self.packing, self.stages = scene, scene.packing, list[Stage]()
+        self.outcome = Outcome.CONVERGED
         file = settings.file
         if file is not None and file.begin(self, {**scene_fingerprints(scene), "minimum": _QUENCHED}):
             return
-        found = quench(scene, force_tolerance=_QUENCHED, progress=settings.loop.settings.progress)
-        self.packing, self.stages = found.packing, list(found.stages)
-        if file is not None:
+        loop = settings.loop
+        found = quench(
+            scene,
+            force_tolerance=_QUENCHED,
+            time_limit=loop.time_left,
+            progress=loop.settings.progress,
+            check=False,
+        )
+        self.packing, self.stages, self.outcome = found.packing, list(found.stages), found.outcome
+        if not found.ok and found.outcome is not Outcome.INTERRUPTED:
+            raise NotConverged(found)
+        if file is not None and found.ok:
             file.write(self, finished=True)
 
     def arrays(self) -> Arrays:

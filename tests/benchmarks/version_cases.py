@@ -620,7 +620,9 @@ def drives(pm):
 def tables(pm):
     subjects = {
         "simulation": pm.simulate(gel(pm), steps=40, dt=0.05, mass_n=masses(gel(pm).packing), trace_every=10),
-        "ramp": pm.ramp_strain(gel(pm), rate=0.01, strain=0.02, dt=0.05, samples=8, mass_n=masses(gel(pm).packing)),
+        "ramp": pm.ramp_strain(
+            gel(pm), rate=0.01, applied_strain=0.02, dt=0.05, samples=8, mass_n=masses(gel(pm).packing)
+        ),
         "quench": pm.quench(
             repulsive(pm, discs(pm)), force_tolerance=1e-6, method=pm.Fire(), trace_every=10, trace_positions=True
         ),
@@ -1367,7 +1369,7 @@ def simulate_strain(pm, name):
     if name == "steady":
         scenes["spheres"] = gel(pm, 3, bonds=False)
     for key, scene in scenes.items():
-        parts = followed(pm, scene, strain=STRAINS[name](pm))
+        parts = followed(pm, scene, applied_strain=STRAINS[name](pm))
         found |= {f"{group}, {key}": part for group, part in parts.items()}
     return found
 
@@ -1378,13 +1380,13 @@ for _name in STRAINS:
 
 @case("simulate/far shear, other lattice vectors")
 def simulate_far(pm):
-    return followed(pm, gel(pm, bonds=False), steps=600, strain=pm.SteadyStrain(0.7), dt=0.02)
+    return followed(pm, gel(pm, bonds=False), steps=600, applied_strain=pm.SteadyStrain(0.7), dt=0.02)
 
 
 @case("simulate/held particles")
 def simulate_held(pm):
     scene = gel(pm, particles=40)
-    return followed(pm, scene, held_n=pm.rough_plates(scene.packing), strain=pm.SteadyStrain(0.02))
+    return followed(pm, scene, held_n=pm.rough_plates(scene.packing), applied_strain=pm.SteadyStrain(0.02))
 
 
 @case("simulate/default time step and duration")
@@ -1424,7 +1426,12 @@ def threaded_scene(pm, name):
 def simulate_threads(pm, name, threads):
     scene = threaded_scene(pm, name)
     return followed(
-        pm, scene, steps=200, threads=threads, strain=pm.SteadyStrain(0.02), **generic(scene.packing, scale=0.05)
+        pm,
+        scene,
+        steps=200,
+        threads=threads,
+        applied_strain=pm.SteadyStrain(0.02),
+        **generic(scene.packing, scale=0.05),
     )
 
 
@@ -1438,11 +1445,11 @@ def looked(run):
 
 
 CHECKPOINTS = {
-    "all effects, sheared": lambda pm: (gel(pm), {"strain": pm.SteadyStrain(0.7), "trace_every": 7}),
+    "all effects, sheared": lambda pm: (gel(pm), {"applied_strain": pm.SteadyStrain(0.7), "trace_every": 7}),
     "spheres, held, oscillating": lambda pm: (
         gel(pm, 3, bonds=False),
         {
-            "strain": pm.OscillatoryStrain(0.1, 1.0),
+            "applied_strain": pm.OscillatoryStrain(0.1, 1.0),
             "held_n": np.arange(24) < 4,
             "method": pm.SemiImplicitEuler(),
             "trace_every": 10,
@@ -1465,7 +1472,7 @@ def simulate_checkpoint(pm, name):
             pm.simulate(scene, steps=step, checkpoint=path, **given)
             found[f"early, cut at {step}"] = looked(pm.resume(path, scene, steps=EARLY))
         pm.simulate(scene, steps=60, checkpoint=path, checkpoint_every=11, **given)
-        threads = 2 if "strain" in given else 1
+        threads = 2 if "applied_strain" in given else 1
         found["early, written often"] = looked(pm.resume(path, scene, steps=EARLY, threads=threads))
     return found
 
@@ -1476,7 +1483,7 @@ for _name in CHECKPOINTS:
 _LONG = {"frequency": 5e-4, "samples_per_period": 20, "dt": 0.1}
 CUT = {
     "oscillatory": ("oscillatory_shear", {"amplitude": 0.2, "pre_periods": 0.2, "periods": 2.0, **_LONG}),
-    "ramp": ("ramp_strain", {"rate": 1e-4, "strain": 0.3, "samples": 25, "dt": 0.1}),
+    "ramp": ("ramp_strain", {"rate": 1e-4, "applied_strain": 0.3, "samples": 25, "dt": 0.1}),
     "creep": ("creep", {"stress": 0.02, "duration": 2000.0, "hold": 1500.0, "dt": 0.1}),
 }
 
@@ -1523,7 +1530,11 @@ def several_checkpoint(pm):
     short = {"frequency": 0.05, "samples_per_period": 20, "dt": 0.05}
     calls = {
         "sweep": (pm.amplitude_sweep, {"amplitudes": [0.01, 0.2], "periods": 2.0, **short, **weight}, 2),
-        "steady": (pm.steady_shear, {"rates": [0.2, 0.3], "strain": 2.0, "samples": 40, "dt": 0.05, **weight}, 2),
+        "steady": (
+            pm.steady_shear,
+            {"rates": [0.2, 0.3], "applied_strain": 2.0, "samples": 40, "dt": 0.05, **weight},
+            2,
+        ),
         "equilibrate": (
             pm.equilibrate,
             {"amplitude": 1e-4, "frequency": 0.05, "expected_stress": 1e-4, "dt": 0.05, "step_limit": 3000, **weight},
@@ -1544,7 +1555,7 @@ def several_checkpoint(pm):
 @case("checkpoint/simulate, interrupted")
 def interrupted(pm):
     scene = gel(pm)
-    given = {"dt": 0.02, "mass_n": masses(scene.packing), "strain": pm.SteadyStrain(0.02)}
+    given = {"dt": 0.02, "mass_n": masses(scene.packing), "applied_strain": pm.SteadyStrain(0.02)}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.npz"
         stop = raised(
@@ -1621,7 +1632,14 @@ def ramps(pm):
     for mode, dimension in (("shear", 2), ("uniaxial", 2), ("isotropic", 2), ("shear", 3)):
         scene = gel(pm, dimension, bonds=dimension == 2)
         run = pm.ramp_strain(
-            scene, rate=-0.01, strain=0.15, mode=mode, samples=60, dt=0.05, mass_n=masses(scene.packing), frames=3
+            scene,
+            rate=-0.01,
+            applied_strain=0.15,
+            mode=mode,
+            samples=60,
+            dt=0.05,
+            mass_n=masses(scene.packing),
+            frames=3,
         )
         found |= {f"{group}, {mode}, {dimension}D": part for group, part in strained(run).items()}
     return found
@@ -1656,7 +1674,7 @@ def amplitude_sweep(pm):
 def steady_shear(pm):
     scene = gel(pm, bonds=False)
     curve = pm.steady_shear(
-        scene, rates=[0.05, 0.3], strain=3.0, samples=120, dt=0.05, mass_n=masses(scene.packing), frames=2
+        scene, rates=[0.05, 0.3], applied_strain=3.0, samples=120, dt=0.05, mass_n=masses(scene.packing), frames=2
     )
     return {
         "later": curve,
@@ -1731,7 +1749,7 @@ def shear_batch(pm, name):
         for _ in range(60):
             rate = rng.uniform(-0.02, 0.02, 3)
             strain = strain + 0.2 * rate
-            told = {"rate": [rate], "strain": [strain], "strain_and_rate": [strain, rate]}[control]
+            told = {"rate": [rate], "applied_strain": [strain], "strain_and_rate": [strain, rate]}[control]
             if switched:
                 told = [*told, rng.uniform(0.0, 0.5, 3)]
             good.append(batch.advance(np.stack(told, axis=1)))
@@ -1922,7 +1940,7 @@ def shear_episode(pm, goal, num_envs=None, threads=None):
         for _ in range(45):
             rate = rng.uniform(-0.01, 0.015, lead)
             strain = strain + rate * 0.25
-            numbers = {"rate": [rate], "strain": [strain], "strain_and_rate": [strain, rate]}[controls[name]]
+            numbers = {"rate": [rate], "applied_strain": [strain], "strain_and_rate": [strain, rate]}[controls[name]]
             if name == "friction":
                 numbers = [*numbers, np.full(lead, 0.3)]
             actions.append(np.clip(np.stack(numbers, axis=-1), space.low, space.high))
@@ -2020,9 +2038,12 @@ DRIVES = {
     ),
     "steady shear": lambda pm: (
         gel(pm, bonds=False),
-        pm.SteadyShearDrive(rates=(0.1, 0.2), strain=1.0, skip_strain=0.5, blocks=4, samples=40, **_DRIVEN),
+        pm.SteadyShearDrive(rates=(0.1, 0.2), applied_strain=1.0, skip_strain=0.5, blocks=4, samples=40, **_DRIVEN),
     ),
-    "ramp": lambda pm: (gel(pm), pm.RampStrainDrive(rate=-0.01, strain=0.05, mode="uniaxial", samples=20, **_DRIVEN)),
+    "ramp": lambda pm: (
+        gel(pm),
+        pm.RampStrainDrive(rate=-0.01, applied_strain=0.05, mode="uniaxial", samples=20, **_DRIVEN),
+    ),
     "creep": lambda pm: (gel(pm), pm.CreepDrive(stress=0.01, duration=20.0, hold=10.0, **_DRIVEN)),
 }
 

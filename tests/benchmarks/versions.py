@@ -82,7 +82,10 @@ class Renamed:
 
 # -- the table: head's name -> the tag's ------------------------------------------------------------------------------
 
+_APPLIED = Renamed(arguments={"applied_strain": "strain"})
+
 RENAMED: dict[str, Renamed] = {
+    **dict.fromkeys(("simulate", "ramp_strain", "steady_shear", "RampStrainDrive", "SteadyShearDrive"), _APPLIED),
     "Shear-v0": Renamed(arguments={"goal": "task"}),
 }
 
@@ -345,7 +348,7 @@ STATED: dict[str, dict[str, Any]] = {
     "oscillatory_shear": {"carried": True, "strain_path": "exact", **_STRAINED, **_SHEARED},
     "amplitude_sweep": {**_STRAINED, **_SHEARED},
     "shear_series": {"repeats": 3, "controls": ("prepared",), "seed": 0, "error": "standard", **_SHEARED},
-    "steady_shear": {"strain": 3.0, "skip_strain": 1.0, "blocks": 8, "samples": 400, **_STRAINED, **_AXES},
+    "steady_shear": {"applied_strain": 3.0, "skip_strain": 1.0, "blocks": 8, "samples": 400, **_STRAINED, **_AXES},
     "ramp_strain": {"mode": "shear", "samples": 200, **_STRAINED, **_AXES},
     "creep": {**_STRAINED, **_AXES},
     "ShearBatch": {"control": "rate", "steps": 1, "switched_friction": False, "threads": 1, **_STRAINED, **_AXES},

@@ -43,7 +43,7 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / f"{name}.toml").write_text(CRYSTAL + drive)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(travel, "_CHUNK", 2000)
-    monkeypatch.setattr("packmech.rheology.creep._REPORT", 5)
+    monkeypatch.setattr("packmech.rheology.steady._REPORT", 5)
     return tmp_path
 
 

@@ -23,7 +23,7 @@ def flat():
     bonds = pm.bond_contacts(packing, tangential_stiffness=0.5, damping=0.2)
     bonds = bonds.select(np.arange(len(bonds)) % 3 == 0)
     effects = (pm.Repulsion(law=pm.LinearSpring()), pm.ContactDamping(0.1), pm.Friction(0.5, 0.4, 0.1), bonds)
-    return pm.Scene(packing, effects), {"strain": pm.SteadyStrain(0.7), "dt": DT, "trace_every": 7}
+    return pm.Scene(packing, effects), {"applied_strain": pm.SteadyStrain(0.7), "dt": DT, "trace_every": 7}
 
 
 @cache
@@ -33,7 +33,7 @@ def spheres():
     spin = np.random.default_rng(1).normal(size=(40, 3))
     effects = (pm.Repulsion(law=pm.LinearSpring()), pm.Friction(0.5, 0.4, 0.1))
     manner = {
-        "strain": pm.OscillatoryStrain(0.1, 1.0),
+        "applied_strain": pm.OscillatoryStrain(0.1, 1.0),
         "spin_nk": spin,
         "held_n": np.arange(40) < 4,
         "method": pm.SemiImplicitEuler(),
@@ -110,7 +110,7 @@ def test_restart_just_before_at_and_after_a_re_mapping_of_the_sheared_box_contin
     monkeypatch, tmp_path
 ):
     scene, manner = flat()
-    manner = manner | {"strain": pm.SteadyStrain(4.0)}
+    manner = manner | {"applied_strain": pm.SteadyStrain(4.0)}
     seen = Homecomings(monkeypatch)
     whole = pm.simulate(scene, steps=STEPS, **manner)
     assert seen.exchanged

@@ -102,7 +102,9 @@ def test_threads_keep_the_same_figures_on_the_way():
 @pytest.mark.slow
 def test_simulate_takes_threads_and_gives_the_same_bits():
     runs = [
-        pm.simulate(pm.Scene(packing(), EVERYTHING), steps=20, dt=0.1, strain=pm.SteadyStrain(0.01), threads=threads)
+        pm.simulate(
+            pm.Scene(packing(), EVERYTHING), steps=20, dt=0.1, applied_strain=pm.SteadyStrain(0.01), threads=threads
+        )
         for threads in (1, 2)
     ]
     np.testing.assert_array_equal(runs[0].packing.position_nd, runs[1].packing.position_nd)

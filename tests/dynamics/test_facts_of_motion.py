@@ -68,7 +68,7 @@ def sliding(dimension, approach):
         dt=0.01,
         velocity_nd=velocity,
         mass_n=[1e15, 1e15],
-        strain=STILL,
+        applied_strain=STILL,
         trace_every=50,
         trace_positions=True,
     )
@@ -121,7 +121,7 @@ def test_a_fast_slid_contact_with_a_strong_dashpot_stays_at_its_cap_and_winds_no
         dt=0.002,
         velocity_nd=velocity,
         mass_n=[1e15, 1.0],
-        strain=STILL,
+        applied_strain=STILL,
         trace_every=1,
         trace_positions=True,
     )
@@ -148,7 +148,7 @@ def spun_pair(dimension, dt, duration, **kept):
         dt=dt,
         velocity_nd=0.1 * rng.standard_normal((2, dimension)),
         spin_nk=0.2 * rng.standard_normal((2, turns(dimension))),
-        strain=STILL,
+        applied_strain=STILL,
         **kept,
     )
 
@@ -182,7 +182,7 @@ def test_an_undamped_tangential_spring_swings_with_the_frequency_of_its_closed_f
         duration=duration,
         dt=0.01,
         velocity_nd=[[0.0, -0.5 * slip], [0.0, 0.5 * slip]],
-        strain=STILL,
+        applied_strain=STILL,
         trace_every=7,
     ).trace
     exact = 0.5 * stiffness * (slip / omega * np.sin(omega * trace.time_t)) ** 2
@@ -216,7 +216,7 @@ def cluster(dimension):
         dt=0.01,
         velocity_nd=velocity,
         spin_nk=rng.standard_normal((n, turns(dimension))),
-        strain=STILL,
+        applied_strain=STILL,
         trace_every=25,
         trace_positions=True,
     )
@@ -261,7 +261,9 @@ def test_a_quenched_packing_displaced_by_a_thousandth_of_a_diameter_relaxes_back
     # dashpots between particles leave the center of mass where it is
     displacement -= mass @ displacement / mass.sum()
     moved = packing.replace(position_nd=packing.position_nd + displacement)
-    run = pm.simulate(scene_of(moved, friction=0.0, damping=0.7), duration=500.0, dt=0.1, mass_n=mass, strain=STILL)
+    run = pm.simulate(
+        scene_of(moved, friction=0.0, damping=0.7), duration=500.0, dt=0.1, mass_n=mass, applied_strain=STILL
+    )
     back = np.linalg.norm(run.packing.position_nd - packing.position_nd, axis=1)
     assert np.linalg.norm(displacement, axis=1).min() > 5e-4
     assert back.max() < 1e-9
@@ -271,7 +273,7 @@ def test_a_period_of_strain_brings_the_box_back():
     scene = scene_of(quenched(2), damping=0.3, damping_across=0.2)
     scene = scene.replace(effects=(*scene.effects, pm.BackgroundDamping(0.1)))
     strain = pm.OscillatoryStrain(3.0, 0.01, periods=1)
-    run = pm.simulate(scene, duration=100.0, dt=0.05, strain=strain, trace_every=10)
+    run = pm.simulate(scene, duration=100.0, dt=0.05, applied_strain=strain, trace_every=10)
     assert np.abs(run.trace.strain_t).max() == pytest.approx(3.0, rel=1e-3)
     lattice = scene.packing.box.lattice_dd
     assert np.abs(run.packing.box.lattice_dd - lattice).max() < 1e-14 * np.abs(lattice).max()
@@ -279,7 +281,7 @@ def test_a_period_of_strain_brings_the_box_back():
 
 def test_a_strain_of_one_brings_the_same_lattice_of_images():
     scene = scene_of(quenched(2), damping=0.3, damping_across=0.2)
-    run = pm.simulate(scene, steps=2000, dt=0.05, strain=pm.SteadyStrain(0.01))
+    run = pm.simulate(scene, steps=2000, dt=0.05, applied_strain=pm.SteadyStrain(0.01))
     repulsion = (pm.Repulsion(law=SPRING),)
     sheared = pm.energy(pm.Scene(run.packing, repulsion))
     assert run.strain == pytest.approx(1.0, rel=1e-12)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import packmech as pm
 import packmech.validation.particle_shear as ps
-from packmech.dynamics.friction import slip_in_space, stretch_after, stretch_before
+from packmech.dynamics.friction import Contact, slip_in_space, stretch_after, stretch_before
 
 SPRING = pm.LinearSpring()
 STILL = pm.SteadyStrain(0.0)
@@ -45,7 +45,7 @@ def moved(dimension, *, strain, boost=0.0, shift=0.0, steps=60):
     start, (velocity, spin) = scene(dimension), motion(dimension)
     start = start.replace(packing=start.packing.replace(position_nd=start.packing.position_nd + shift))
     return pm.simulate(
-        start, steps=steps, dt=0.03, velocity_nd=velocity + boost, spin_nk=spin, strain=strain, trace_every=10
+        start, steps=steps, dt=0.03, velocity_nd=velocity + boost, spin_nk=spin, applied_strain=strain, trace_every=10
     )
 
 
@@ -113,7 +113,7 @@ def alone(dimension, spin, *, velocity=None, shift=0.0):
     position = 3.0 * np.arange(1, 4)[:, None] * np.ones(dimension) + shift
     none = pm.Bonds(np.zeros(0, int), np.zeros(0, int), np.zeros((0, dimension), int), np.zeros(0))
     packing = pm.Packing(position, [0.5, 0.6, 0.8], pm.Box.cubic(12.0, dimension))
-    moving = {"velocity_nd": velocity, "spin_nk": spin, "strain": STILL}
+    moving = {"velocity_nd": velocity, "spin_nk": spin, "applied_strain": STILL}
     run = pm.simulate(scene_of(packing, none), steps=1, dt=0.1, trace_every=1, **moving)
     inertia = INERTIA[dimension] * run.mass_n * packing.radius_n**2
     return run.trace, inertia, packing.box.volume
@@ -154,7 +154,7 @@ def test_the_motion_of_a_turned_scene_in_space_is_the_turned_motion():
     start, (velocity, spin) = scene(3), motion(3)
     packing = start.packing
     turned = packing.replace(position_nd=packing.position_nd @ turn.T, box=pm.Box(turn @ packing.box.lattice_dd))
-    there = {"steps": 60, "dt": 0.03, "strain": STILL, "trace_every": 10}
+    there = {"steps": 60, "dt": 0.03, "applied_strain": STILL, "trace_every": 10}
     one = pm.simulate(start, velocity_nd=velocity, spin_nk=spin, **there)
     other = pm.simulate(start.replace(packing=turned), velocity_nd=velocity @ turn.T, spin_nk=spin @ turn.T, **there)
     assert one.trace.sliding_t.max() > 0
@@ -198,10 +198,11 @@ def stretched(history, turned, steps, first=(0.0, 0.0, 0.0), duration=2.0):
         n = branch / r
         body = np.zeros((2, 10))
         body[:, 3], body[:, 7:] = RADII, own
-        *_, sx, sy, sz, ox, oy, oz = slip_in_space(body, 0, 1, *n, *rate, r, RADII.sum())
+        contact = Contact(0, 1, *n, *rate, r, RADII.sum())
+        slip = slip_in_space(body, contact)
         before, after = 0.5 * dt * (step > 0), 0.5 * dt * (step < steps)
-        stretch = stretch_before(held, 0, *n, sx, sy, sz, ox, oy, oz, before)
-        stretch_after(held, 0, *stretch, sx, sy, sz, ox, oy, oz, after)
+        stretch = stretch_before(held, 0, contact, slip, before)
+        stretch_after(held, 0, *stretch, slip, after)
     return q.T @ held[0], q.T @ n
 
 

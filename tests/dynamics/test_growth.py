@@ -105,7 +105,7 @@ def test_heating_that_is_small_against_the_energy_of_the_contacts_is_named():
     scene = scene_of(every=10_000)
     velocity = velocities(1e-4)
     run = pm.simulate(
-        scene, steps=3000, dt=0.4, velocity_nd=velocity, strain=pm.SteadyStrain(0.0), trace_every=1, check=False
+        scene, steps=3000, dt=0.4, velocity_nd=velocity, applied_strain=pm.SteadyStrain(0.0), trace_every=1, check=False
     )
     assert run.outcome is pm.Outcome.STEP_TOO_LONG
     assert run.trace.kinetic_t[-1] < 1e-3 * run.trace.energy_t[0]
@@ -114,7 +114,12 @@ def test_heating_that_is_small_against_the_energy_of_the_contacts_is_named():
 def test_the_work_of_shear_is_volume_times_stress_times_rate():
     rate, dt = 0.02, 0.005
     run = pm.simulate(
-        scene_of(every=1), steps=400, dt=dt, velocity_nd=velocities(1e-3), strain=pm.SteadyStrain(rate), trace_every=1
+        scene_of(every=1),
+        steps=400,
+        dt=dt,
+        velocity_nd=velocities(1e-3),
+        applied_strain=pm.SteadyStrain(rate),
+        trace_every=1,
     )
     trace = run.trace
     velocity = trace.kinetic_stress_tdd[:, 0, 1] - trace.momentum_td[:, 0] * trace.momentum_td[:, 1] / (

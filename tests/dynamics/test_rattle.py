@@ -321,4 +321,4 @@ def test_links_hold_with_friction_and_momentum_and_angular_momentum_with_them():
 def test_links_in_a_box_that_deforms_are_refused_by_name():
     scene, velocity, _ = rotor()
     with pytest.raises(ValueError, match="no rigid links where the box deforms: .* got 1 links"):
-        pm.simulate(scene, steps=2, velocity_nd=velocity, strain=pm.SteadyStrain(0.1))
+        pm.simulate(scene, steps=2, velocity_nd=velocity, applied_strain=pm.SteadyStrain(0.1))

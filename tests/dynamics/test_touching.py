@@ -15,7 +15,7 @@ def sheared(dimension):
     packing = pm.random_packing(40, dimension=dimension, packing_fraction=fraction, seed=6)
     scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.Friction(0.3, 0.4, 0.0)))
     return scene, pm.simulate(
-        scene, steps=60, dt=0.05, strain=pm.SteadyStrain(0.5), trace_every=12, trace_positions=True
+        scene, steps=60, dt=0.05, applied_strain=pm.SteadyStrain(0.5), trace_every=12, trace_positions=True
     )
 
 

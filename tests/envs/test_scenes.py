@@ -78,7 +78,7 @@ def test_a_bad_stiffness_is_named(stiffness, error):
 def test_a_bonded_trimer_keeps_its_shape_when_it_is_sheared_slowly():
     start = pm.cluster_packing(8, pm.Trimer(angle=1.3), dimension=2, packing_fraction=0.3, seed=2)
     scene = bonds_for_links(pm.Scene(start, (pm.Repulsion(), pm.BackgroundDamping(0.5))), 100.0)
-    run = pm.simulate(scene, duration=2.0, strain=pm.SteadyStrain(0.05))
+    run = pm.simulate(scene, duration=2.0, applied_strain=pm.SteadyStrain(0.05))
     bonds = scene.effects[-1]
     position, lattice = run.packing.position_nd, run.packing.box.lattice_dd
     vector = position[bonds.j_b] - position[bonds.i_b] + bonds.image_bd @ lattice.T

@@ -180,7 +180,10 @@ def test_links_written_by_hand_need_images_and_shapes_only_where_they_have_some(
     [
         (INLINE + "link_lengths = [1]", "packing.link_lengths must be left out without link_pairs"),
         (INLINE + "link_pairs = [[0, 1]]", "packing.link_lengths must be given with link_pairs, got nothing"),
-        (INLINE + "link_pairs = [[0, 1, 1]]\nlink_lengths = [1]", r"link_pairs\[0\] must hold 2 numbers, got 3"),
+        (
+            INLINE + "link_pairs = [[0, 1, 1]]\nlink_lengths = [1]",
+            r"packing.link_pairs\[0\] must hold 2 numbers, got 3",
+        ),
         (INLINE + "link_pairs = [[0, 2]]\nlink_lengths = [1]", "packing.link_pairs must name particles below 2, got 2"),
         (INLINE + "link_pairs = [[0, 1]]\nlink_lengths = [-1]", "packing.link_lengths must be positive, got -1.0"),
         (

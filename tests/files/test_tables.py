@@ -22,7 +22,9 @@ def sheared():
         pm.Friction(0.5, 0.4, 0.1),
         bonds.select(np.arange(len(bonds)) % 3 == 0),
     )
-    return pm.simulate(pm.Scene(packing, effects), steps=40, dt=0.02, strain=pm.SteadyStrain(0.7), trace_every=7)
+    return pm.simulate(
+        pm.Scene(packing, effects), steps=40, dt=0.02, applied_strain=pm.SteadyStrain(0.7), trace_every=7
+    )
 
 
 ENDINGS = ["parquet", "csv"]

@@ -248,7 +248,7 @@ def nematic_order(packing):
 def test_chains_that_slither_long_enough_forget_the_direction_of_their_rows(monkeypatch):
     order = []
     for lengths in (0, 20):
-        monkeypatch.setattr("packmech.generate.walks._LENGTHS", lengths)
+        monkeypatch.setattr("packmech.generate.chains._LENGTHS", lengths)
         order.append(nematic_order(chains(10, 100, packing_fraction=0.9, seed=2)))
     assert order[0] > 0.5 and order[1] < 0.3
 

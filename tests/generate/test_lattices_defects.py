@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.generate.defects import open_contact, random_strain, resize_particle, strain_packing
+from packmech.generate.lattices import open_contact, random_strain, resize_particle, strain_packing
 
 DISCS = [
     ("triangular", 1),

@@ -14,7 +14,7 @@ import scipy.sparse
 
 import packmech as pm
 from packmech.generate import LATTICE_NAMES
-from packmech.generate.defects import random_strain, strain_packing
+from packmech.generate.lattices import random_strain, strain_packing
 
 # name: collectively and strictly jammed in every cell but the small ones, and the cells that are tried
 JAMMED = {

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.generate.sizes import apportion
+from packmech.generate.random import apportion
 
 DISTRIBUTIONS = [
     pm.Monodisperse(),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.generate.defects import open_contact
+from packmech.generate.lattices import open_contact
 from packmech.jamming import certificates
 from packmech.jamming.certificates import certify, closes_nothing, force_error, kept_open
 from packmech.jamming.contact_selection import backbone_contacts

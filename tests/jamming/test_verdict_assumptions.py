@@ -4,7 +4,7 @@ import pytest
 
 import packmech as pm
 from packmech.generate import reinforced_kagome_packing
-from packmech.generate.defects import open_contact
+from packmech.generate.lattices import open_contact
 from packmech.jamming.verdict import verdict_numbers
 
 YES, NO, UNKNOWN = "jammed", "not jammed", "ambiguous"

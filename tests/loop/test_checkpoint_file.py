@@ -120,7 +120,7 @@ def discs():
     return pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.5)))
 
 
-RAMP = {"rate": 0.1, "strain": 0.2, "samples": 20}
+RAMP = {"rate": 0.1, "applied_strain": 0.2, "samples": 20}
 
 
 def test_a_disk_that_is_full_for_a_while_costs_a_warning(tmp_path, monkeypatch):

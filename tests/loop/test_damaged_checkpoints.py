@@ -22,7 +22,7 @@ if case == "bonds":
     bonds = pm.bond_contacts(start, compression=law, tension=law, tangential_stiffness=0.5, damping=0.4)
     effects = (*effects, bonds.select(np.arange(len(bonds)) % 2 == 0))
 scene = pm.Scene(start, effects)
-given = {"rate": 0.1, "strain": 0.4, "samples": 8, "frames": 3, "checkpoint": path, "check": False}
+given = {"rate": 0.1, "applied_strain": 0.4, "samples": 8, "frames": 3, "checkpoint": path, "check": False}
 
 def stop(stage, figures):
     if figures["steps"] > 0.3 * figures["of"]:

@@ -132,7 +132,7 @@ scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDam
 def ready(stage, figures):
     print(figures["steps"], flush=True)
 try:
-    pm.ramp_strain(scene, rate=1e-4, strain=10.0, checkpoint=sys.argv[1], progress=ready)
+    pm.ramp_strain(scene, rate=1e-4, applied_strain=10.0, checkpoint=sys.argv[1], progress=ready)
 except KeyboardInterrupt as stop:
     print("stopped", stop.run.outcome.name, stop.run.steps, flush=True)
 """

@@ -58,7 +58,7 @@ def test_velocity_verlet_is_of_order_two_in_positions_under_shear_with_fixed_con
     strain = pm.OscillatoryStrain(2e-5, 0.02)
 
     def end(dt):
-        run = pm.simulate(scene, duration=60.0, dt=dt, strain=strain, **generic(scene))
+        run = pm.simulate(scene, duration=60.0, dt=dt, applied_strain=strain, **generic(scene))
         return np.concatenate([run.packing.position_nd, run.velocity_nd, run.spin_nk], axis=1)
 
     fine = end(STEPS[-1] / 16.0)

@@ -30,13 +30,13 @@ def scene(packing):
 @pytest.mark.parametrize("mode", ["shear", "uniaxial", "isotropic"])
 def test_a_slow_small_ramp_has_the_static_moduli(scene, mode):
     exact = pm.complex_modulus(scene, [1e-5], mode=mode).stress_fdd[0].real
-    run = pm.ramp_strain(scene, rate=2e-8, strain=2e-5, mode=mode, dt=0.2, samples=10)
+    run = pm.ramp_strain(scene, rate=2e-8, applied_strain=2e-5, mode=mode, dt=0.2, samples=10)
     slope = (run.stress["overall"][-1] - run.stress["overall"][5]) / (run.strain_t[-1] - run.strain_t[5])
     assert np.abs(slope - exact).max() < 2e-3 * np.abs(exact).max()
 
 
 def test_stress_under_compression_is_per_volume_of_the_box_as_it_is(scene):
-    run = pm.ramp_strain(scene, rate=-0.01, strain=0.05, mode="isotropic", samples=5)
+    run = pm.ramp_strain(scene, rate=-0.01, applied_strain=0.05, mode="isotropic", samples=5)
     assert run.packing.box.volume == pytest.approx(0.95**2 * scene.packing.box.volume, rel=1e-12)
     # all contacts counted from the packing at the end: normal forces alone, so less than the whole, but most of it
     again = pm.Scene(run.packing, (pm.Repulsion(law=LAW),))
@@ -76,7 +76,7 @@ def test_an_undamped_box_rings_as_its_equation_of_motion_says(packing):
 
 def test_faster_steady_shear_bears_more_stress_and_blocks_give_errors(scene):
     frictional = scene.replace(effects=tuple(one for one in scene.effects if not isinstance(one, pm.Bonds)))
-    curve = pm.steady_shear(frictional, rates=[0.01, 0.3], strain=3.0, samples=300)
+    curve = pm.steady_shear(frictional, rates=[0.01, 0.3], applied_strain=3.0, samples=300)
     assert curve.stress_r[1] - curve.stress_r[0] > 3.0 * np.hypot(*curve.stress_error_r)
     assert (curve.stress_r > 0.0).all() and (curve.sliding_r > 0.0).all()
     assert curve.viscosity_r[1] < curve.viscosity_r[0]
@@ -189,7 +189,7 @@ def test_bonds_and_walls_that_are_not_the_packing_s_are_refused_by_all_that_move
     with pytest.raises(ValueError, match=said):
         pm.simulate(scene, steps=1)
     with pytest.raises(ValueError, match=said):
-        pm.ramp_strain(scene, rate=0.1, strain=0.1)
+        pm.ramp_strain(scene, rate=0.1, applied_strain=0.1)
 
 
 def test_a_second_friction_is_refused_instead_of_being_left_out():

@@ -34,12 +34,12 @@ def scene():
 SINE = {"frequency": 0.05, "samples_per_period": 20}
 CALLS = {
     "sine": (pm.oscillatory_shear, {"amplitude": 0.2, "pre_periods": 0.5, "periods": 3, "post_periods": 0.5, **SINE}),
-    "ramp": (pm.ramp_strain, {"rate": 0.1, "strain": 2.5, "samples": 20}),
+    "ramp": (pm.ramp_strain, {"rate": 0.1, "applied_strain": 2.5, "samples": 20}),
     "creep": (pm.creep, {"stress": 0.02, "duration": 15.0, "hold": 10.0}),
 }
 SEVERAL = {
     "sweep": (pm.amplitude_sweep, {"amplitudes": [0.01, 0.2], "periods": 2, **SINE}),
-    "steady": (pm.steady_shear, {"rates": [0.2, 0.3], "strain": 2.0, "samples": 40}),
+    "steady": (pm.steady_shear, {"rates": [0.2, 0.3], "applied_strain": 2.0, "samples": 40}),
     "rest": (pm.equilibrate, {"amplitude": 1e-4, "frequency": 0.05, "expected_stress": 1e-4, "step_limit": 3000}),
 }
 
@@ -48,7 +48,7 @@ SEVERAL = {
 def often(monkeypatch):
     """Look up every few steps."""
     monkeypatch.setattr(strain_run, "_CHUNK", 2000)
-    monkeypatch.setattr("packmech.rheology.creep._REPORT", 5)
+    monkeypatch.setattr("packmech.rheology.steady._REPORT", 5)
 
 
 def bits(value):

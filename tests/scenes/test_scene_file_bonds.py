@@ -112,7 +112,9 @@ def test_a_drive_of_oscillatory_shear_is_read_as_it_was_written(tmp_path, packin
 
 
 def test_a_drive_of_steady_shear_is_read_as_it_was_written(tmp_path, packing):
-    drive = pm.SteadyShearDrive(rates=(0.1, 1.0 / 3.0), strain=2.0, samples=50, axes=(1, 0), dt=0.01, density=2.0)
+    drive = pm.SteadyShearDrive(
+        rates=(0.1, 1.0 / 3.0), applied_strain=2.0, samples=50, axes=(1, 0), dt=0.01, density=2.0
+    )
     scene = pm.Scene(packing, (pm.Repulsion(),), drive)
     assert again(tmp_path, scene) == scene
 
@@ -254,5 +256,5 @@ def test_the_command_prints_a_flow_curve_and_writes_it(tmp_path, capsys):
     assert "stress/pressure" in capsys.readouterr().out
     numbers = json.loads((tmp_path / "a.json").read_text())
     scene = pm.read_scene(tmp_path / "flow.toml")
-    curve = pm.steady_shear(scene, rates=[0.1, 0.2], strain=0.4, skip_strain=0.2, samples=40)
+    curve = pm.steady_shear(scene, rates=[0.1, 0.2], applied_strain=0.4, skip_strain=0.2, samples=40)
     assert numbers["stresses"] == curve.stress_r.tolist() and numbers["rates"] == [0.1, 0.2]

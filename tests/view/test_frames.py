@@ -29,7 +29,7 @@ def sheared():
     effects = (pm.Repulsion(law=pm.LinearSpring()), pm.ContactDamping(0.1), pm.Friction(0.5, 0.4, 0.1), bonds)
     scene = pm.Scene(packing, effects)
     strain = pm.SteadyStrain(1.5)
-    return scene, pm.simulate(scene, steps=40, dt=0.02, strain=strain, trace_every=4, trace_positions=True)
+    return scene, pm.simulate(scene, steps=40, dt=0.02, applied_strain=strain, trace_every=4, trace_positions=True)
 
 
 def pixels(path):

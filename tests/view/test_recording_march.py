@@ -37,7 +37,9 @@ def scene():
 
 def sheared(**more):
     strain = pm.SteadyStrain(1.5)
-    return pm.simulate(scene(), steps=STEPS, dt=0.02, strain=strain, trace_every=EVERY, trace_positions=True, **more)
+    return pm.simulate(
+        scene(), steps=STEPS, dt=0.02, applied_strain=strain, trace_every=EVERY, trace_positions=True, **more
+    )
 
 
 @cache
@@ -138,7 +140,7 @@ def test_writing_a_recording_changes_no_bit_of_what_follows(tmp_path):
         scene(),
         steps=20,
         dt=0.02,
-        strain=pm.SteadyStrain(1.5),
+        applied_strain=pm.SteadyStrain(1.5),
         trace_every=EVERY,
         trace_positions=True,
         checkpoint=path,
@@ -153,7 +155,7 @@ def test_writing_a_recording_changes_no_bit_of_what_follows(tmp_path):
 
 
 def test_keeping_positions_and_contacts_changes_no_bit_of_the_run():
-    bare = pm.simulate(scene(), steps=STEPS, dt=0.02, strain=pm.SteadyStrain(1.5), trace_every=EVERY)
+    bare = pm.simulate(scene(), steps=STEPS, dt=0.02, applied_strain=pm.SteadyStrain(1.5), trace_every=EVERY)
     assert bare.packing == run().packing
     assert bare.spin_nk.tobytes() == run().spin_nk.tobytes()
     assert bare.trace.overall_stress_tdd.tobytes() == run().trace.overall_stress_tdd.tobytes()
@@ -235,7 +237,9 @@ def test_marks_turn_with_the_spins_in_a_plane_and_in_space():
 
 
 def test_a_box_sheared_far_is_drawn_with_short_vectors_and_lines_still_end_on_discs():
-    far = pm.simulate(scene(), steps=60, dt=0.02, strain=pm.SteadyStrain(4.0), trace_every=60, trace_positions=True)
+    far = pm.simulate(
+        scene(), steps=60, dt=0.02, applied_strain=pm.SteadyStrain(4.0), trace_every=60, trace_positions=True
+    )
     assert far.strain > 4.0
     trajectory = trajectory_of_run(far, scene(), 10)
     picture = draw_snapshot(trajectory.snapshots[-1], scene().effects)

@@ -48,7 +48,7 @@ def _head_on() -> float:
         dt=1e-4,
         mass_n=[1.0, 1.0],
         velocity_nd=[[speed, 0.0], [-speed, 0.0]],
-        strain=STILL,
+        applied_strain=STILL,
     )
     # the reduced mass is 1/2: w^2 = 2 k, b = c
     exact = math.exp(-math.pi * damping / math.sqrt(2.0 * stiffness - damping**2))
@@ -64,7 +64,7 @@ def _grazing() -> float:
         dt=1e-5,
         mass_n=[1.0, 1.0],
         velocity_nd=[[-0.5 * speed, 0.0], [0.5 * speed, 0.0]],
-        strain=STILL,
+        applied_strain=STILL,
     )
     half = math.sqrt(1.0 - aside**2)
     # integral of (1 - r) b/r dx over the overlap, over the speed
@@ -77,7 +77,7 @@ def _rubbed() -> float:
     scene = frictional_scene(pair_of(-1.0, 0.97), friction=0.8, across=5.0, damping=0.2, damping_across=0.3)
     velocity = np.array([[-0.5, 0.0], [0.5, 0.0]])
     run: Any = simulate(
-        scene, duration=3.0, dt=5e-3, velocity_nd=velocity, spin_nk=[[3.0], [1.0]], strain=STILL, trace_every=10
+        scene, duration=3.0, dt=5e-3, velocity_nd=velocity, spin_nk=[[3.0], [1.0]], applied_strain=STILL, trace_every=10
     )
     angular = run.trace.angular_momentum_tk
     if not run.trace.sliding_t.any() or abs(run.spin_nk[0, 0] - 3.0) < 1e-2:
@@ -107,7 +107,9 @@ def _squeezed() -> float:
 def _coincident() -> float:
     """How far the energy of three discs of one center rises with friction and spins, over what it was."""
     packing = Packing(np.full((3, 2), 5.0), np.full(3, 0.5), Box.cubic(12.0, 2))
-    run = simulate(frictional_scene(packing), steps=100, spin_nk=[[0.3], [-0.1], [0.2]], strain=STILL, trace_every=1)
+    run = simulate(
+        frictional_scene(packing), steps=100, spin_nk=[[0.3], [-0.1], [0.2]], applied_strain=STILL, trace_every=1
+    )
     position = run.packing.position_nd
     apart = min(float(np.linalg.norm(position[i] - position[j])) for i, j in ((0, 1), (0, 2), (1, 2)))
     total = energies(run)
@@ -118,7 +120,7 @@ def _coincident_bond() -> float:
     """Whether a bond without length, which has no direction, is simulated and not refused by its number."""
     scene = frictional_scene(pair_of(0.0), bonds=bonds_of((0, 1, 0, 1.0)))
     try:
-        simulate(scene, steps=1, dt=0.01, strain=STILL)
+        simulate(scene, steps=1, dt=0.01, applied_strain=STILL)
     except ValueError as refusal:
         return float("bond 0" not in str(refusal))
     return 1.0

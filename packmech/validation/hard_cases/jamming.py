@@ -11,7 +11,7 @@ from packmech.box import Box
 from packmech.effects import Harmonic, Repulsion
 from packmech.generate import lattice_packing, random_packing
 from packmech.jamming.classify import classify_jamming
-from packmech.measure.rattlers import find_rattlers
+from packmech.measure.counting import find_rattlers
 from packmech.mechanics.elasticity import elastic_moduli
 from packmech.packing import Packing
 from packmech.protocols.jam import jam

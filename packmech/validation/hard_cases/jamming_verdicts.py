@@ -18,7 +18,7 @@ from packmech.effects import Harmonic, Repulsion
 from packmech.generate import lattice_packing, random_packing
 from packmech.jamming.classify import classify_jamming
 from packmech.linalg.linear_programs import SOLVE, Program, Solution
-from packmech.measure.rattlers import find_rattlers, remove_rattlers
+from packmech.measure.counting import find_rattlers, remove_rattlers
 from packmech.mechanics.rigidity import rigidity_matrix
 from packmech.packing import Packing
 from packmech.protocols.jam import jam

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts import find_contacts
 from packmech.generate import lattice_packing, reinforced_kagome_packing
-from packmech.generate.defects import open_contact, random_strain, resize_particle, strain_packing
+from packmech.generate.lattices import open_contact, random_strain, resize_particle, strain_packing
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.contact_selection import LEAST_GAP, OVERLAPS
 from packmech.jamming.verdict import Verdict

@@ -77,14 +77,14 @@ def _stiff_bond() -> float:
     """Energy error of an undamped bonded pair whose tangential spring is 1e4 times as stiff as its normal one."""
     scene = frictional_scene(pair_of(1.05), bonds=bonds_of((0, 1, 0, 1.0), tangential_stiffness=1e4))
     moving: dict[str, Any] = {"velocity_nd": [[0.01, -0.02], [0.0, 0.03]], "spin_nk": [[0.02], [-0.05]]}
-    total = energies(simulate(scene, steps=50_000, strain=STILL, trace_every=97, **moving))
+    total = energies(simulate(scene, steps=50_000, applied_strain=STILL, trace_every=97, **moving))
     return float(np.abs(total / total[0] - 1.0).max())
 
 
 def _stiff_friction() -> float:
     """How far tangential forces, by springs 1e4 times as stiff as contacts, go beyond Coulomb's cap, over the cap."""
     scene = frictional_scene(dense_packing(), across=1e4, damping=0.3, damping_across=1.0)
-    run = simulate(scene, steps=3000, strain=SteadyStrain(0.05), trace_every=500, trace_positions=True)
+    run = simulate(scene, steps=3000, applied_strain=SteadyStrain(0.05), trace_every=500, trace_positions=True)
     trace: Any = run.trace
     beyond, slid = -math.inf, 0
     for t, one in enumerate(trace.touching_t[1:], start=1):
@@ -100,10 +100,12 @@ def _stiff_friction() -> float:
 
 def _there_and_back(scene: Scene, rate: float, dt: float) -> tuple[Simulation, Simulation]:
     steps = round(100.0 / (rate * dt))
-    there = simulate(scene, steps=steps, dt=dt, strain=SteadyStrain(rate), trace_every=steps)
+    there = simulate(scene, steps=steps, dt=dt, applied_strain=SteadyStrain(rate), trace_every=steps)
     turned = scene.replace(packing=there.packing)
     velocity: dict[str, Any] = {"velocity_nd": there.velocity_nd, "spin_nk": there.spin_nk}
-    return there, simulate(turned, steps=steps, dt=dt, strain=SteadyStrain(-rate), trace_every=steps, **velocity)
+    return there, simulate(
+        turned, steps=steps, dt=dt, applied_strain=SteadyStrain(-rate), trace_every=steps, **velocity
+    )
 
 
 def _carried() -> float:
@@ -146,7 +148,7 @@ def _resonance() -> float:
         duration=2.0 * math.pi * periods / omega,
         dt=phase / omega,
         mass_n=[1.0, 1.0],
-        strain=OscillatoryStrain(amplitude, omega / (2.0 * math.pi), mode="uniaxial"),
+        applied_strain=OscillatoryStrain(amplitude, omega / (2.0 * math.pi), mode="uniaxial"),
         trace_every=50,
         trace_positions=True,
     )
@@ -157,7 +159,7 @@ def _resonance() -> float:
 
 
 def _outcome(scene: Scene, dt: float | None = None, steps: int = 3000, **how: Any) -> Outcome:
-    return simulate(scene, steps=steps, dt=dt, check=False, **{"strain": STILL, **how}).outcome
+    return simulate(scene, steps=steps, dt=dt, check=False, **{"applied_strain": STILL, **how}).outcome
 
 
 def _limits() -> float:
@@ -178,8 +180,8 @@ def _limits() -> float:
         (_outcome(damped, 1.01 / 80.0, steps=20_000), bad),
         *((_outcome(scene, None, velocity_nd=thermal), good) for scene in (packed, lossy)),
         *((_outcome(scene, 0.6, velocity_nd=thermal), bad) for scene in (packed, lossy)),
-        *((_outcome(scene, None, velocity_nd=thermal, strain=shear), good) for scene in (packed, lossy)),
-        *((_outcome(scene, 1.0, velocity_nd=thermal, strain=shear), bad) for scene in (packed, lossy)),
+        *((_outcome(scene, None, velocity_nd=thermal, applied_strain=shear), good) for scene in (packed, lossy)),
+        *((_outcome(scene, 1.0, velocity_nd=thermal, applied_strain=shear), bad) for scene in (packed, lossy)),
     ]
     return float(sum(one is not expected for one, expected in found))
 
@@ -191,7 +193,7 @@ def _broad() -> float:
     rng = np.random.default_rng(2)
     velocity, spin = 0.01 * rng.standard_normal((416, 2)), 0.01 * rng.standard_normal((416, 1))
     run: Any = simulate(
-        frictional_scene(packing), steps=5000, velocity_nd=velocity, spin_nk=spin, strain=STILL, trace_every=20
+        frictional_scene(packing), steps=5000, velocity_nd=velocity, spin_nk=spin, applied_strain=STILL, trace_every=20
     )
     total = energies(run)
     if not run.trace.sliding_t.any():
