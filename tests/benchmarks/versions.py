@@ -11,20 +11,11 @@ tag calls it.
 =============================================  ========================================================================
 what was renamed                               where it is said
 =============================================  ========================================================================
-a public function or class                     ``RENAMED["new_name"] = Renamed(name="old_name")``
-its arguments                                  ``Renamed(arguments={"new": "old"})``
-their values                                   ``Renamed(values={"strain": {"free": True}})``, or a function
-an argument that the tag lacks                 ``Renamed(absent={"new": value})``: the value that changes nothing there
-a call that became another                     ``Renamed(call=function)``, called as function(packmech, *args, **kwargs)
-                                               with the tag's module and the head's arguments
-another orientation or unit of what returns    ``Renamed(result=function)``, from the tag's result to the head's
-attributes and methods of results              ``ATTRIBUTES["OldClass"] = {"new": "old"}``, or a function of the object
-fields that became properties                  ``KEPT["NewClass"] = ("name", ...)``: they are recorded all the same
-keys of reports, infos and JSON files          ``KEYS = {"old": "new"}``
-texts among results (verdicts, outcomes)       ``WORDS = {"old": "new"}``
+an argument                                    ``RENAMED["call"] = {"new": "old"}``
+its values                                     ``RENAMED["call"] = {"new": {value: {"old": old_value}}}``
+the orientation or unit of what returns        ``RESULTS["call"] = function``, from the tag's result to the head's
+a field of a record                            ``FIELDS["Class"] = {"old": ("new", {old_value: value})}``
 modules and private names                      ``PRIVATE["word"] = ("head.module:name", "tag.module:name")``
-words of the command line                      ``COMMANDS = {"--new": "--old"}``
-what benchmarks define (compare_speed.py)      ``BENCHMARKS["bench_new:name"] = "bench_old:name"``
 what is gone on purpose                        ``GONE["case pattern"] = {"array pattern": "reason"}``
 =============================================  ========================================================================
 
@@ -52,45 +43,68 @@ import scipy.sparse as sp
 SIDES = ("head", "tag")
 
 
-@dataclasses.dataclass(frozen=True)
-class Renamed:
-    """How the tag says what the head calls by another name; see the head of the module."""
+# -- the tables -------------------------------------------------------------------------------------------------------
 
-    name: str | None = None
-    arguments: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    absent: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    call: Callable[..., Any] | None = None
-    result: Callable[[Any], Any] | None = None
+_KEPT_SHAPE = {"strain": {"free": {"strain": "free"}, "isotropic": {"strain": "fixed"}}}
+_STRAINS_OR_NOT = {"strain": {"none": {"strain": False}, "free": {"strain": True}}}
+_STRAINS = {
+    "strain": {
+        "none": {"strain": False, "volume": "free"},
+        "free": {"strain": True, "volume": "free"},
+        "isochoric": {"strain": True, "volume": "fixed"},
+    }
+}
+_CONSTRAINED = {
+    "strain": {
+        "none": {"strain": False, "volume": False},
+        "free": {"strain": True, "volume": False},
+        "isochoric": {"strain": True, "volume": True},
+    }
+}
+_SHRINKING = {"strain": {"free": {"volume": "nonincreasing"}, "isochoric": {"volume": "fixed"}}}
 
-    def translate(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return keyword arguments of the head in the tag's words."""
-        told = {}
-        for name, value in given.items():
-            if name in self.absent:
-                if value != self.absent[name]:
-                    raise ValueError(f"{name} must be {self.absent[name]!r} at the tag, which lacks it, got {value!r}")
-                continue
-            change = self.values.get(name)
-            if callable(change):
-                value = change(value)
-            elif change is not None:
-                value = change[value]
-            told[self.arguments.get(name, name)] = value
-        return told
-
-
-# -- the table: head's name -> the tag's ------------------------------------------------------------------------------
-
-RENAMED: dict[str, Renamed] = {
-    "Shear-v0": Renamed(arguments={"goal": "task"}),
+# call -> {argument of the head: the tag's word for it, or for each value the arguments of the tag that say the same}
+RENAMED: dict[str, dict[str, str | dict[Any, dict[str, Any]]]] = {
+    "jam": _KEPT_SHAPE,
+    "compress": _KEPT_SHAPE,
+    "JamDrive": _KEPT_SHAPE,
+    "rigidity_matrix": _STRAINS_OR_NOT,
+    "independent_links": _STRAINS_OR_NOT,
+    "change_of_basis": _STRAINS,
+    "constrained_rigidity_matrix": _STRAINS,
+    "n_matrix": _STRAINS,
+    "hessian": _STRAINS,
+    "dynamical_matrix": _STRAINS,
+    "normal_modes": _STRAINS,
+    "perturbation_energy": {"strain": {"free": {"volume": "free"}, "isochoric": {"volume": "fixed"}}},
+    "constraint_jacobian": _CONSTRAINED,
+    "constraint_basis": _CONSTRAINED,
+    "project_force": {"strain": {"free": {"volume": False}, "isochoric": {"volume": True}}},
+    "classify_jamming": _SHRINKING,
+    "play_motion": _SHRINKING,
+    "Shear-v0": {"goal": "task"},
 }
 
-# class of the tag, by public name or "module:name" -> {attribute of the head: attribute of the tag, or a function}
-ATTRIBUTES: dict[str, dict[str, Any]] = {}
 
-# class name of the head -> attributes that are recorded beside its fields
-KEPT: dict[str, tuple[str, ...]] = {}
+class _InColumns:
+    """A basis of constraints of the tag, whose motions are in rows, with motions in columns."""
+
+    def __init__(self, basis: Any) -> None:
+        self._basis = basis
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._basis, name)
+        return value.T if name == "null_basis" else value
+
+
+# call -> function from what the tag returns to what the head does: another orientation or unit
+RESULTS: dict[str, Callable[[Any], Any]] = {"change_of_basis": np.transpose, "constraint_basis": _InColumns}
+
+# class -> {field at the tag: (the head's name of it, {value at the tag: the head's})}
+FIELDS: dict[str, dict[str, tuple[str, dict[Any, Any]]]] = {
+    "Verdict": {"volume": ("strain", {"nonincreasing": "free", "fixed": "isochoric"})},
+    "JamDrive": {"strain": ("strain", {"free": "free", "fixed": "isotropic"})},
+}
 
 # keys of dictionaries: tag's -> head's
 KEYS: dict[str, str] = {}
@@ -128,7 +142,8 @@ _AXES = {"axes": (0, 1)}
 _STRAINED = {"method": lambda pm: pm.VelocityVerlet()}
 _SHEARED = {"pre_periods": 0.0, "periods": 4.0, "post_periods": 0.0, "samples_per_period": 200, **_AXES}
 _CRYSTAL = {"conventional": False, "relative_overlap": 0.0, "diameter": 1.0}
-_BASIS = {"strain": True, "volume": "free", "gap_tolerance": 1e-9}
+_BASIS = {"strain": "free", "gap_tolerance": 1e-9}
+_CURVED = {"kind": "exact", "volume_curvature": "det", "gap_tolerance": 1e-9}
 _COUNT = {"strain": "none", "gap_tolerance": 1e-9, "rank_tolerance": 1e-5, "method": "auto"}
 
 STATED: dict[str, dict[str, Any]] = {
@@ -219,41 +234,21 @@ STATED: dict[str, dict[str, Any]] = {
     "mean_with_error": {"error": "standard", "draws": 2000, "seed": 0},
     "softening_strain": {"remaining": 0.9},
     # mechanics
-    "rigidity_matrix": {"strain": True, "gap_tolerance": 1e-9},
+    "rigidity_matrix": {"strain": "free", "gap_tolerance": 1e-9},
     "constrained_rigidity_matrix": _BASIS,
     "n_matrix": _BASIS,
-    "change_of_basis": {"strain": True, "volume": "free"},
-    "constraint_jacobian": {"strain": False, "volume": False, "form": "exact", "strain_scale": 1.0},
-    "constraint_basis": {
-        "strain": False,
-        "volume": False,
-        "method": "householder",
-        "form": "exact",
-        "rank_tolerance": 1e-10,
-    },
-    "project_force": {"volume": False, "method": "clusters"},
+    "change_of_basis": {"strain": "free"},
+    "constraint_jacobian": {"strain": "none", "form": "exact", "strain_scale": 1.0},
+    "constraint_basis": {"strain": "none", "method": "householder", "form": "exact", "rank_tolerance": 1e-10},
+    "project_force": {"strain": "free", "method": "clusters"},
     "reaffix_links": {"tolerance": 1e-13, "iteration_limit": 50},
-    "independent_links": {"strain": False, "tolerance": 1e-9, "rank_tolerance": 1e-6},
+    "independent_links": {"strain": "none", "tolerance": 1e-9, "rank_tolerance": 1e-6},
     "floppy_modes": _COUNT,
     "states_of_self_stress": _COUNT,
-    "hessian": {"strain": True, "kind": "exact", "volume": "free", "volume_curvature": "det", "gap_tolerance": 1e-9},
-    "dynamical_matrix": {
-        "strain": False,
-        "kind": "exact",
-        "volume": "free",
-        "volume_curvature": "det",
-        "gap_tolerance": 1e-9,
-    },
-    "perturbation_energy": {"kind": "exact", "volume": "free", "volume_curvature": "det", "gap_tolerance": 1e-9},
-    "normal_modes": {
-        "strain": False,
-        "kind": "exact",
-        "volume": "free",
-        "volume_curvature": "det",
-        "rattlers": "remove",
-        "gap_tolerance": 1e-9,
-        "method": "auto",
-    },
+    "hessian": {"strain": "free", **_CURVED},
+    "dynamical_matrix": {"strain": "none", **_CURVED},
+    "perturbation_energy": {"strain": "free", **_CURVED},
+    "normal_modes": {"strain": "none", "rattlers": "remove", "method": "auto", **_CURVED},
     "density_of_states": {"bins": 50, "kind": "exact", "rattlers": "remove", "gap_tolerance": 1e-9},
     "elastic_moduli": {"kind": "exact", "rattlers": "remove", "gap_tolerance": 1e-9},
     "compliance_matrix": {"kind": "exact", "method": "sparse", "rattlers": "remove", "gap_tolerance": 1e-9},
@@ -261,13 +256,13 @@ STATED: dict[str, dict[str, Any]] = {
     "classify_jamming": {
         "method": "certificate",
         "solver": "clarabel",
-        "volume": "nonincreasing",
+        "strain": "free",
         "rest_tolerance": 1e-5,
         "tolerance": 1e-8,
         "bound": "ball",
         "seed": 0,
     },
-    "play_motion": {"amplitude": 0.5, "steps": 50, "volume": "nonincreasing", "overlap_tolerance": 1e-9},
+    "play_motion": {"amplitude": 0.5, "steps": 50, "strain": "free", "overlap_tolerance": 1e-9},
     # minimizers and protocols
     "ConjugateGradient": {"slope_ratio": 0.1, "largest_step": 0.1},
     "DampedDynamics": {"damping": 1.0, "dt": 0.2, "largest_step": 0.1},
@@ -321,7 +316,7 @@ STATED: dict[str, dict[str, Any]] = {
         "iteration_limit": 2000,
     },
     "jam": {"strain": "free", "force_tolerance": 1e-5},
-    "compress": {"strain": "fixed", "force_tolerance": 1e-9, "iteration_limit": 2000},
+    "compress": {"strain": "isotropic", "force_tolerance": 1e-9, "iteration_limit": 2000},
     "shear_stabilize": {"force_tolerance": 1e-10, "step_limit": 200_000},
     "cement": {"seed": 0, "step": 0.05, "freeze": "angles", "kind": "unstressed", "gap_tolerance": 1e-9},
     "cementing_curve": {"seed": 0, "step": 0.05, "freeze": "angles", "pressure": 1e-8},
@@ -416,24 +411,21 @@ class Call:
 
     def __init__(self, versions: Versions, name: str, target: Callable[..., Any] | None = None) -> None:
         self._versions, self._name = versions, name
-        self._renamed = RENAMED.get(name) if versions.side == "tag" else None
-        if target is None and (self._renamed is None or self._renamed.call is None):
-            target = versions.raw(name)
-        self._target = target
+        self._target = versions.raw(name) if target is None else target
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Call it with what is given and the stated defaults."""
         for name, value in STATED.get(self._name, {}).items():
             if name not in kwargs:
                 kwargs[name] = value(self._versions) if callable(value) else value
-        renamed = self._renamed
-        if renamed is None:
+        if self._versions.side == "head":
             return self._target(*args, **kwargs)
-        if renamed.call is not None:
-            result = renamed.call(self._versions.module, *args, **kwargs)
-        else:
-            result = self._target(*args, **renamed.translate(kwargs))
-        return result if renamed.result is None else renamed.result(result)
+        renamed = RENAMED.get(self._name, {})
+        told: dict[str, Any] = {}
+        for name, value in kwargs.items():
+            old = renamed.get(name, name)
+            told |= {old: value} if isinstance(old, str) else old[value]
+        return RESULTS.get(self._name, _unchanged)(self._target(*args, **told))
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of what is called, such as a class method."""
@@ -455,17 +447,6 @@ class Versions:
             raise ValueError(f"names must be one of {SIDES}, got {side!r}")
         self.side = side
         self.module = importlib.import_module("packmech")
-        self._fields: dict[str, dict[str, Any]] = {}
-        if side == "tag":
-            for name, attributes in ATTRIBUTES.items():
-                self._alias(name, attributes)
-
-    def _alias(self, name: str, attributes: Mapping[str, Any]) -> None:
-        """Give a class of the tag the attributes of the head."""
-        cls = _found(name) if ":" in name else getattr(self.module, name)
-        for new, old in attributes.items():
-            setattr(cls, new, property(old if callable(old) else lambda self, old=old: getattr(self, old)))
-        self._fields[cls.__qualname__] = dict(attributes)
 
     def __getattr__(self, name: str) -> Any:
         """Return a public name: what it is where nothing is to be stated or translated, else a call."""
@@ -477,8 +458,7 @@ class Versions:
 
     def raw(self, name: str) -> Any:
         """Return the object of this name itself, for `isinstance` and `scene.without`."""
-        renamed = RENAMED.get(name) if self.side == "tag" else None
-        return getattr(self.module, name if renamed is None or renamed.name is None else renamed.name)
+        return getattr(self.module, name)
 
     def private(self, word: str) -> Any:
         """Return what is not public, by its word in `PRIVATE`."""
@@ -574,18 +554,24 @@ class Versions:
             raise TypeError(f"{name} must be made of records, mappings, sequences and arrays, got {type(value)}")
 
     def _parts(self, value: Any) -> list[tuple[str, Any]]:
-        """Return the fields of a record under the head's names, and what else is kept of it."""
+        """Return the fields of a record in the head's words."""
         names = value._fields if hasattr(value, "_fields") else [field.name for field in dataclasses.fields(value)]
-        new = self._fields.get(type(value).__qualname__, {})
-        old = {one: name for name, one in new.items() if isinstance(one, str)}
-        parts = [(old.get(name, name), getattr(value, name)) for name in names]
-        listed = {name for name, _ in parts}
-        more = [*new, *(KEPT.get(type(value).__qualname__, ()) if self.side == "head" else ())]
-        return parts + [(name, getattr(value, name)) for name in dict.fromkeys(more) if name not in listed]
+        renamed = FIELDS.get(type(value).__qualname__, {}) if self.side == "tag" else {}
+        parts = []
+        for name in names:
+            new, words = renamed.get(name, (name, None))
+            part = getattr(value, name)
+            parts.append((new, part if words is None else words[part]))
+        return parts
 
 
 # fields that hold times, and texts for readers
 _PROSE = frozenset({"note", "reason", "local_reason", "status", "name", "experiment", "about", "description"})
+
+
+def _unchanged(result: Any) -> Any:
+    """Return what is given."""
+    return result
 
 
 def _is_left_out(name: str, value: Any) -> bool:
