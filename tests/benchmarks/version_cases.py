@@ -97,6 +97,16 @@ AGREEMENT["mechanics/moduli"] = Agreement(
     _ONE_FACTOR,
     {"*residual": Near(0.0, 1e-8), **{f"{kind}, *": Near(1e-9) for kind in ("dimers", "trimers", "chains")}},
 )
+for _name in ("dimers", "trimers", "chains", "chains around the box"):
+    AGREEMENT[f"jam/{_name}"] = Agreement(
+        _ONE_FACTOR, {"*.report.pressure": _ROUNDING, "*.report.stress_anisotropy": Near(0.0, 1e-14)}
+    )
+for _name in ("step halving", "compress", "shear_stabilize"):
+    AGREEMENT[f"jam/{_name}"] = Agreement(
+        _ONE_FACTOR,
+        {f"{kind}*.report.pressure": _ROUNDING for kind in ("trimers", "chains")}
+        | {f"{kind}*.report.stress_anisotropy": Near(0.0, 1e-14) for kind in ("trimers", "chains")},
+    )
 for _name in ("chain-of-thirty", "crossing-dimers", "fifty-trimers-2d", "fifty-trimers-3d", "flexible-chains-3d"):
     AGREEMENT[f"scenes/{_name}"] = Agreement(_ONE_FACTOR, {"scene.stress": _ROUNDING})
 

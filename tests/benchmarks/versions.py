@@ -14,7 +14,8 @@ what was renamed                               where it is said
 an argument                                    ``RENAMED["call"] = {"new": "old"}``
 its values                                     ``RENAMED["call"] = {"new": {value: {"old": old_value}}}``
 the orientation or unit of what returns        ``RESULTS["call"] = function``, from the tag's result to the head's
-a field of a record                            ``FIELDS["Class"] = {"old": ("new", {old_value: value})}``
+a field of a record                            ``FIELDS["Class"] = {"old": "new"}``
+a text among results                           ``WORDS["name pattern"] = {"old": "new"}``
 modules and private names                      ``PRIVATE["word"] = ("head.module:name", "tag.module:name")``
 what is gone on purpose                        ``GONE["case pattern"] = {"array pattern": "reason"}``
 =============================================  ========================================================================
@@ -27,6 +28,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import enum
+import fnmatch
 import functools
 import importlib
 import io
@@ -100,17 +102,14 @@ class _InColumns:
 # call -> function from what the tag returns to what the head does: another orientation or unit
 RESULTS: dict[str, Callable[[Any], Any]] = {"change_of_basis": np.transpose, "constraint_basis": _InColumns}
 
-# class -> {field at the tag: (the head's name of it, {value at the tag: the head's})}
-FIELDS: dict[str, dict[str, tuple[str, dict[Any, Any]]]] = {
-    "Verdict": {"volume": ("strain", {"nonincreasing": "free", "fixed": "isochoric"})},
-    "JamDrive": {"strain": ("strain", {"free": "free", "fixed": "isotropic"})},
+# class -> {field at the tag: the head's name of it}
+FIELDS: dict[str, dict[str, str]] = {"Verdict": {"volume": "strain"}}
+
+# pattern of names in results -> {text at the tag: the head's}; the first pattern that matches holds
+WORDS: dict[str, dict[str, str]] = {
+    "*verdict.strain": {"nonincreasing": "free", "fixed": "isochoric"},
+    "*strain": {"fixed": "isotropic"},
 }
-
-# keys of dictionaries: tag's -> head's
-KEYS: dict[str, str] = {}
-
-# texts: tag's -> head's
-WORDS: dict[str, str] = {}
 
 # what is not public: word -> (head's module:name, tag's module:name)
 PRIVATE: dict[str, tuple[str, str]] = {
@@ -132,8 +131,8 @@ BENCHMARKS: dict[str, str] = {}
 
 # pattern of case names -> {pattern of array names at the tag: why the head has none}
 GONE: dict[str, dict[str, str]] = {
-    f"{room}/*": {"*touching_t": "contacts are given with positions for every scene"}
-    for room in ("simulate", "checkpoint")
+    cases: {"*touching_t": "contacts are given with positions for every scene"}
+    for cases in ("simulate/*", "checkpoint/*", "measure/effects of one's own")
 }
 
 # -- defaults, in the head's words; functions are called with the facade -----------------------------------------------
@@ -523,8 +522,7 @@ class Versions:
 
     def _record(self, name: str, value: Any, found: dict[str, np.ndarray]) -> None:
         if value is None or isinstance(value, str):
-            text = str(value)
-            found[name] = np.array(WORDS.get(text, text) if self.side == "tag" else text)
+            found[name] = np.array(self._text(name, str(value)))
         elif isinstance(value, enum.Enum):
             self._record(name, value.name, found)
         elif isinstance(value, bool | int | float | complex | np.generic):
@@ -538,9 +536,8 @@ class Versions:
             found[name] = value.toarray()
         elif isinstance(value, Mapping):
             for key, part in value.items():
-                word = str(KEYS.get(key, key) if self.side == "tag" else key)
-                if not _is_left_out(word, part):
-                    self._record(f"{name}.{word}", part, found)
+                if not _is_left_out(str(key), part):
+                    self._record(f"{name}.{key}", part, found)
         elif dataclasses.is_dataclass(value) or hasattr(value, "_fields"):
             for word, part in self._parts(value):
                 if not _is_left_out(word, part):
@@ -557,12 +554,14 @@ class Versions:
         """Return the fields of a record in the head's words."""
         names = value._fields if hasattr(value, "_fields") else [field.name for field in dataclasses.fields(value)]
         renamed = FIELDS.get(type(value).__qualname__, {}) if self.side == "tag" else {}
-        parts = []
-        for name in names:
-            new, words = renamed.get(name, (name, None))
-            part = getattr(value, name)
-            parts.append((new, part if words is None else words[part]))
-        return parts
+        return [(renamed.get(name, name), getattr(value, name)) for name in names]
+
+    def _text(self, name: str, text: str) -> str:
+        """Return a text among results in the head's words."""
+        for pattern, words in WORDS.items():
+            if self.side == "tag" and fnmatch.fnmatchcase(name, pattern):
+                return words.get(text, text)
+        return text
 
 
 # fields that hold times, and texts for readers
