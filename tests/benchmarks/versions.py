@@ -123,12 +123,6 @@ PRIVATE: dict[str, tuple[str, str]] = {
     "lattice_names": ("packmech.generate:LATTICE_NAMES", "packmech.generate:LATTICE_NAMES"),
 }
 
-# arguments of the command: head's -> tag's
-COMMANDS: dict[str, str] = {}
-
-# what the benchmarks of a checkout define, for compare_speed.py: head's module:name -> the tag's
-BENCHMARKS: dict[str, str] = {}
-
 # pattern of case names -> {pattern of array names at the tag: why the head has none}
 GONE: dict[str, dict[str, str]] = {
     cases: {"*touching_t": "contacts are given with positions for every scene"}
@@ -420,11 +414,11 @@ class Call:
         if self._versions.side == "head":
             return self._target(*args, **kwargs)
         renamed = RENAMED.get(self._name, {})
-        told: dict[str, Any] = {}
+        translated: dict[str, Any] = {}
         for name, value in kwargs.items():
             old = renamed.get(name, name)
-            told |= {old: value} if isinstance(old, str) else old[value]
-        return RESULTS.get(self._name, _unchanged)(self._target(*args, **told))
+            translated |= {old: value} if isinstance(old, str) else old[value]
+        return RESULTS.get(self._name, _unchanged)(self._target(*args, **translated))
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of what is called, such as a class method."""
@@ -451,7 +445,7 @@ class Versions:
         """Return a public name: what it is where nothing is to be stated or translated, else a call."""
         if name.startswith("__"):
             raise AttributeError(name)
-        value = Call(self, name) if name in STATED or (self.side == "tag" and name in RENAMED) else self.raw(name)
+        value = Call(self, name) if name in STATED or name in RENAMED else self.raw(name)
         setattr(self, name, value)
         return value
 
@@ -468,7 +462,7 @@ class Versions:
         folder = os.fspath(Path(self.module.__file__).parents[1] / "tests" / "benchmarks")
         if sys.path[0] != folder:
             sys.path.insert(0, folder)
-        return _found(BENCHMARKS.get(place, place) if self.side == "tag" else place)
+        return _found(place)
 
     def make(self, name: str, **kwargs: Any) -> Any:
         """Return an environment such as "Quench-v0"."""
@@ -485,8 +479,7 @@ class Versions:
 
     def command(self, *words: str) -> int:
         """Run the command in this process and return its exit code; what it prints goes nowhere."""
-        told = [COMMANDS.get(word, word) if self.side == "tag" else word for word in words]
-        before, sys.argv = sys.argv, ["packmech", *told]
+        before, sys.argv = sys.argv, ["packmech", *words]
         said = io.StringIO()
         try:
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
@@ -498,7 +491,7 @@ class Versions:
         finally:
             sys.argv = before
         if code not in (0, 1):
-            raise RuntimeError(f"packmech {' '.join(told)} ended with {code}: {said.getvalue()[-2000:]}")
+            raise RuntimeError(f"packmech {' '.join(words)} ended with {code}: {said.getvalue()[-2000:]}")
         return int(code)
 
     def load(self) -> None:
