@@ -177,16 +177,15 @@ def simulated(worker, kind, particles, dimension, fraction):
     packing = worker.packing(f"simulated-{kind}-{particles}-{dimension}", at_rest)
     damped = (pm.ContactDamping(coefficient=0.1),) if kind == "dashpots" else ()
     scene = pm.Scene(packing, (pm.Repulsion(), *damped))
-    steps = max(100, 1_000_000 // packing.particles)
+    steps = max(300, 1_000_000 // packing.particles)
     given = {"dt": 0.05, "mass_n": np.ones(packing.particles), "temperature": 1e-4, "seed": 1}
     few = 2
 
-    def once():
-        # what it takes to build the run is taken off
-        building = cpu_of(lambda: pm.simulate(scene, steps=few, **given))
-        return (cpu_of(lambda: pm.simulate(scene, steps=steps + few, **given)) - building) / steps
+    def least(count):
+        return min(cpu_of(lambda: pm.simulate(scene, steps=count, **given)) for _ in range(3))
 
-    return lambda: min(once() for _ in range(2))
+    # what it takes to build the run is taken off: the least of each, for the least difference would favor slow builds
+    return lambda: (least(steps + few) - least(few)) / steps
 
 
 for _kind, _n, _d, _fraction in (

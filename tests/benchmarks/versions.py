@@ -11,20 +11,12 @@ tag calls it.
 =============================================  ========================================================================
 what was renamed                               where it is said
 =============================================  ========================================================================
-a public function or class                     ``RENAMED["new_name"] = Renamed(name="old_name")``
-its arguments                                  ``Renamed(arguments={"new": "old"})``
-their values                                   ``Renamed(values={"strain": {"free": True}})``, or a function
-an argument that the tag lacks                 ``Renamed(absent={"new": value})``: the value that changes nothing there
-a call that became another                     ``Renamed(call=function)``, called as function(packmech, *args, **kwargs)
-                                               with the tag's module and the head's arguments
-another orientation or unit of what returns    ``Renamed(result=function)``, from the tag's result to the head's
-attributes and methods of results              ``ATTRIBUTES["OldClass"] = {"new": "old"}``, or a function of the object
-fields that became properties                  ``KEPT["NewClass"] = ("name", ...)``: they are recorded all the same
-keys of reports, infos and JSON files          ``KEYS = {"old": "new"}``
-texts among results (verdicts, outcomes)       ``WORDS = {"old": "new"}``
+an argument                                    ``RENAMED["call"] = {"new": "old"}``
+its values                                     ``RENAMED["call"] = {"new": {value: {"old": old_value}}}``
+the orientation or unit of what returns        ``RESULTS["call"] = function``, from the tag's result to the head's
+a field of a record                            ``FIELDS["Class"] = {"old": "new"}``
+a text among results                           ``WORDS["name pattern"] = {"old": "new"}``
 modules and private names                      ``PRIVATE["word"] = ("head.module:name", "tag.module:name")``
-words of the command line                      ``COMMANDS = {"--new": "--old"}``
-what benchmarks define (compare_speed.py)      ``BENCHMARKS["bench_new:name"] = "bench_old:name"``
 what is gone on purpose                        ``GONE["case pattern"] = {"array pattern": "reason"}``
 =============================================  ========================================================================
 
@@ -36,6 +28,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import enum
+import fnmatch
 import functools
 import importlib
 import io
@@ -52,54 +45,73 @@ import scipy.sparse as sp
 SIDES = ("head", "tag")
 
 
-@dataclasses.dataclass(frozen=True)
-class Renamed:
-    """How the tag says what the head calls by another name; see the head of the module."""
+# -- the tables -------------------------------------------------------------------------------------------------------
 
-    name: str | None = None
-    arguments: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    absent: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    call: Callable[..., Any] | None = None
-    result: Callable[[Any], Any] | None = None
+_KEPT_SHAPE = {"strain": {"free": {"strain": "free"}, "isotropic": {"strain": "fixed"}}}
+_STRAINS_OR_NOT = {"strain": {"none": {"strain": False}, "free": {"strain": True}}}
+_STRAINS = {
+    "strain": {
+        "none": {"strain": False, "volume": "free"},
+        "free": {"strain": True, "volume": "free"},
+        "isochoric": {"strain": True, "volume": "fixed"},
+    }
+}
+_CONSTRAINED = {
+    "strain": {
+        "none": {"strain": False, "volume": False},
+        "free": {"strain": True, "volume": False},
+        "isochoric": {"strain": True, "volume": True},
+    }
+}
+_APPLIED = {"applied_strain": "strain"}
+_SHRINKING = {"strain": {"free": {"volume": "nonincreasing"}, "isochoric": {"volume": "fixed"}}}
 
-    def translate(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return keyword arguments of the head in the tag's words."""
-        told = {}
-        for name, value in given.items():
-            if name in self.absent:
-                if value != self.absent[name]:
-                    raise ValueError(f"{name} must be {self.absent[name]!r} at the tag, which lacks it, got {value!r}")
-                continue
-            change = self.values.get(name)
-            if callable(change):
-                value = change(value)
-            elif change is not None:
-                value = change[value]
-            told[self.arguments.get(name, name)] = value
-        return told
-
-
-# -- the table: head's name -> the tag's ------------------------------------------------------------------------------
-
-_APPLIED = Renamed(arguments={"applied_strain": "strain"})
-
-RENAMED: dict[str, Renamed] = {
+# call -> {argument of the head: the tag's word for it, or for each value the arguments of the tag that say the same}
+RENAMED: dict[str, dict[str, str | dict[Any, dict[str, Any]]]] = {
+    "jam": _KEPT_SHAPE,
+    "compress": _KEPT_SHAPE,
+    "JamDrive": _KEPT_SHAPE,
+    "rigidity_matrix": _STRAINS_OR_NOT,
+    "independent_links": _STRAINS_OR_NOT,
+    "change_of_basis": _STRAINS,
+    "constrained_rigidity_matrix": _STRAINS,
+    "n_matrix": _STRAINS,
+    "hessian": _STRAINS,
+    "dynamical_matrix": _STRAINS,
+    "normal_modes": _STRAINS,
+    "perturbation_energy": {"strain": {"free": {"volume": "free"}, "isochoric": {"volume": "fixed"}}},
+    "constraint_jacobian": _CONSTRAINED,
+    "constraint_basis": _CONSTRAINED,
+    "project_force": {"strain": {"free": {"volume": False}, "isochoric": {"volume": True}}},
+    "classify_jamming": _SHRINKING,
+    "play_motion": _SHRINKING,
     **dict.fromkeys(("simulate", "ramp_strain", "steady_shear", "RampStrainDrive", "SteadyShearDrive"), _APPLIED),
-    "Shear-v0": Renamed(arguments={"goal": "task"}),
+    "Shear-v0": {"goal": "task"},
 }
 
-# class of the tag, by public name or "module:name" -> {attribute of the head: attribute of the tag, or a function}
-ATTRIBUTES: dict[str, dict[str, Any]] = {}
 
-# class name of the head -> attributes that are recorded beside its fields
-KEPT: dict[str, tuple[str, ...]] = {}
+class _InColumns:
+    """A basis of constraints of the tag, whose motions are in rows, with motions in columns."""
 
-# keys of dictionaries: tag's -> head's
-KEYS: dict[str, str] = {}
+    def __init__(self, basis: Any) -> None:
+        self._basis = basis
 
-# texts: tag's -> head's
-WORDS: dict[str, str] = {}
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._basis, name)
+        return value.T if name == "null_basis" else value
+
+
+# call -> function from what the tag returns to what the head does: another orientation or unit
+RESULTS: dict[str, Callable[[Any], Any]] = {"change_of_basis": np.transpose, "constraint_basis": _InColumns}
+
+# class -> {field at the tag: the head's name of it}
+FIELDS: dict[str, dict[str, str]] = {"Verdict": {"volume": "strain"}}
+
+# pattern of names in results -> {text at the tag: the head's}; the first pattern that matches holds
+WORDS: dict[str, dict[str, str]] = {
+    "*verdict.strain": {"nonincreasing": "free", "fixed": "isochoric"},
+    "*strain": {"fixed": "isotropic"},
+}
 
 # what is not public: word -> (head's module:name, tag's module:name)
 PRIVATE: dict[str, tuple[str, str]] = {
@@ -113,16 +125,10 @@ PRIVATE: dict[str, tuple[str, str]] = {
     "lattice_names": ("packmech.generate:LATTICE_NAMES", "packmech.generate:LATTICE_NAMES"),
 }
 
-# arguments of the command: head's -> tag's
-COMMANDS: dict[str, str] = {}
-
-# what the benchmarks of a checkout define, for compare_speed.py: head's module:name -> the tag's
-BENCHMARKS: dict[str, str] = {}
-
 # pattern of case names -> {pattern of array names at the tag: why the head has none}
 GONE: dict[str, dict[str, str]] = {
-    f"{room}/*": {"*touching_t": "contacts are given with positions for every scene"}
-    for room in ("simulate", "checkpoint")
+    cases: {"*touching_t": "contacts are given with positions for every scene"}
+    for cases in ("simulate/*", "checkpoint/*", "measure/effects of one's own")
 }
 
 # -- defaults, in the head's words; functions are called with the facade -----------------------------------------------
@@ -131,7 +137,8 @@ _AXES = {"axes": (0, 1)}
 _STRAINED = {"method": lambda pm: pm.VelocityVerlet()}
 _SHEARED = {"pre_periods": 0.0, "periods": 4.0, "post_periods": 0.0, "samples_per_period": 200, **_AXES}
 _CRYSTAL = {"conventional": False, "relative_overlap": 0.0, "diameter": 1.0}
-_BASIS = {"strain": True, "volume": "free", "gap_tolerance": 1e-9}
+_BASIS = {"strain": "free", "gap_tolerance": 1e-9}
+_CURVED = {"kind": "exact", "volume_curvature": "det", "gap_tolerance": 1e-9}
 _COUNT = {"strain": "none", "gap_tolerance": 1e-9, "rank_tolerance": 1e-5, "method": "auto"}
 
 STATED: dict[str, dict[str, Any]] = {
@@ -222,41 +229,21 @@ STATED: dict[str, dict[str, Any]] = {
     "mean_with_error": {"error": "standard", "draws": 2000, "seed": 0},
     "softening_strain": {"remaining": 0.9},
     # mechanics
-    "rigidity_matrix": {"strain": True, "gap_tolerance": 1e-9},
+    "rigidity_matrix": {"strain": "free", "gap_tolerance": 1e-9},
     "constrained_rigidity_matrix": _BASIS,
     "n_matrix": _BASIS,
-    "change_of_basis": {"strain": True, "volume": "free"},
-    "constraint_jacobian": {"strain": False, "volume": False, "form": "exact", "strain_scale": 1.0},
-    "constraint_basis": {
-        "strain": False,
-        "volume": False,
-        "method": "householder",
-        "form": "exact",
-        "rank_tolerance": 1e-10,
-    },
-    "project_force": {"volume": False, "method": "clusters"},
+    "change_of_basis": {"strain": "free"},
+    "constraint_jacobian": {"strain": "none", "form": "exact", "strain_scale": 1.0},
+    "constraint_basis": {"strain": "none", "method": "householder", "form": "exact", "rank_tolerance": 1e-10},
+    "project_force": {"strain": "free", "method": "clusters"},
     "reaffix_links": {"tolerance": 1e-13, "iteration_limit": 50},
-    "independent_links": {"strain": False, "tolerance": 1e-9, "rank_tolerance": 1e-6},
+    "independent_links": {"strain": "none", "tolerance": 1e-9, "rank_tolerance": 1e-6},
     "floppy_modes": _COUNT,
     "states_of_self_stress": _COUNT,
-    "hessian": {"strain": True, "kind": "exact", "volume": "free", "volume_curvature": "det", "gap_tolerance": 1e-9},
-    "dynamical_matrix": {
-        "strain": False,
-        "kind": "exact",
-        "volume": "free",
-        "volume_curvature": "det",
-        "gap_tolerance": 1e-9,
-    },
-    "perturbation_energy": {"kind": "exact", "volume": "free", "volume_curvature": "det", "gap_tolerance": 1e-9},
-    "normal_modes": {
-        "strain": False,
-        "kind": "exact",
-        "volume": "free",
-        "volume_curvature": "det",
-        "rattlers": "remove",
-        "gap_tolerance": 1e-9,
-        "method": "auto",
-    },
+    "hessian": {"strain": "free", **_CURVED},
+    "dynamical_matrix": {"strain": "none", **_CURVED},
+    "perturbation_energy": {"strain": "free", **_CURVED},
+    "normal_modes": {"strain": "none", "rattlers": "remove", "method": "auto", **_CURVED},
     "density_of_states": {"bins": 50, "kind": "exact", "rattlers": "remove", "gap_tolerance": 1e-9},
     "elastic_moduli": {"kind": "exact", "rattlers": "remove", "gap_tolerance": 1e-9},
     "compliance_matrix": {"kind": "exact", "method": "sparse", "rattlers": "remove", "gap_tolerance": 1e-9},
@@ -264,13 +251,13 @@ STATED: dict[str, dict[str, Any]] = {
     "classify_jamming": {
         "method": "certificate",
         "solver": "clarabel",
-        "volume": "nonincreasing",
+        "strain": "free",
         "rest_tolerance": 1e-5,
         "tolerance": 1e-8,
         "bound": "ball",
         "seed": 0,
     },
-    "play_motion": {"amplitude": 0.5, "steps": 50, "volume": "nonincreasing", "overlap_tolerance": 1e-9},
+    "play_motion": {"amplitude": 0.5, "steps": 50, "strain": "free", "overlap_tolerance": 1e-9},
     # minimizers and protocols
     "ConjugateGradient": {"slope_ratio": 0.1, "largest_step": 0.1},
     "DampedDynamics": {"damping": 1.0, "dt": 0.2, "largest_step": 0.1},
@@ -324,7 +311,7 @@ STATED: dict[str, dict[str, Any]] = {
         "iteration_limit": 2000,
     },
     "jam": {"strain": "free", "force_tolerance": 1e-5},
-    "compress": {"strain": "fixed", "force_tolerance": 1e-9, "iteration_limit": 2000},
+    "compress": {"strain": "isotropic", "force_tolerance": 1e-9, "iteration_limit": 2000},
     "shear_stabilize": {"force_tolerance": 1e-10, "step_limit": 200_000},
     "cement": {"seed": 0, "step": 0.05, "freeze": "angles", "kind": "unstressed", "gap_tolerance": 1e-9},
     "cementing_curve": {"seed": 0, "step": 0.05, "freeze": "angles", "pressure": 1e-8},
@@ -419,24 +406,21 @@ class Call:
 
     def __init__(self, versions: Versions, name: str, target: Callable[..., Any] | None = None) -> None:
         self._versions, self._name = versions, name
-        self._renamed = RENAMED.get(name) if versions.side == "tag" else None
-        if target is None and (self._renamed is None or self._renamed.call is None):
-            target = versions.raw(name)
-        self._target = target
+        self._target = versions.raw(name) if target is None else target
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Call it with what is given and the stated defaults."""
         for name, value in STATED.get(self._name, {}).items():
             if name not in kwargs:
                 kwargs[name] = value(self._versions) if callable(value) else value
-        renamed = self._renamed
-        if renamed is None:
+        if self._versions.side == "head":
             return self._target(*args, **kwargs)
-        if renamed.call is not None:
-            result = renamed.call(self._versions.module, *args, **kwargs)
-        else:
-            result = self._target(*args, **renamed.translate(kwargs))
-        return result if renamed.result is None else renamed.result(result)
+        renamed = RENAMED.get(self._name, {})
+        translated: dict[str, Any] = {}
+        for name, value in kwargs.items():
+            old = renamed.get(name, name)
+            translated |= {old: value} if isinstance(old, str) else old[value]
+        return RESULTS.get(self._name, _unchanged)(self._target(*args, **translated))
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of what is called, such as a class method."""
@@ -458,30 +442,18 @@ class Versions:
             raise ValueError(f"names must be one of {SIDES}, got {side!r}")
         self.side = side
         self.module = importlib.import_module("packmech")
-        self._fields: dict[str, dict[str, Any]] = {}
-        if side == "tag":
-            for name, attributes in ATTRIBUTES.items():
-                self._alias(name, attributes)
-
-    def _alias(self, name: str, attributes: Mapping[str, Any]) -> None:
-        """Give a class of the tag the attributes of the head."""
-        cls = _found(name) if ":" in name else getattr(self.module, name)
-        for new, old in attributes.items():
-            setattr(cls, new, property(old if callable(old) else lambda self, old=old: getattr(self, old)))
-        self._fields[cls.__qualname__] = dict(attributes)
 
     def __getattr__(self, name: str) -> Any:
         """Return a public name: what it is where nothing is to be stated or translated, else a call."""
         if name.startswith("__"):
             raise AttributeError(name)
-        value = Call(self, name) if name in STATED or (self.side == "tag" and name in RENAMED) else self.raw(name)
+        value = Call(self, name) if name in STATED or name in RENAMED else self.raw(name)
         setattr(self, name, value)
         return value
 
     def raw(self, name: str) -> Any:
         """Return the object of this name itself, for `isinstance` and `scene.without`."""
-        renamed = RENAMED.get(name) if self.side == "tag" else None
-        return getattr(self.module, name if renamed is None or renamed.name is None else renamed.name)
+        return getattr(self.module, name)
 
     def private(self, word: str) -> Any:
         """Return what is not public, by its word in `PRIVATE`."""
@@ -492,7 +464,7 @@ class Versions:
         folder = os.fspath(Path(self.module.__file__).parents[1] / "tests" / "benchmarks")
         if sys.path[0] != folder:
             sys.path.insert(0, folder)
-        return _found(BENCHMARKS.get(place, place) if self.side == "tag" else place)
+        return _found(place)
 
     def make(self, name: str, **kwargs: Any) -> Any:
         """Return an environment such as "Quench-v0"."""
@@ -509,8 +481,7 @@ class Versions:
 
     def command(self, *words: str) -> int:
         """Run the command in this process and return its exit code; what it prints goes nowhere."""
-        told = [COMMANDS.get(word, word) if self.side == "tag" else word for word in words]
-        before, sys.argv = sys.argv, ["packmech", *told]
+        before, sys.argv = sys.argv, ["packmech", *words]
         said = io.StringIO()
         try:
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
@@ -522,7 +493,7 @@ class Versions:
         finally:
             sys.argv = before
         if code not in (0, 1):
-            raise RuntimeError(f"packmech {' '.join(told)} ended with {code}: {said.getvalue()[-2000:]}")
+            raise RuntimeError(f"packmech {' '.join(words)} ended with {code}: {said.getvalue()[-2000:]}")
         return int(code)
 
     def load(self) -> None:
@@ -546,8 +517,7 @@ class Versions:
 
     def _record(self, name: str, value: Any, found: dict[str, np.ndarray]) -> None:
         if value is None or isinstance(value, str):
-            text = str(value)
-            found[name] = np.array(WORDS.get(text, text) if self.side == "tag" else text)
+            found[name] = np.array(self._text(name, str(value)))
         elif isinstance(value, enum.Enum):
             self._record(name, value.name, found)
         elif isinstance(value, bool | int | float | complex | np.generic):
@@ -561,9 +531,8 @@ class Versions:
             found[name] = value.toarray()
         elif isinstance(value, Mapping):
             for key, part in value.items():
-                word = str(KEYS.get(key, key) if self.side == "tag" else key)
-                if not _is_left_out(word, part):
-                    self._record(f"{name}.{word}", part, found)
+                if not _is_left_out(str(key), part):
+                    self._record(f"{name}.{key}", part, found)
         elif dataclasses.is_dataclass(value) or hasattr(value, "_fields"):
             for word, part in self._parts(value):
                 if not _is_left_out(word, part):
@@ -577,18 +546,26 @@ class Versions:
             raise TypeError(f"{name} must be made of records, mappings, sequences and arrays, got {type(value)}")
 
     def _parts(self, value: Any) -> list[tuple[str, Any]]:
-        """Return the fields of a record under the head's names, and what else is kept of it."""
+        """Return the fields of a record in the head's words."""
         names = value._fields if hasattr(value, "_fields") else [field.name for field in dataclasses.fields(value)]
-        new = self._fields.get(type(value).__qualname__, {})
-        old = {one: name for name, one in new.items() if isinstance(one, str)}
-        parts = [(old.get(name, name), getattr(value, name)) for name in names]
-        listed = {name for name, _ in parts}
-        more = [*new, *(KEPT.get(type(value).__qualname__, ()) if self.side == "head" else ())]
-        return parts + [(name, getattr(value, name)) for name in dict.fromkeys(more) if name not in listed]
+        renamed = FIELDS.get(type(value).__qualname__, {}) if self.side == "tag" else {}
+        return [(renamed.get(name, name), getattr(value, name)) for name in names]
+
+    def _text(self, name: str, text: str) -> str:
+        """Return a text among results in the head's words."""
+        for pattern, words in WORDS.items():
+            if self.side == "tag" and fnmatch.fnmatchcase(name, pattern):
+                return words.get(text, text)
+        return text
 
 
 # fields that hold times, and texts for readers
 _PROSE = frozenset({"note", "reason", "local_reason", "status", "name", "experiment", "about", "description"})
+
+
+def _unchanged(result: Any) -> Any:
+    """Return what is given."""
+    return result
 
 
 def _is_left_out(name: str, value: Any) -> bool:
