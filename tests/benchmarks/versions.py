@@ -14,7 +14,7 @@ what was renamed                               where it is said
 an argument                                    ``RENAMED["call"] = {"new": "old"}``
 its values                                     ``RENAMED["call"] = {"new": {value: {"old": old_value}}}``
 the orientation or unit of what returns        ``RESULTS["call"] = function``, from the tag's result to the head's
-a field of a record                            ``FIELDS["Class"] = {"old": "new"}``
+a field of a record, a key of a report         ``NAMES["ending of the old name"] = "ending of the new name"``
 a text among results                           ``WORDS["name pattern"] = {"old": "new"}``
 modules and private names                      ``PRIVATE["word"] = ("head.module:name", "tag.module:name")``
 what is gone on purpose                        ``GONE["case pattern"] = {"array pattern": "reason"}``
@@ -104,12 +104,12 @@ class _InColumns:
 # call -> function from what the tag returns to what the head does: another orientation or unit
 RESULTS: dict[str, Callable[[Any], Any]] = {"change_of_basis": np.transpose, "constraint_basis": _InColumns}
 
-# class -> {field at the tag: the head's name of it}
-FIELDS: dict[str, dict[str, str]] = {"Verdict": {"volume": "strain"}}
+# ending of names in results at the tag -> the head's: fields of records, keys of reports and of JSON files
+NAMES: dict[str, str] = {"verdict.volume": "verdict.strain", "verdict_volume": "verdict_strain"}
 
-# pattern of names in results -> {text at the tag: the head's}; the first pattern that matches holds
+# pattern of the head's names in results -> {text at the tag: the head's}; the first pattern that matches holds
 WORDS: dict[str, dict[str, str]] = {
-    "*verdict.strain": {"nonincreasing": "free", "fixed": "isochoric"},
+    "*verdict?strain": {"nonincreasing": "free", "fixed": "isochoric"},
     "*strain": {"fixed": "isotropic"},
 }
 
@@ -513,11 +513,11 @@ class Versions:
         found: dict[str, np.ndarray] = {}
         for name, value in results.items():
             self._record(name, value, found)
-        return found
+        return found if self.side == "head" else dict(_in_heads_words(*one) for one in found.items())
 
     def _record(self, name: str, value: Any, found: dict[str, np.ndarray]) -> None:
         if value is None or isinstance(value, str):
-            found[name] = np.array(self._text(name, str(value)))
+            found[name] = np.array(str(value))
         elif isinstance(value, enum.Enum):
             self._record(name, value.name, found)
         elif isinstance(value, bool | int | float | complex | np.generic):
@@ -534,7 +534,9 @@ class Versions:
                 if not _is_left_out(str(key), part):
                     self._record(f"{name}.{key}", part, found)
         elif dataclasses.is_dataclass(value) or hasattr(value, "_fields"):
-            for word, part in self._parts(value):
+            names = value._fields if hasattr(value, "_fields") else [field.name for field in dataclasses.fields(value)]
+            for word in names:
+                part = getattr(value, word)
                 if not _is_left_out(word, part):
                     self._record(f"{name}.{word}", part, found)
         elif isinstance(value, tuple | list | set | frozenset):
@@ -545,19 +547,6 @@ class Versions:
         else:
             raise TypeError(f"{name} must be made of records, mappings, sequences and arrays, got {type(value)}")
 
-    def _parts(self, value: Any) -> list[tuple[str, Any]]:
-        """Return the fields of a record in the head's words."""
-        names = value._fields if hasattr(value, "_fields") else [field.name for field in dataclasses.fields(value)]
-        renamed = FIELDS.get(type(value).__qualname__, {}) if self.side == "tag" else {}
-        return [(renamed.get(name, name), getattr(value, name)) for name in names]
-
-    def _text(self, name: str, text: str) -> str:
-        """Return a text among results in the head's words."""
-        for pattern, words in WORDS.items():
-            if self.side == "tag" and fnmatch.fnmatchcase(name, pattern):
-                return words.get(text, text)
-        return text
-
 
 # fields that hold times, and texts for readers
 _PROSE = frozenset({"note", "reason", "local_reason", "status", "name", "experiment", "about", "description"})
@@ -566,6 +555,17 @@ _PROSE = frozenset({"note", "reason", "local_reason", "status", "name", "experim
 def _unchanged(result: Any) -> Any:
     """Return what is given."""
     return result
+
+
+def _in_heads_words(name: str, array: np.ndarray) -> tuple[str, np.ndarray]:
+    """Return the name and the array of a result of the tag in the head's words."""
+    for old, new in NAMES.items():
+        if name.endswith(old):
+            name = name.removesuffix(old) + new
+    for pattern, words in WORDS.items():
+        if array.dtype.kind == "U" and array.ndim == 0 and fnmatch.fnmatchcase(name, pattern):
+            return name, np.array(words.get(str(array), str(array)))
+    return name, array
 
 
 def _is_left_out(name: str, value: Any) -> bool:
