@@ -1784,7 +1784,7 @@ def shear_batch(pm, name):
         for _ in range(60):
             rate = rng.uniform(-0.02, 0.02, 3)
             strain = strain + 0.2 * rate
-            told = {"rate": [rate], "applied_strain": [strain], "strain_and_rate": [strain, rate]}[control]
+            told = {"rate": [rate], "strain": [strain], "strain_and_rate": [strain, rate]}[control]
             if switched:
                 told = [*told, rng.uniform(0.0, 0.5, 3)]
             good.append(batch.advance(np.stack(told, axis=1)))
@@ -1975,7 +1975,7 @@ def shear_episode(pm, goal, num_envs=None, threads=None):
         for _ in range(45):
             rate = rng.uniform(-0.01, 0.015, lead)
             strain = strain + rate * 0.25
-            numbers = {"rate": [rate], "applied_strain": [strain], "strain_and_rate": [strain, rate]}[controls[name]]
+            numbers = {"rate": [rate], "strain": [strain], "strain_and_rate": [strain, rate]}[controls[name]]
             if name == "friction":
                 numbers = [*numbers, np.full(lead, 0.3)]
             actions.append(np.clip(np.stack(numbers, axis=-1), space.low, space.high))

@@ -105,7 +105,12 @@ class _InColumns:
 RESULTS: dict[str, Callable[[Any], Any]] = {"change_of_basis": np.transpose, "constraint_basis": _InColumns}
 
 # ending of names in results at the tag -> the head's: fields of records, keys of reports and of JSON files
-NAMES: dict[str, str] = {"verdict.volume": "verdict.strain", "verdict_volume": "verdict_strain"}
+NAMES: dict[str, str] = {
+    "verdict.volume": "verdict.strain",
+    "verdict_volume": "verdict_strain",
+    "ramp.strain": "ramp.applied_strain",
+    "steady shear.strain": "steady shear.applied_strain",
+}
 
 # pattern of the head's names in results -> {text at the tag: the head's}; the first pattern that matches holds
 WORDS: dict[str, dict[str, str]] = {
