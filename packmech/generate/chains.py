@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
-from packmech.generate.clusters import CROSSING
 from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
 from packmech.links import Links
@@ -21,6 +20,8 @@ from packmech.packing import Packing
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
+# whether bonds may cross each other in two dimensions
+CROSSING = ("avoided", "allowed")
 
 Point = tuple[float, ...]
 
