@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.jit.compiled import device, kernel
+from packmech.jit.compiled import device, inner_lean, kernel
 from packmech.links import Links
 
 # a link whose gradient lies, to this square of the sine, in the span of the links before it, takes no part in solves
@@ -383,11 +383,25 @@ def envelope(links: Links, order_r: NDArray[np.int64], particles: int) -> dict[s
 # -- the factor --------------------------------------------------------------------------------------------------------
 
 
+class Lengths(NamedTuple):
+    """Unit vectors, distances, and distances less lengths of links: what `measure_lengths` sets."""
+
+    normal_rd: NDArray[np.float64]
+    distance_r: NDArray[np.float64]
+    error_r: NDArray[np.float64]
+
+
 @device
 def measure(system, position, lattice):
     """Set unit vectors, distances and errors of the links; return the largest error over the link's scale."""
-    axes, image, normal = system.axes, system.image_rd, system.normal_rd
-    d = len(axes)
+    return measure_lengths(system, Lengths(system.normal_rd, system.distance_r, system.error_r), position, lattice)
+
+
+@device
+def measure_lengths(system, lengths, position, lattice):
+    """Set unit vectors, distances and errors of a system's links elsewhere; return the largest error over its scale."""
+    image, normal = system.image_rd, lengths.normal_rd
+    d = len(system.axes)
     worst = 0.0
     for r in range(system.i_r.shape[0]):
         i, j = system.i_r[r], system.j_r[r]
@@ -401,9 +415,9 @@ def measure(system, position, lattice):
         distance = math.sqrt(square)
         for a in range(d):
             normal[r, a] /= distance
-        system.distance_r[r] = distance
+        lengths.distance_r[r] = distance
         error = distance - system.length_r[r]
-        system.error_r[r] = error
+        lengths.error_r[r] = error
         relative = abs(error) / system.scale_r[r]
         if not relative <= worst:
             worst = relative
@@ -464,7 +478,7 @@ def _solve_rows(system, value_r, begin, end):
             value_r[c] -= factor[own + c] * value
 
 
-@device
+@inner_lean
 def solve_links(system, value_r):
     """Set value = A^-1 value, in the order of elimination."""
     _solve_rows(system, value_r, 0, value_r.shape[0])
@@ -571,7 +585,7 @@ def _rotations(system, b, damping):
     return smallest, dependent
 
 
-@device
+@inner_lean
 def factorize_links(system, damping):
     """Factor A, or A + damping diag(A) above 0; return the smallest relative pivot and the number of links left out.
 
@@ -609,7 +623,7 @@ def factorize_links(system, damping):
 # -- projections and the way back --------------------------------------------------------------------------------------
 
 
-@device
+@inner_lean
 def refill(system, position, lattice):
     """Set the Jacobian and the factor at a configuration.
 
@@ -653,7 +667,7 @@ def push(system, value_r, vector_nd, of_force):
             vector_nd[i, a] += wi * normal[r, a]
 
 
-@device
+@inner_lean
 def project_vector(system, vector_nd, out_nd, multiplier_l, of_force):
     """Take out what the links bear of a force, or what would stretch them of a velocity; see the two below."""
     d = len(system.axes)
@@ -744,7 +758,7 @@ def _step(system, position, lattice, damping):
     return pivot, predicted
 
 
-@device
+@inner_lean
 def reaffix_recorded(system, position, lattice, tolerance, most_iterations, error_t):
     """Do what `reaffix` does and write the largest error before and after each step that was kept to error_t."""
     smallest, longest = 1.0, 0.0
@@ -838,7 +852,7 @@ def reaffix_links(system: Any, position: Any, lattice: Any, tolerance: float, mo
     return record_links(system, position, lattice, tolerance, most_iterations, np.empty(0))
 
 
-@device
+@inner_lean
 def set_multipliers(system, rate_l, motion_nd, multiplier_l):
     """Set motion = Omega multiplier, multiplier = A^-1 rate: for equal masses the shortest motion with these rates."""
     order, value = system.order_r, system.multiplier_r

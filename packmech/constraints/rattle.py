@@ -13,17 +13,18 @@ so that the number of threads changes no bit.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import Joints, has_links
+from packmech.constraints.compiled_links import Joints
 from packmech.constraints.link_system import (
     NEWTON,
     TIGHT,
+    Lengths,
     LinkSystem,
-    measure,
+    measure_lengths,
     project_force,
     project_links,
     project_velocity,
@@ -33,7 +34,7 @@ from packmech.constraints.link_system import (
     set_multipliers,
     solve_links,
 )
-from packmech.jit.compiled import compiled_form, device
+from packmech.jit.compiled import device, inner_lean
 
 # errors, over the larger of a link's length and the mean diameter, that are rounding where they no longer fall; links
 # with larger ones are lost
@@ -59,7 +60,7 @@ def linked_pairs(joints: Joints) -> LinkedPairs:
 
 
 class Rattle(NamedTuple):
-    """The links between rows as time steps take them, at the start of a step, factored, and on the way to its end.
+    """The links between rows as time steps take them, at the start of a step, factored, and their lengths at its end.
 
     tension_l holds the tensions that were last measured, centripetal_l the part of them by which links turn. Errors of
     links are over their scale: brought down to `tolerance`, lost above `lost`. `number` holds the largest at the end of
@@ -67,7 +68,7 @@ class Rattle(NamedTuple):
     """
 
     here: LinkSystem
-    there: LinkSystem
+    there: Lengths
     impulse_r: NDArray[np.float64]
     multiplier_l: NDArray[np.float64]
     tension_l: NDArray[np.float64]
@@ -91,11 +92,7 @@ def make_rattle(joints: Joints, inverse_mass_n: NDArray[np.float64], resolution:
 
     """
     here = joints.system._replace(inverse_mass_n=inverse_mass_n)
-    there = here._replace(
-        normal_rd=np.zeros_like(here.normal_rd),
-        distance_r=np.zeros_like(here.distance_r),
-        error_r=np.zeros_like(here.error_r),
-    )
+    there = Lengths(np.zeros_like(here.normal_rd), np.zeros_like(here.distance_r), np.zeros_like(here.error_r))
     count = len(here.length_r)
     tolerance = max(TIGHT, 2.0 * resolution / float(here.scale_r.min()))
     return Rattle(
@@ -160,7 +157,7 @@ def _hold(rattle, row, velocity_nd, lattice, dt):
     value = here.multiplier_r
     for r in range(impulse.shape[0]):
         impulse[r] = 0.0
-    worst = measure(there, row, lattice)
+    worst = measure_lengths(here, there, row, lattice)
     tries = 0
     # Newton's method with the matrix of the old positions: it differs from the right one by the turn of a step
     while not worst <= rattle.tolerance and tries < _MOST_TRIES:
@@ -171,7 +168,7 @@ def _hold(rattle, row, velocity_nd, lattice, dt):
             impulse[r] += value[r]
         _pull(here, value, 1.0, row)
         before = worst
-        worst = measure(there, row, lattice)
+        worst = measure_lengths(here, there, row, lattice)
         tries += 1
         if worst <= rattle.lost and worst > 0.5 * before:
             break
@@ -182,19 +179,15 @@ def _hold(rattle, row, velocity_nd, lattice, dt):
     return worst <= rattle.lost
 
 
-def hold(
-    rattle: Rattle | None, axes: Any, body: Any, half_nd: Any, lattice: Any, dt: float, ahead: float, moved: float
-) -> float:
+@inner_lean
+def hold(rattle, axes, body, half_nd, lattice, dt, ahead, moved):
     """Move rows that went dt v from good ones back to the links' lengths, the velocities half_nd with them.
 
     The velocities in the rows are half + ahead (half - what they were before), and stay so. Returns the largest
     displacement in the step, `moved` where nothing is linked, infinity where links are lost.
     """
-    raise NotImplementedError("links are held in compiled loops")
-
-
-@device
-def _hold_step(rattle, axes, body, half_nd, lattice, dt, ahead):
+    if rattle is None:
+        return moved
     d = len(axes)
     for i in range(body.shape[0]):
         for a in range(d):
@@ -216,16 +209,7 @@ def _hold_step(rattle, axes, body, half_nd, lattice, dt, ahead):
     return dt * math.sqrt(largest) if good else np.inf
 
 
-@compiled_form(hold)
-def _choose_hold(rattle: Any, axes: Any, body: Any, half_nd: Any, lattice: Any, dt: Any, ahead: Any, moved: Any) -> Any:
-    if has_links(rattle):
-        return lambda rattle, axes, body, half_nd, lattice, dt, ahead, moved: _hold_step(
-            rattle, axes, body, half_nd, lattice, dt, ahead
-        )
-    return lambda rattle, axes, body, half_nd, lattice, dt, ahead, moved: moved
-
-
-@device
+@inner_lean
 def project_rows(rattle, axes, body, half_nd):
     """Project the velocities in rows onto those that change no link's length; half_nd is room for them."""
     d = len(axes)
@@ -238,7 +222,7 @@ def project_rows(rattle, axes, body, half_nd):
             body[i, 4 + a] = half_nd[i, a]
 
 
-@device
+@inner_lean
 def measure_tensions(rattle, axes, body, push):
     """Set tension_l to the forces in the links, tension positive; return the largest net force with them.
 

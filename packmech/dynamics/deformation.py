@@ -18,7 +18,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from packmech.check import integer, one_of, positive, real
-from packmech.jit.compiled import compiled_form, device, lean
+from packmech.jit.compiled import compiled_form, device, inner_lean, lean
 
 # places in Flow.number
 GAMMA, ANCHORED, OUTER_ANCHORED = 0, 1, 2
@@ -188,7 +188,7 @@ def _times(a, b, out):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@device
+@inner_lean
 def map_between(flow, low, high, out):
     """Write F(high) F(low)^-1 = (1 + high M) (1 + low M)^-1."""
     direction, work = flow.direction_dd, flow.work_dd
@@ -221,7 +221,7 @@ def entries(matrix):
     )
 
 
-@device
+@inner_lean
 def flow_to(flow, frame, time):
     """Set gamma, L, and the frame's lattice and inverse to those of a time."""
     gamma, rate = gamma_at(flow.profile, time)
@@ -258,7 +258,7 @@ def _bend(flow, gamma, out):
     _times(direction, flow.step_dd, out)
 
 
-@device
+@inner_lean
 def bending(flow, gamma):
     """Return a bound on the spectral norm of M (1 + gamma M)^-1: the square root of the sum of squares."""
     _bend(flow, gamma, flow.back_dd)

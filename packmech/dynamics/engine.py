@@ -211,12 +211,12 @@ class Engine:
             raise ValueError(f"temperature must be left out where nothing can move, got {temperature:g}")
         return np.asarray(draw * math.sqrt(0.5 * freedom * temperature / kinetic))
 
-    def begin(self) -> None:
-        """Take the forces of the present state."""
+    def begin(self, ledger: Ledger | None = None) -> None:
+        """Take the forces of the present state, in the same loop as steps with this ledger."""
         if self.space.flow is not None:
             set_flow(self.space.flow, self.space.frame, self.time)
         self._search()
-        self._run(FORCES, 1, None)
+        self._run(FORCES, 1, ledger)
         if self.state.last is not None:
             self.state.last[:] = self.state.push
         self.started = True
@@ -225,7 +225,7 @@ class Engine:
     def advance(self, steps: int, ledger: Ledger | None = None) -> int:
         """Advance by up to `steps` steps; return how that ended."""
         if not self.started:
-            self.begin()
+            self.begin(ledger)
         left = steps
         start = WHOLE_STEP
         while left > 0:

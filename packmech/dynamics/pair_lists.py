@@ -31,7 +31,7 @@ from packmech.dynamics.deformation import (
     entries,
     map_between,
 )
-from packmech.jit.compiled import compiled_form, device, inlined, kernel
+from packmech.jit.compiled import compiled_form, device, inlined, inner_lean, kernel
 from packmech.minimize.pair_list import (
     AGE,
     BUDGET,
@@ -423,7 +423,7 @@ def _choose_carried_stretches(track: Any, old: Any, new: Any) -> Any:
     return _carried_stretches
 
 
-@device
+@inner_lean
 def rebuild_inner(axes, body, space, pairs, track):
     """Choose the inner pairs anew at the present positions; their stretches are in the outer list."""
     number = pairs.number
@@ -459,7 +459,7 @@ def is_stale(flow, number, reach, moved):
     return not number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]
 
 
-@device
+@inner_lean
 def update_lists(axes, body, space, pairs, track):
     """Make stale lists valid; return whether that takes a new search."""
     number = pairs.number

@@ -174,10 +174,10 @@ def kernel(function: Callable[..., Any], *, contract: bool = True) -> Any:
 class _InnerKernel:
     """What stands for a kernel without an entry from Python; numba reads the type where another kernel names it."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
         functools.update_wrapper(self, function)
         self._function = function
-        self._dispatcher = _dispatcher(function, {**OPTIONS, "no_cpython_wrapper": True})
+        self._dispatcher = _dispatcher(function, {**OPTIONS, "no_cpython_wrapper": True, **options})
         self._numba_type_ = types.Dispatcher(self._dispatcher)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -191,6 +191,15 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     from here and from other helpers are compiled once, while those that a `kernel` calls are compiled anew for it.
     """
     return _InnerKernel(function)
+
+
+def inner_lean(function: Callable[..., Any]) -> Any:
+    """Return an `inner_kernel` that counts no references to arrays, for kernels that count and for those that do not.
+
+    A helper that both call is compiled once for each of them; this is compiled once for all. It must not make arrays or
+    return one, and call no user's law.
+    """
+    return _InnerKernel(function, _nrt=False)
 
 
 def lean(function: Callable[..., Any]) -> Any:

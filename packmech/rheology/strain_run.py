@@ -264,7 +264,7 @@ class StrainTask:
             if settings.file is None or not settings.file.begin(
                 self, self._named(profile, direction_dd, further or {})
             ):
-                self.engine.begin()
+                self.engine.begin(self.ledger)
                 self.first = self.engine.observe()
                 self.driven_rows = None if drive is None else [self.first]
                 self._measure_added()
