@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Chains of particles: how they grow, and packings of them."""
 
 from __future__ import annotations
@@ -13,16 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
-from packmech.generate.clusters import CROSSING
 from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
 from packmech.links import Links
 from packmech.packing import Packing
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
-
-
 Point = tuple[float, ...]
+# what links of a plane may do
+CROSSING = ("avoided", "allowed")
 
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
 _SLACK = 1e-9
