@@ -330,6 +330,7 @@ BAD = {
     "draws": [*COUNT, None],
     "ramp_strain.rate": [NAN, INF, 0.0, "1", None],
     "rates": [3, "0.1", [], [0.0], [NAN], ["1"], None],
+    "simulate.applied_strain": [3, "shear", 0.1, pm.SteadyStrain],
     "ramp_strain.applied_strain": POSITIVE,
     "steady_shear.applied_strain": POSITIVE,
     "ramp_strain.mode": CHOICE,

@@ -83,7 +83,7 @@ def bond_first(compression: Any, tension: Any, r: float, rest: float) -> float:
 @compiled_form(bond_first)
 def _choose_bond_first(compression: Any, tension: Any, r: Any, rest: Any) -> Any:
     if compression == tension:
-        # whether a bond is stretched is not to be foretold: laws of one kind are told apart by their numbers alone
+        # no branch predictor knows whether a bond is stretched: laws of one kind differ by their numbers alone
 
         def alike(compression, tension, r, rest):
             return law_first(compression if r < rest else tension, r, rest)
@@ -102,7 +102,7 @@ def _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz):
     i, j, stretch_bk = bonds.i_b[b], bonds.j_b[b], bonds.stretch_bk
     k, c = bonds.tangential_stiffness, bonds.tangential_damping
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
-    # ends at the same place have no direction: the next step tells them apart
+    # ends at the same place have no direction: the next step parts them
     inverse = 1.0 / r if r > 0.0 else 0.0
     nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
     ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)

@@ -1,4 +1,4 @@
-"""Energy that comes from nowhere: how a time step too long for what it steps is told from motion that is right.
+"""Energy drift check: how a time step that is too long is found by energy that no work explains.
 
 Above its limit of stability a step turns a few stiff motions into ever larger ones. Against the energy of a whole
 packing that may be little for long, and friction or dashpots may keep it so: what is compared is what grew between two
@@ -80,7 +80,7 @@ def _there(potential: float, kinetic: float, part: float) -> float:
 
 @dataclass
 class EnergyWatch:
-    """What is remembered to tell energy from nowhere: an observation some steps ago, and the work done since.
+    """What is remembered to find energy that no work explains: an observation some steps ago, and the work done since.
 
     Parameters
     ----------

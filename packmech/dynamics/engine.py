@@ -278,7 +278,7 @@ class Engine:
         self.pairs, self.track = search(self.axes, self.state.body, self.space, self.pairs, self.track)
 
     def observe(self) -> NDArray[np.float64]:
-        """Return the observables of the present moment, in the columns of `observables`; it changes no bit."""
+        """Return the observables of the present time, in the columns of `observables`; it changes no bit."""
         if not self.started:
             self.begin()
         out, push = np.zeros(COLUMNS), None
@@ -547,7 +547,7 @@ def refuse_misfits(scene: Scene) -> None:
         if one.image_bd.shape[1] != d:
             raise ValueError(f"scene.effects[{k}].image_bd must have shape ({len(one)}, {d}), got {one.image_bd.shape}")
         if int(one.j_b.max()) >= n:
-            # i < j, so that j tells
+            # i < j
             bond = int(one.j_b.argmax())
             raise ValueError(f"scene.effects[{k}].j_b must be below {n}, got {int(one.j_b[bond])} for bond {bond}")
         length = np.linalg.norm(position[one.j_b] - position[one.i_b] + one.image_bd @ lattice.T, axis=1)

@@ -253,7 +253,7 @@ def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
     force = uncapped_force(friction, stretch, slip)
     cap = friction.coefficient * normal
     soft = 1.0 / friction.stiffness
-    # whether contacts slide is not to be foretold: without a branch, what the cap takes is taken off the spring too;
+    # no branch predictor knows which contacts slide: without a branch, what the cap takes is taken off the spring too;
     # never past rest nor beyond what it was, so that a strong dashpot does not wind it
     capped = min(max(force, -cap), cap)
     less = stretch + (capped - force) * soft

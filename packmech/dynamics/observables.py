@@ -20,7 +20,7 @@ from packmech.jit.compiled import device, inlined, lean
 # columns of a row of observables
 TIME, STRAIN, RATE = 0, 1, 2
 POTENTIAL, TANGENTIAL, KINETIC, ROTATIONAL = 3, 4, 5, 6
-CONTACTS, SLIDING, MOST, TOTAL = 7, 8, 9, 10
+CONTACTS, SLIDING, LARGEST_FORCE, TOTAL = 7, 8, 9, 10
 # 3 x 3 sums, row by row: force on i times branch vector over contacts and bonds; bonds alone; m c c; I/2 (w w - w^2 1)
 FORCE, BONDED, MOTION, SPINNING = 11, 20, 29, 38
 # 3 numbers each: sum of torques, of m c, of x cross m v + I w; then the sum of m |c|
@@ -124,7 +124,7 @@ def measure_motion(axes, state, flowing, out):
     out[KINETIC] = kinetic
     out[ROTATIONAL] = rotational
     out[IMPULSE] = impulse
-    out[MOST] = math.sqrt(most)
+    out[LARGEST_FORCE] = math.sqrt(most)
     write(out, MOTION, motion)
     write(out, SPINNING, spinning)
     # w w - w^2 1, whose last number is zero in a plane
@@ -320,7 +320,7 @@ def measure_links(links, axes, state, out):
     if links is None:
         return
     here = links.here
-    out[MOST] = measure_tensions(links, axes, state.body, state.push)
+    out[LARGEST_FORCE] = measure_tensions(links, axes, state.body, state.push)
     out[LINK_ERROR] = links.number[ERROR]
     for r in range(here.i_r.shape[0]):
         size = links.tension_l[here.order_r[r]] * here.distance_r[r]
@@ -339,7 +339,7 @@ def strain_of(flow, time):
 
 @inlined
 def measure_into(acting, axes, state, links, space, pairs, track, time, pace, out):
-    """Write the observables of the present moment, in the columns named above."""
+    """Write the observables of the present time, in the columns named above."""
     for k in range(COLUMNS):
         out[k] = 0.0
     flowing = rates(space.flow)
@@ -356,7 +356,7 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
 
 @lean
 def measure(acting, axes, state, links, space, pairs, track, time, pace, out):
-    """Write the observables of the present moment, in the columns named above."""
+    """Write the observables of the present time, in the columns named above."""
     measure_into(acting, axes, state, links, space, pairs, track, time, pace, out)
 
 

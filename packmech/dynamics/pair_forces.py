@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""The forces of single pairs at one moment: of contacts and bonds, and which contacts slide."""
+"""The forces of single pairs at one time: of contacts and bonds, and which contacts slide."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PairForces(NamedTuple):
 
 
 def pair_forces(engine: Engine) -> PairForces:
-    """Return the forces of contacts and bonds at the present moment.
+    """Return the forces of contacts and bonds at the present time.
 
     Their sum of force times branch vector, over the volume, is the contact stress that `observe` reports; which of them
     reach a wall, or a particle, is for the caller to choose.
@@ -189,7 +189,7 @@ def _held(engine: Engine, i_p: Any, j_p: Any, image_pd: Any) -> NDArray[np.float
 
 
 def touching_of(engine: Engine) -> Touching:
-    """Return the contacts at the present moment."""
+    """Return the contacts at the present time."""
     if not engine.started:
         engine.begin()
     d = len(engine.axes)

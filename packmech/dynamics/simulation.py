@@ -24,9 +24,9 @@ from packmech.dynamics.observables import (
     CONTACTS,
     IMPULSE,
     KINETIC,
+    LARGEST_FORCE,
     LINK_ERROR,
     MOMENTUM,
-    MOST,
     POTENTIAL,
     RATE,
     ROTATIONAL,
@@ -204,7 +204,7 @@ class Simulation(Run):
 
         Stresses are in the scene's own units of energy/length^d, tension positive.
         """
-        told = {
+        numbers = {
             **super().to_dict(),
             "packing_fraction": packing_fraction(self.packing),
             "time": self._time,
@@ -216,7 +216,7 @@ class Simulation(Run):
         }
         trace = self.trace
         if isinstance(trace, MotionTrace):
-            told |= {
+            numbers |= {
                 "potential_energy": float(trace.energy_t[-1]),
                 "kinetic_energy": float(trace.kinetic_t[-1]),
                 "momentum": trace.momentum_td[-1].tolist(),
@@ -224,31 +224,31 @@ class Simulation(Run):
                 "sliding": int(trace.sliding_t[-1]),
                 "stress": {name: tensor[-1].tolist() for name, tensor in trace.stress.items()},
             }
-        return told
+        return numbers
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        told = self.to_dict()
-        unit = f"energy / length^{told['dimension']} of the scene"
+        numbers = self.to_dict()
+        unit = f"energy / length^{numbers['dimension']} of the scene"
         rows: list[Row] = []
-        if "momentum" in told:
-            energy = f"{told['potential_energy']:.6g} + {told['kinetic_energy']:.6g}"
-            momentum = "  ".join(f"{entry:.6g}" for entry in told["momentum"])
+        if "momentum" in numbers:
+            energy = f"{numbers['potential_energy']:.6g} + {numbers['kinetic_energy']:.6g}"
+            momentum = "  ".join(f"{entry:.6g}" for entry in numbers["momentum"])
             rows += [
-                ("energy", energy, f"potential + kinetic; changed by {told['energy_drift']:.2g} of itself"),
-                ("momentum", momentum, f"changed by {told['momentum_error']:.1e} of the sum of m |v|"),
-                ("contacts", str(told["contacts"]), f"{told['sliding']} of them slide; bonds are not among them"),
+                ("energy", energy, f"potential + kinetic; changed by {numbers['energy_drift']:.2g} of itself"),
+                ("momentum", momentum, f"changed by {numbers['momentum_error']:.1e} of the sum of m |v|"),
+                ("contacts", str(numbers["contacts"]), f"{numbers['sliding']} of them slide; bonds are not among them"),
             ]
         else:
             rows += [
-                ("energy drift", f"{told['energy_drift']:.2g}", "of the largest |potential| + kinetic energy"),
-                ("momentum error", f"{told['momentum_error']:.1e}", "of the sum of m |v|"),
+                ("energy drift", f"{numbers['energy_drift']:.2g}", "of the largest |potential| + kinetic energy"),
+                ("momentum error", f"{numbers['momentum_error']:.1e}", "of the sum of m |v|"),
             ]
         if self.packing.links is not None:
-            rows.append(("link error", f"{told['link_error']:.1e}", "largest, over the length of the link"))
-        rows.append(("packing fraction", f"{told['packing_fraction']:.8f}", "overlaps counted in full"))
-        for name, note in _STRESS_NOTES.items() if "stress" in told else ():
-            lines = ["  ".join(f"{entry + 0.0:12.5g}" for entry in row) for row in told["stress"][name]]
+            rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))
+        rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted in full"))
+        for name, note in _STRESS_NOTES.items() if "stress" in numbers else ():
+            lines = ["  ".join(f"{entry + 0.0:12.5g}" for entry in row) for row in numbers["stress"][name]]
             for k, line in enumerate(lines):
                 rows.append((f"{name} stress" if k == 0 else "", line, note if k == 0 else unit if k == 1 else ""))
         return [*super().rows()[:1], *rows]
@@ -336,7 +336,7 @@ def trace_of_rows(
             "energy": row[POTENTIAL] + row[TANGENTIAL],
             "pressure": (0.0 - float(np.trace(stress))) / d,
             "contacts": int(row[CONTACTS]),
-            "max_force": row[MOST],
+            "max_force": row[LARGEST_FORCE],
             "time": row[TIME],
             "kinetic": row[KINETIC] + row[ROTATIONAL],
             "momentum": momentum,
@@ -615,7 +615,7 @@ class SimulationTask:
         """Return the run as far as it came."""
         start, last, largest, settings = self.start, self.last, self.largest, self.settings
         mean = float(last[TOTAL] / last[CONTACTS]) if last[CONTACTS] else 0.0
-        residual = float(last[MOST]) / mean if mean > 0 else 0.0
+        residual = float(last[LARGEST_FORCE]) / mean if mean > 0 else 0.0
         seconds = self._seconds()
         note = compiling_noted("", self.loop.compiling(), seconds)
         evaluations, name = self.engine.force_evaluations, type(settings.method).__name__

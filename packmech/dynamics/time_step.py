@@ -83,7 +83,7 @@ def _drift_in_still_box(axes, state, low, high, dt, early, ahead):
 
 @inlined
 def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
-    """Leap in a simple shear that carries x along y and leaves all else alone."""
+    """Drift in a simple shear that carries x along y and leaves all else alone."""
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
     most = 0.0
     for i in range(np.uint64(low), np.uint64(high)):

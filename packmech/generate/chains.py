@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Chains of particles: how they grow, and packings of them."""
 
 from __future__ import annotations
@@ -18,12 +19,9 @@ from packmech.jit.compiled import kernel
 from packmech.links import Links
 from packmech.packing import Packing
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
-
-# whether bonds may cross each other in two dimensions
-CROSSING = ("avoided", "allowed")
-
 Point = tuple[float, ...]
+# what links of a plane may do
+CROSSING = ("avoided", "allowed")
 
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
 _SLACK = 1e-9

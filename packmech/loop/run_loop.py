@@ -23,12 +23,12 @@ from packmech.result import NotConverged, Outcome, Run
 Progress = Callable[[str, dict[str, Any]], None]
 R = TypeVar("R", bound=Run)
 
-# CPU time between two looks at the clock that is aimed at [s]
+# CPU time between two readings of the clock that is aimed at [s]
 _SLICE = 0.1
-# steps before the first look where there is a time limit, and by how much more are dared while a look comes early
-_FIRST, _BOLDER = 1, 8.0
-# time limit of a part of a run where none is left [s]
-_MOMENT = 1e-9
+# steps before the first reading where there is a time limit, and by how much a portion grows while readings come early
+_FIRST, _GROWTH = 1, 8.0
+# time limit of a part of a run where no time is left [s]
+_SHORTEST = 1e-9
 # a step limit that is none
 _ENDLESS = 1 << 62
 # checkpoints are written so often where nothing else is asked for [s]
@@ -158,8 +158,8 @@ class RunLoop:
 
     @property
     def time_left(self) -> float | None:
-        """CPU time until the limit, and be it no more than a moment [s]; None without a limit."""
-        return None if math.isinf(self.deadline) else max(self.deadline - time.process_time(), _MOMENT)
+        """CPU time until the limit, above zero [s]; None without a limit."""
+        return None if math.isinf(self.deadline) else max(self.deadline - time.process_time(), _SHORTEST)
 
     def report(self, stage: str, **figures: Any) -> None:
         """Call the progress callback, if there is one."""
@@ -274,6 +274,6 @@ def _next_portion(portion: float, steps: int, seconds: float) -> float:
     """Return how many steps to take before the clock is looked at again."""
     if seconds > _SLICE:
         return max(1.0, steps * _SLICE / seconds)
-    if steps >= portion and seconds < _SLICE / _BOLDER:
-        return portion * _BOLDER
+    if steps >= portion and seconds < _SLICE / _GROWTH:
+        return portion * _GROWTH
     return portion

@@ -44,9 +44,9 @@ class Equilibration(Run):
     expected_stress
         The stress amplitude that it was compared with [energy/length^d].
     periods
-        Periods that were stepped through, to look and to settle.
+        Periods that were stepped through, to measure and to settle.
     baseline
-        The period that was looked at.
+        The period that was measured.
 
     """
 
@@ -97,7 +97,7 @@ def equilibrate(
 
     The protocol of section 6 of particleShear's documentation. First the energy of what repels is minimized without
     friction. Then one period is stepped through with all effects and without strain; where the shear stress oscillates
-    too much, particles settle for another period under stronger drag and are looked at again. Each look starts at
+    too much, particles settle for another period under stronger drag and are measured again. Each measurement starts at
     rest with slack tangential springs, as whatever follows will; what is returned is where the last one began.
 
     Parameters
@@ -107,7 +107,7 @@ def equilibrate(
     amplitude
         Of the strain that is to follow [1].
     frequency, relative_frequency
-        One of them, as for `oscillatory_shear`: a period is looked at.
+        One of them, as for `oscillatory_shear`: a period is measured.
     largest_oscillation
         Ends when the oscillation is below this times the expected amplitude [1].
     expected_stress
@@ -157,7 +157,7 @@ def equilibrate(
     strain = OscillatoryStrain(positive("amplitude", amplitude), frequency_of(settings, frequency, relative_frequency))
     strain = dataclasses.replace(strain, axes=two_axes(axes))
     direction = strain.direction(scene.packing.dimension)
-    most = positive("largest_oscillation", largest_oscillation)
+    largest = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)
     bonded = any(is_bound(one) for one in scene.effects)
     if frictionless is not None and not isinstance(frictionless, bool):
@@ -187,7 +187,7 @@ def equilibrate(
         periods, taken = periods + 1, taken + run.steps
         stress = run.shear_stress_t
         oscillation = 0.5 * float(stress.max() - stress.min())
-        found = oscillation < most * expected
+        found = oscillation < largest * expected
         if found or outcome is not Outcome.FINISHED or taken + 2 * each > limit:
             break
         settled, outcome = _period(settings, _dragged(scene, settings), packing, strain, direction, each, every)

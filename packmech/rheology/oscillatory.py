@@ -72,10 +72,10 @@ class OscillatoryShear(StrainRun):
     def about(self) -> dict[str, Any]:
         """Return what a table of this run says of it."""
         names = ("amplitude", "frequency", "start", "periods", "skip_periods")
-        told = {**super().about(), **{name: getattr(self, name) for name in names}}
+        numbers = {**super().about(), **{name: getattr(self, name) for name in names}}
         if self.moduli is not None:
-            told |= {"storage_modulus": float(self.moduli.storage), "loss_modulus": float(self.moduli.loss)}
-        return told
+            numbers |= {"storage_modulus": float(self.moduli.storage), "loss_modulus": float(self.moduli.loss)}
+        return numbers
 
     @property
     def title(self) -> str:
@@ -84,7 +84,7 @@ class OscillatoryShear(StrainRun):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what the run reached by name, as plain values; stresses in the scene's units of energy/length^d."""
-        told = {
+        numbers = {
             **Run.to_dict(self),
             "packing_fraction": packing_fraction(self.packing),
             "strain_amplitude": self.amplitude,
@@ -97,7 +97,7 @@ class OscillatoryShear(StrainRun):
         }
         found = self.moduli
         if found is not None:
-            told |= {
+            numbers |= {
                 "in_phase_stress": found.in_phase,
                 "out_of_phase_stress": found.out_of_phase,
                 "stress": found.stress,
@@ -109,40 +109,40 @@ class OscillatoryShear(StrainRun):
                 "loss_fit_error": found.loss_fit_error,
             }
         if self.held_n is not None:
-            told["held"] = int(self.held_n.sum())
+            numbers["held"] = int(self.held_n.sum())
         if self.walls is not None:
-            told["walls"] = self.walls.to_dict()
-        return told
+            numbers["walls"] = self.walls.to_dict()
+        return numbers
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        told, unit = self.to_dict(), self.stress_unit
+        numbers, unit = self.to_dict(), self.stress_unit
         rows: list[Row] = []
         if self.moduli is not None:
             rows = [
-                ("in-phase stress", f"{told['in_phase_stress']:.6g}", f"amplitude; {unit}"),
-                ("out-of-phase stress", f"{told['out_of_phase_stress']:.6g}", f"amplitude; {unit}"),
-                ("stress", f"{told['stress']:.6g}", "amplitude of both together"),
+                ("in-phase stress", f"{numbers['in_phase_stress']:.6g}", f"amplitude; {unit}"),
+                ("out-of-phase stress", f"{numbers['out_of_phase_stress']:.6g}", f"amplitude; {unit}"),
+                ("stress", f"{numbers['stress']:.6g}", "amplitude of both together"),
             ]
             for name, key in (("G'", "storage"), ("G''", "loss")):
-                between, fit = told[f"{key}_error"], told[f"{key}_fit_error"]
+                between, fit = numbers[f"{key}_error"], numbers[f"{key}_fit_error"]
                 # one period that counts says nothing of how periods differ
                 error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
-                rows.append((name, f"{told[f'{key}_modulus']:.6g}", f"{error}; {unit}"))
+                rows.append((name, f"{numbers[f'{key}_modulus']:.6g}", f"{error}; {unit}"))
         else:
-            lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in told["end_stress"]]
+            lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
             rows = [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
         if self.walls is not None:
-            rows += self.walls.rows(told.get("held", 0), unit)
+            rows += self.walls.rows(numbers.get("held", 0), unit)
         if "oscillation_ratio" in self.report:
             rows.append(rest_row(self.report["oscillation_ratio"], self.report["expected_stress"]))
-        sliding = told["mean_sliding_fraction"]
+        sliding = numbers["mean_sliding_fraction"]
         return [
             *Run.rows(self)[:1],
             *rows,
-            ("packing fraction", f"{told['packing_fraction']:.8f}", "overlaps counted in full"),
-            ("mean pressure", f"{told['mean_pressure']:.6g}", unit),
-            ("contacts", f"{told['mean_contacts']:.1f}", f"mean; {sliding:.1%} of them slide"),
+            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted in full"),
+            ("mean pressure", f"{numbers['mean_pressure']:.6g}", unit),
+            ("contacts", f"{numbers['mean_contacts']:.1f}", f"mean; {sliding:.1%} of them slide"),
         ]
 
     def demodulated(self, tensor: str = "overall", axes: tuple[int, int] | None = None) -> Demodulation:

@@ -69,13 +69,13 @@ def ramp_strain(
 
     """
     settings = check_arguments(scene, **common)
-    speed, most = real("rate", rate), positive("applied_strain", applied_strain)
+    speed, end = real("rate", rate), positive("applied_strain", applied_strain)
     if speed == 0.0:
         raise ValueError("rate must not be zero, got 0.0")
-    if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and most >= 1.0:
-        raise ValueError(f"applied_strain must be below 1 where the box is compressed, got {most:g}")
+    if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and end >= 1.0:
+        raise ValueError(f"applied_strain must be below 1 where the box is compressed, got {end:g}")
     count = integer("samples", samples, at_least=1)
-    return _ramp(settings, speed, most, mode, two_axes(axes), count)
+    return _ramp(settings, speed, end, mode, two_axes(axes), count)
 
 
 def _ramp(
@@ -259,11 +259,11 @@ def steady_shear(
     if isinstance(rates, str) or not isinstance(rates, Sequence | np.ndarray) or not len(rates):
         raise TypeError(f"rates must be a list of shear rates, got {rates!r}")
     speeds = [positive("rates", one) for one in rates]
-    most = positive("applied_strain", applied_strain)
-    skip = real("skip_strain", skip_strain, at_least=0.0, below=most)
+    end = positive("applied_strain", applied_strain)
+    skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
     parts = integer("blocks", blocks, at_least=2)
     count = integer("samples", samples, at_least=1)
-    if count * (1.0 - skip / most) < 2 * parts:
+    if count * (1.0 - skip / end) < 2 * parts:
         raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
     settings = check_arguments(scene, **common)
     runs: list[StrainRun] = []
@@ -274,7 +274,7 @@ def steady_shear(
     pair = two_axes(axes)
     for speed in speeds:
         try:
-            runs.append(_ramp(settings, speed, most, "shear", pair, count, f"steady shear at {speed:g}"))
+            runs.append(_ramp(settings, speed, end, "shear", pair, count, f"steady shear at {speed:g}"))
         except KeyboardInterrupt as stop:
             stop.run = curve() if runs else None  # type: ignore[attr-defined]
             raise
@@ -342,11 +342,11 @@ class Creep(StrainRun):
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        told, (outcome, *rest) = self.to_dict(), super().rows()
+        numbers, (outcome, *rest) = self.to_dict(), super().rows()
         return [
             outcome,
-            ("strain under stress", f"{told['strain_under_stress']:.6g}", "when the stress ends"),
-            ("compliance", f"{told['compliance']:.6g}", "that strain over the stress"),
+            ("strain under stress", f"{numbers['strain_under_stress']:.6g}", "when the stress ends"),
+            ("compliance", f"{numbers['compliance']:.6g}", "that strain over the stress"),
             *rest,
         ]
 

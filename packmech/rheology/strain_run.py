@@ -19,7 +19,7 @@ from packmech.dynamics.observables import (
     BONDED,
     CONTACTS,
     KINETIC,
-    MOST,
+    LARGEST_FORCE,
     POTENTIAL,
     RATE,
     ROTATIONAL,
@@ -55,7 +55,7 @@ from packmech.rheology.arguments import StrainSettings
 from packmech.rheology.walls import WallForces
 from packmech.scene import Scene
 
-# numbers in the loops' arrays times steps between two looks at the clock
+# numbers in the loops' arrays times steps between two readings of the clock
 _CHUNK = 1_000_000
 
 
@@ -170,14 +170,14 @@ class StrainRun(Run):
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        told, unit = self.to_dict(), self.stress_unit
+        numbers, unit = self.to_dict(), self.stress_unit
         return [
             *super().rows()[:1],
-            ("strain at the end", f"{told['strain']:.6g}", ""),
-            ("stress at the end", f"{told['stress']:.6g}", f"largest {told['largest_stress']:.6g}; {unit}"),
-            ("pressure at the end", f"{told['pressure']:.6g}", unit),
-            ("packing fraction", f"{told['packing_fraction']:.8f}", "overlaps counted in full"),
-            ("contacts", str(told["contacts"]), f"{told['sliding_fraction']:.1%} of them slide"),
+            ("strain at the end", f"{numbers['strain']:.6g}", ""),
+            ("stress at the end", f"{numbers['stress']:.6g}", f"largest {numbers['largest_stress']:.6g}; {unit}"),
+            ("pressure at the end", f"{numbers['pressure']:.6g}", unit),
+            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted in full"),
+            ("contacts", str(numbers["contacts"]), f"{numbers['sliding_fraction']:.1%} of them slide"),
         ]
 
     @property
@@ -312,7 +312,7 @@ class StrainTask:
         return self.engine.spins() if _turns(self.settings.scene) else None
 
     def next_stop(self) -> int | Outcome:
-        """Return the step of the next frame or look, whichever comes first."""
+        """Return the step of the next frame or reading of the clock, whichever comes first."""
         if self.steps >= self.end:
             return Outcome.FINISHED
         if self.stop <= self.steps:
@@ -433,7 +433,7 @@ class StrainTask:
         stress["bond"] = rows[:, BONDED : BONDED + 9].reshape(-1, 3, 3)[:, :d, :d]
         now = engine.observe()
         mean = now[TOTAL] / now[CONTACTS] if now[CONTACTS] else 0.0
-        residual = float(now[MOST] / mean) if mean > 0.0 else 0.0
+        residual = float(now[LARGEST_FORCE] / mean) if mean > 0.0 else 0.0
         seconds = self.seconds()
         snapshots = self.snapshot_f
         return {

@@ -191,7 +191,7 @@ class WallForces:
         return self.high - self.low
 
     def begin(self, engine: Engine) -> None:
-        """Look at the start."""
+        """Find the ends of the walls at the start, and measure."""
         self.low, self.high = self._ends(self._reaching(engine, pair_forces(engine)))
         self._keep(engine)
 
@@ -204,7 +204,7 @@ class WallForces:
         return 1
 
     def after(self, engine: Engine) -> None:
-        """Take note of the steps that were taken."""
+        """Measure after the steps that were taken, where a row is due."""
         if engine.steps % self.every == 0:
             self._keep(engine)
 
