@@ -30,7 +30,7 @@ def blank(size: tuple[int, int], color: tuple[int, int, int]) -> NDArray[np.floa
 
 
 def finished(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return the image in whole numbers."""
+    """Return the image as bytes."""
     done = np.empty(image.shape, dtype=np.uint8)
     _finish(image, done)
     return done
