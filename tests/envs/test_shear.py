@@ -19,7 +19,7 @@ from packmech_envs.single import ShearEnv
 
 import packmech as pm
 
-RUBBING = (pm.Friction(coefficient=0.5, stiffness=0.5, damping=1.0), pm.ContactDamping(coefficient=2.0))
+FRICTIONAL_EFFECTS = (pm.Friction(coefficient=0.5, stiffness=0.5, damping=1.0), pm.ContactDamping(coefficient=2.0))
 
 
 @cache
@@ -32,7 +32,7 @@ def frictionless(n=24, seed=1):
 @cache
 def frictional(n=24, seed=1):
     scene = frictionless(n, seed)
-    return scene.replace(effects=(*scene.effects, *RUBBING))
+    return scene.replace(effects=(*scene.effects, *FRICTIONAL_EFFECTS))
 
 
 def checked(env):
@@ -185,8 +185,10 @@ def test_a_scripted_episode_measures_the_moduli_of_oscillatory_shear(control, pa
         action = [amplitude * math.sin(phase), amplitude * omega * math.cos(phase)]
         env.step(np.array(action[: len(env.action_names)]))
     every = run.steps // (len(run.time_t) - 1)
-    told = env.run
-    moduli = pm.demodulate(omega * told.time_t[::every], told.shear_stress_t[::every], amplitude=amplitude, periods=3)
+    so_far = env.run
+    moduli = pm.demodulate(
+        omega * so_far.time_t[::every], so_far.shear_stress_t[::every], amplitude=amplitude, periods=3
+    )
     assert 0.3 < run.moduli.loss / run.moduli.storage < 3.0
     assert moduli.storage == pytest.approx(run.moduli.storage, rel=1e-12)
     assert moduli.loss == pytest.approx(run.moduli.loss, rel=1e-12)
@@ -294,11 +296,11 @@ def test_an_action_outside_the_space_is_refused_and_changes_nothing(action, erro
 
 
 def test_a_frictionless_scene_holds_no_history():
-    env, rubbing = ShearEnv(frictionless()), ShearEnv(frictional())
-    env.reset(seed=0), rubbing.reset(seed=0)
-    march = env._episodes.batch._engines[0]
-    assert march.track is None and march.acting.friction is None and march.state.spins == ()
-    assert rubbing._episodes.batch._engines[0].track is not None
+    env, with_friction = ShearEnv(frictionless()), ShearEnv(frictional())
+    env.reset(seed=0), with_friction.reset(seed=0)
+    engine = env._episodes.batch._engines[0]
+    assert engine.track is None and engine.acting.friction is None and engine.state.spins == ()
+    assert with_friction._episodes.batch._engines[0].track is not None
 
 
 def test_the_friction_of_an_action_is_that_of_the_frame():
@@ -354,7 +356,7 @@ def test_targets_are_drawn_from_the_environments_generator():
 def test_an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more():
     goal = DissipateLeast(target_strain=0.004, tolerance=1e-9)
     spent = {}
-    for name, scene in {"elastic": frictionless(), "rubbing": frictional()}.items():
+    for name, scene in {"elastic": frictionless(), "with_friction": frictional()}.items():
         env = ShearEnv(scene, goal=goal, control="strain", frame_skip=20)
         env.reset(seed=0)
         for strain in np.linspace(2e-4, 4e-3, 20):
@@ -365,7 +367,7 @@ def test_an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more():
         run = env.run
         stored = run["kinetic_energy"] + run["elastic_energy"]
         assert spent[name] == pytest.approx(run["work"][-1] - stored[-1] + stored[0], abs=1e-14)
-    assert abs(spent["elastic"]) < 0.02 * spent["rubbing"]
+    assert abs(spent["elastic"]) < 0.02 * spent["with_friction"]
 
 
 def test_progress_to_the_goal_adds_up_to_one():
