@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech.linalg.linear_programs import SOLVE, Program, Solution
-from packmech.validation.hard_cases.case import HardCase
+from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
 EPS = float(np.finfo(float).eps)
-HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
 PRESSURES = tuple(10.0**-k for k in range(1, 10))
 
 

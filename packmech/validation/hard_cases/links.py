@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
 from packmech.measure import force_balance
-from packmech.validation.hard_cases.case import HardCase
+from packmech.validation.hard_cases.case import HARMONIC, HardCase
 from packmech.validation.studies.exact_hessian import at_rest, finite_tangent, kept_step
-
-HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
 
 
 def rigid(place_nd: NDArray[np.float64] | list[list[float]]) -> pm.Packing:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 import packmech as pm
-from packmech.validation.hard_cases.case import HardCase
+from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
-HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
 METHODS: dict[str, Any] = {
     "FIRE": pm.Fire(),
     "FIRE 2.0": pm.Fire2(),

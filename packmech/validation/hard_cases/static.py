@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 import packmech as pm
 from packmech.contacts import candidate_pairs
 from packmech.linalg.factor import NotDefinite, factorize
-from packmech.validation.hard_cases.case import HardCase
-
-EPS = float(np.finfo(float).eps)
-HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
+from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
 
 def _packing(position_nd: list[list[float]], radius_n: list[float], lattice_dd: list[list[float]]) -> pm.Packing:
