@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
-from packmech.generate.clusters import CROSSING
 from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
 from packmech.links import Links
@@ -24,6 +23,8 @@ from packmech.packing import Packing
 
 Point = tuple[float, ...]
 
+# what becomes of bonds that would cross, in two dimensions
+CROSSING = ("avoided", "allowed")
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
 _SLACK = 1e-9
 

@@ -10,13 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.generate.chains import Bonds
+from packmech.generate.chains import CROSSING, Bonds
 from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
-CROSSING = ("avoided", "allowed")
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05
 
