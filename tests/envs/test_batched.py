@@ -35,6 +35,7 @@ class WalkEpisodes:
     """As many walks, in arrays."""
 
     observation_space, action_space = OBSERVED, MOVES
+    observation_names, action_names, task = ("x", "y"), ("step_x", "step_y"), None
 
     def __init__(self, count):
         self.observation_bk = np.zeros((count, 2))

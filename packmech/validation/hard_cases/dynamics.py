@@ -92,7 +92,9 @@ def _there_and_back(scene: pm.Scene, rate: float, dt: float) -> tuple[pm.Simulat
     there = pm.simulate(scene, steps=steps, dt=dt, applied_strain=pm.SteadyStrain(rate), trace_every=steps)
     turned = scene.replace(packing=there.packing)
     velocity: dict[str, Any] = {"velocity_nd": there.velocity_nd, "spin_nk": there.spin_nk}
-    return there, pm.simulate(turned, steps=steps, dt=dt, applied_strain=pm.SteadyStrain(-rate), trace_every=steps, **velocity)
+    return there, pm.simulate(
+        turned, steps=steps, dt=dt, applied_strain=pm.SteadyStrain(-rate), trace_every=steps, **velocity
+    )
 
 
 def _carried() -> float:
@@ -279,7 +281,9 @@ def _squeezed() -> float:
 def _coincident() -> float:
     """How far the energy of three discs of one center rises with friction and spins, over what it was."""
     packing = pm.Packing(np.full((3, 2), 5.0), np.full(3, 0.5), pm.Box.cubic(12.0, 2))
-    run = pm.simulate(frictional_scene(packing), steps=100, spin_nk=[[0.3], [-0.1], [0.2]], applied_strain=STILL, trace_every=1)
+    run = pm.simulate(
+        frictional_scene(packing), steps=100, spin_nk=[[0.3], [-0.1], [0.2]], applied_strain=STILL, trace_every=1
+    )
     position = run.packing.position_nd
     apart = min(float(np.linalg.norm(position[i] - position[j])) for i, j in ((0, 1), (0, 2), (1, 2)))
     total = energies(run)
