@@ -55,12 +55,12 @@ def stop_at(monkeypatch, steps):
     """Press Ctrl-C in the next run, once it has taken so many steps."""
     usual, taken = Engine.advance, [0]
 
-    def advance(march, due, ledger=None):
+    def advance(running, due, ledger=None):
         taken[0] += due
         if taken[0] > steps:
             monkeypatch.setattr(Engine, "advance", usual)
             signal.raise_signal(signal.SIGINT)
-        return usual(march, due, ledger)
+        return usual(running, due, ledger)
 
     monkeypatch.setattr(Engine, "advance", advance)
 

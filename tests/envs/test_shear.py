@@ -275,7 +275,7 @@ def test_a_step_too_long_terminates_with_its_reason_and_the_last_good_observatio
 
 
 @pytest.mark.parametrize(
-    ("action", "error", "told"),
+    ("action", "error", "wording"),
     [
         ([0.3], ValueError, r"action\[0\] must lie between -0.2 and 0.2, got 0.3"),
         ([math.nan], ValueError, r"action\[0\] must lie between -0.2 and 0.2, got nan"),
@@ -287,10 +287,10 @@ def test_a_step_too_long_terminates_with_its_reason_and_the_last_good_observatio
         ([1j], TypeError, "action must be an array of real numbers"),
     ],
 )
-def test_an_action_outside_the_space_is_refused_and_changes_nothing(action, error, told):
+def test_an_action_outside_the_space_is_refused_and_changes_nothing(action, error, wording):
     env = ShearEnv(frictionless(), control="strain")
     env.reset(seed=0)
-    with pytest.raises(error, match=told):
+    with pytest.raises(error, match=wording):
         env.step(action)
     assert len(env.run.time_t) == 1
 
@@ -413,8 +413,8 @@ def test_starts_are_drawn_by_the_recipe_from_the_environments_seed_alone():
     assert free.packing == seeds[1]
     fixed.reset(seed=3)
     assert fixed.packing == pm.read_scene("default").packing
-    for scene, told in (("triangular", "packing that is not random"), (frictionless(), "given as a Scene")):
-        with pytest.raises(ValueError, match=told):
+    for scene, wording in (("triangular", "packing that is not random"), (frictionless(), "given as a Scene")):
+        with pytest.raises(ValueError, match=wording):
             ShearEnv(scene, start="random")
 
 
@@ -441,7 +441,7 @@ def test_rigid_links_are_refused_unless_they_may_become_bonds():
 
 
 @pytest.mark.parametrize(
-    ("how", "told"),
+    ("how", "wording"),
     [
         ({"control": "force"}, "control must be one of 'strain', 'rate', 'strain_and_rate', got 'force'"),
         ({"goal": "win"}, "goal must be one of 'follow_stress', 'dissipate_least', 'find_yield_strain'"),
@@ -461,13 +461,13 @@ def test_rigid_links_are_refused_unless_they_may_become_bonds():
         ({"method": "euler"}, "method must be"),
     ],
 )
-def test_wrong_settings_are_refused_by_name(how, told):
-    with pytest.raises((TypeError, ValueError), match=told):
+def test_wrong_settings_are_refused_by_name(how, wording):
+    with pytest.raises((TypeError, ValueError), match=wording):
         ShearEnv(frictionless(), **how)
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "wording"),
     [
         (lambda: FollowStress(amplitude=0.0), "amplitude must be a positive number, got 0.0"),
         (lambda: FollowStress(random=1), "random must be True or False, got 1"),
@@ -477,8 +477,8 @@ def test_wrong_settings_are_refused_by_name(how, told):
         (lambda: FindYieldStrain(resolution="fine"), "resolution must be a positive number, got 'fine'"),
     ],
 )
-def test_wrong_numbers_of_a_goal_are_refused(make, told):
-    with pytest.raises((TypeError, ValueError), match=told):
+def test_wrong_numbers_of_a_goal_are_refused(make, wording):
+    with pytest.raises((TypeError, ValueError), match=wording):
         make()
 
 
