@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
@@ -101,6 +103,21 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> st
     lines = [headings, *rows]
     text = ["| " + " | ".join(line) + " |\n" for line in lines]
     return text[0] + "|" + "---|" * len(headings) + "\n" + "".join(text[1:])
+
+
+def csv_text(headings: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return a table as comma-separated values; numbers keep every digit.
+
+    Examples
+    --------
+    >>> print(csv_text(("step", "CPU s"), [("verdict", 0.1)]), end="")
+    step,CPU s
+    verdict,0.1
+
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([headings, *rows])
+    return text.getvalue()
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -17,11 +17,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.checks import count, task_of
 from packmech_envs.drawing import METADATA
 from packmech_envs.episodes import Actions, Episodes, Infos
 from packmech_envs.quench import QuenchEpisodes, QuenchTask
 from packmech_envs.shear import ShearEpisodes, ShearTask
+from packmech_envs.tasks import count, task_of
 
 __all__ = ["BatchedEnv", "QuenchVectorEnv", "ShearVectorEnv"]
 
@@ -42,6 +42,13 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
     render_mode
         None or "rgb_array": `render` returns a picture of each packing.
 
+    Attributes
+    ----------
+    task
+        The options.
+    observation_names, action_names
+        The names of the numbers in an observation, and in an action.
+
     """
 
     def __init__(
@@ -55,6 +62,8 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r:.60}")
         self._episodes, self.num_envs = episodes, len(episodes)
+        self.task = episodes.task
+        self.observation_names, self.action_names = episodes.observation_names, episodes.action_names
         self.max_episode_steps = None if max_episode_steps is None else count("max_episode_steps", max_episode_steps)
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
@@ -69,21 +78,6 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
         # whose episode is over, and who never had one
         self._done_b = np.zeros(self.num_envs, dtype=bool)
         self._fresh_b = np.ones(self.num_envs, dtype=bool)
-
-    @property
-    def task(self) -> Any:
-        """The options."""
-        return self._episodes.task
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an observation."""
-        return self._episodes.observation_names
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an action."""
-        return self._episodes.action_names
 
     def scene(self, index: int) -> pm.Scene:
         """Return one scene as its episode started from it, with the effects that act in it.
@@ -295,6 +289,11 @@ class ShearVectorEnv(BatchedEnv[ShearEpisodes]):
     threads, autoreset_mode, max_episode_steps, render_mode
         As of `QuenchVectorEnv`.
 
+    Attributes
+    ----------
+    dt, frame_time
+        As of `ShearEnv`.
+
     Examples
     --------
     >>> envs = ShearVectorEnv(3, "triangular", control="strain", frame_skip=10)
@@ -324,16 +323,7 @@ class ShearVectorEnv(BatchedEnv[ShearEpisodes]):
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
         )
-
-    @property
-    def dt(self) -> float:
-        """The time step [time]."""
-        return self._episodes.dt
-
-    @property
-    def frame_time(self) -> float:
-        """The time of a frame: frame_skip steps [time]."""
-        return self._episodes.frame_time
+        self.dt, self.frame_time = self._episodes.dt, self._episodes.frame_time
 
     def close_extras(self, **kwargs: Any) -> None:
         """Shut down the threads."""

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.checks import boolean, budget, one_of, positive, real
 from packmech_envs.episodes import Infos
-from packmech_envs.scenes import BONDS, quenchable, scene_of
+from packmech_envs.tasks import BONDS, boolean, budget, one_of, positive, quenchable, real, scene_of
 
 __all__ = ["TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 

@@ -235,27 +235,20 @@ class RerunRecorder(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructor
         recording_length: int = 0,
         name_prefix: str = "packmech",
     ) -> None:
-        gym.utils.RecordConstructorArgs.__init__(
-            self,
-            folder=folder,
-            episode_trigger=episode_trigger,
-            step_trigger=step_trigger,
-            recording_length=recording_length,
-            name_prefix=name_prefix,
-        )
+        options: dict[str, Any] = {
+            "folder": folder,
+            "episode_trigger": episode_trigger,
+            "step_trigger": step_trigger,
+            "recording_length": recording_length,
+            "name_prefix": name_prefix,
+        }
+        gym.utils.RecordConstructorArgs.__init__(self, **options)
         gym.Wrapper.__init__(self, env)
         inner: Any = env.unwrapped
         if not (hasattr(type(inner), "packing") and hasattr(type(inner), "scene")):
             raise TypeError(f"env must have a packing to record, as packmech/Shear-v0 has, got {type(inner).__name__}")
         self._recorder = EpisodeRecorder(
-            folder,
-            episode_trigger,
-            step_trigger,
-            recording_length,
-            name_prefix,
-            lambda: inner.scene,
-            lambda: inner.packing,
-            _metadata(env),
+            scene=lambda: inner.scene, packing=lambda: inner.packing, metadata=_metadata(env), **options
         )
 
     @property

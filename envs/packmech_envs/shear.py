@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech_envs import shear_goals as goals
-from packmech_envs.checks import boolean, budget, count, one_of, positive
 from packmech_envs.episodes import Infos
-from packmech_envs.scenes import LINKS, scene_of, shearable
 from packmech_envs.shear_goals import GOING, REASONS, Goal, goal_of, score_frames
+from packmech_envs.tasks import LINKS, boolean, budget, count, one_of, positive, scene_of, shearable
 
 __all__ = ["ShearEpisodes", "ShearTask"]
 

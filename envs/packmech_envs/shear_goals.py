@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.checks import boolean, positive, real
+from packmech_envs.tasks import boolean, positive, real
 
 # what ended an episode
 REASONS = (None, "step_too_long", "strain_reached", "yielded")

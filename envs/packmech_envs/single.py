@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.checks import task_of
 from packmech_envs.drawing import METADATA, Screen
 from packmech_envs.episodes import Actions, Episodes
 from packmech_envs.quench import QuenchEpisodes, QuenchTask
 from packmech_envs.shear import ShearEpisodes, ShearTask
 from packmech_envs.shear_goals import FAILED, GOING, REASONS
+from packmech_envs.tasks import task_of
 
 __all__ = ["QuenchEnv", "ShearEnv", "ShearTrace"]
 
@@ -35,6 +35,13 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
     arguments
         Those that a copy is made from.
 
+    Attributes
+    ----------
+    task
+        The options.
+    observation_names, action_names
+        The names of the numbers in an observation, and in an action.
+
     """
 
     metadata = METADATA
@@ -43,24 +50,11 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
         gym.utils.EzPickle.__init__(self, **arguments)
         self.render_mode = screen.render_mode
         self._screen, self._episodes = screen, episodes
+        self.task = episodes.task
+        self.observation_names, self.action_names = episodes.observation_names, episodes.action_names
         self.observation_space, self.action_space = episodes.observation_space, episodes.action_space
         self._actions = Actions(episodes.action_space)
         self._must_reset = True
-
-    @property
-    def task(self) -> Any:
-        """The options."""
-        return self._episodes.task
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an observation."""
-        return self._episodes.observation_names
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """The names of the numbers in an action."""
-        return self._episodes.action_names
 
     @property
     def scene(self) -> pm.Scene:
@@ -178,7 +172,8 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
         screen = Screen(render_mode, "packmech/Quench-v0")
         super().__init__(QuenchEpisodes(1, scene, task), screen, scene=scene, task=task, render_mode=render_mode)
         self._active_b = np.ones(1, dtype=bool)
-        self._rows: list[tuple[float, float, float, int, float]] = []
+        self._rows: list[dict[str, float]] = []
+        self._fractions: list[float] = []
         self._counts = (0, 0)
         self._seconds = 0.0
 
@@ -194,9 +189,8 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
         Its report holds packing_fraction, pressure [energy_scale / reference_diameter^d], shear_strain, rattlers,
         excess_contacts, jammed, and packing_fraction_t.
         """
-        batch, rows = self._episodes.batch, self._rows
+        batch = self._episodes.batch
         mean, largest = float(batch.mean_force_b[0]), float(batch.max_force_b[0])
-        columns = [np.array([row[k] for row in rows]) for k in range(5)]
         return pm.Run(
             packing=self.packing,
             outcome=batch.outcome(0),
@@ -204,13 +198,7 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
             steps=self._counts[0],
             force_evaluations=self._counts[1],
             seconds=self._seconds,
-            trace=pm.Trace(
-                step_t=np.arange(len(rows)),
-                energy_t=columns[0],
-                pressure_t=columns[1],
-                contacts_t=columns[3].astype(np.int64),
-                max_force_t=columns[2],
-            ),
+            trace=pm.Trace.of_rows(self._rows),
             report={
                 "packing_fraction": float(batch.packing_fraction_b[0]),
                 "pressure": float(batch.pressure_b[0]) / self.scene.pressure_unit,
@@ -218,7 +206,7 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
                 "rattlers": int(batch.rattlers_b[0]),
                 "excess_contacts": int(batch.excess_contacts_b[0]),
                 "jammed": bool(self._episodes.terminated_b[0]),
-                "packing_fraction_t": columns[4],
+                "packing_fraction_t": np.array(self._fractions),
             },
         )
 
@@ -252,7 +240,7 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
         start = time.process_time()
         self._episodes.start([0], [self.np_random], options)
         self._must_reset = False
-        self._rows, self._counts = [], (0, 0)
+        self._rows, self._fractions, self._counts = [], [], (0, 0)
         self._record_step(start)
         self._screen.refresh(self._picture)
         return self._episodes.observation_bk[0].copy(), self._info()
@@ -282,15 +270,9 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
         self._seconds = time.process_time() - start + (self._seconds if self._rows else 0.0)
         steps, evaluations = self._counts
         self._counts = steps + int(batch.steps_b[0]), evaluations + int(batch.force_evaluations_b[0])
-        self._rows.append(
-            (
-                float(batch.energy_b[0]),
-                float(batch.pressure_b[0]),
-                float(batch.max_force_b[0]),
-                int(batch.contacts_b[0]),
-                float(batch.packing_fraction_b[0]),
-            )
-        )
+        row = {name: getattr(batch, f"{name}_b")[0].item() for name in ("energy", "pressure", "contacts", "max_force")}
+        self._rows.append({"step": len(self._rows), **row})
+        self._fractions.append(float(batch.packing_fraction_b[0]))
 
     def _info(self) -> dict[str, Any]:
         return {name: array[0].item() for name, array in self._episodes.infos().items()}
@@ -397,6 +379,11 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
     options
         Fields of `ShearTask` by name: they change the task.
 
+    Attributes
+    ----------
+    dt, frame_time
+        The time step, and the time of a frame: frame_skip steps [time].
+
     Raises
     ------
     TypeError, ValueError
@@ -418,21 +405,11 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
         task = task_of(ShearTask, task, options)
         screen = Screen(render_mode, "packmech/Shear-v0")
         super().__init__(ShearEpisodes(1, scene, task), screen, scene=scene, task=task, render_mode=render_mode)
-        self._info_names = self._episodes.info_names
         # the figures of the start of an episode and of its frames, and rewards; room for more
         self._figure_tk = np.zeros((256, len(self._episodes.batch.names)))
         self._reward_t = np.zeros(256)
         self._frames = 0
-
-    @property
-    def dt(self) -> float:
-        """The time step [time]."""
-        return self._episodes.dt
-
-    @property
-    def frame_time(self) -> float:
-        """The time of a frame: frame_skip steps [time]."""
-        return self._episodes.frame_time
+        self.dt, self.frame_time = self._episodes.dt, self._episodes.frame_time
 
     @property
     def run(self) -> ShearTrace:
@@ -466,7 +443,7 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
         self._figure_tk[0] = episodes.batch.figure_bk[0]
         self._must_reset = False
         self._screen.refresh(self._picture)
-        info = dict(zip(self._info_names, episodes.result_k[:-2].tolist(), strict=True))
+        info = dict(zip(episodes.info_names, episodes.result_k[:-2].tolist(), strict=True))
         return episodes.observation_bk[0].copy(), info
 
     def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
@@ -489,7 +466,7 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
             self._reward_t = np.concatenate([self._reward_t, np.zeros_like(self._reward_t)])
         self._figure_tk[frames] = episodes.figure_k
         self._reward_t[frames] = reward
-        info = dict(zip(self._info_names, infos, strict=True))
+        info = dict(zip(episodes.info_names, infos, strict=True))
         if reason != GOING:
             info["reason"] = REASONS[int(reason)]
             self._must_reset = reason == FAILED

@@ -75,7 +75,7 @@ def analyze(
             results=numbers,
             summary=summary.markdown(title),
         )
-        show(f"recording: {record}   (look at it: rerun {record})")
+        show(f"recording: {record}   (open it: rerun {record})")
     return OK
 
 

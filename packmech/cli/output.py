@@ -47,7 +47,7 @@ SCENE = "a scene file (.toml), or the name of one that ships (see `packmech scen
 
 # columns beyond any table's, so that lines are not folded where the output is no terminal
 _UNLIMITED = 10_000
-# most packings that are kept of a run that keeps none by itself
+# largest number of packings that are kept of a run that keeps none by itself
 _KEPT = 240
 
 

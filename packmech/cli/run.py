@@ -38,8 +38,8 @@ from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
 from packmech.result import Run
 from packmech.scene import Scene
-from packmech.scenes.drives import run as run_drive
-from packmech.scenes.drives import takes_checkpoint
+from packmech.scenes import run as run_drive
+from packmech.scenes import takes_checkpoint
 from packmech.scenes.scene_file import read_scene
 from packmech.view.report import Report, examine
 
@@ -62,7 +62,7 @@ class Pictures:
             integer("frames", self.frames, at_least=2)
             self.folder.mkdir(parents=True, exist_ok=True)
         if self.live is not None:
-            from packmech.view.recording.live import check_live_target
+            from packmech.view.live import check_live_target
 
             check_live_target(self.live)
 
@@ -186,7 +186,7 @@ def _live(wanted: Wanted) -> Iterator[Callable[[str, dict[str, Any]], None] | No
     if wanted.pictures.live is None:
         yield None
         return
-    from packmech.view.recording.live import LiveRecording
+    from packmech.view.live import LiveRecording
 
     live = LiveRecording(wanted.scene, wanted.pictures.live)
     try:
@@ -200,6 +200,7 @@ def _with_trace(done: Any, scene: Scene, watch: Watch) -> Any:
     """Return a run that kept no packings with those that it passed on."""
     if not isinstance(done, Run) or done.trace is not None or not watch.step_t:
         return done
+    # brings time stepping, which a run that is not recorded need not wait for
     from packmech.view.trajectory import trace_of
 
     return replace(done, trace=trace_of(scene, watch.step_t, watch.packing_t))
@@ -257,7 +258,7 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
                 results=one.to_dict() if label else numbers,
                 summary=(one if label else about).summary().markdown(f"{title} {label}".strip()),
             )
-            show(f"recording: {path}   (look at it: rerun {path})")
+            show(f"recording: {path}   (open it: rerun {path})")
 
 
 def _labeled(done: Any) -> list[tuple[Run, str]]:

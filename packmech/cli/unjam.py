@@ -1,4 +1,4 @@
-"""`packmech unjam`: whether a packing is jammed, and if not, where its motion leads."""
+"""`packmech unjam`: whether a packing is jammed, and if not, the motion that unjams it."""
 
 from __future__ import annotations
 
@@ -76,18 +76,7 @@ def unjam(
             steps=steps,
             progress=lambda _, figures: say(f"amplitude {figures['amplitude']:.3f} of {amplitude:g}"),
         )
-        answers |= {
-            "outcome": played.outcome,
-            "reason": played.reason,
-            "amplitude": played.amplitude,
-            "steps": played.steps,
-            "contacts": len(played.contacts),
-            "opened": int(played.opened_t[-1]),
-            "largest_closing": played.residual,
-            "packing_fraction_start": float(played.packing_fraction_t[0]),
-            "packing_fraction": float(played.packing_fraction_t[-1]),
-            "seconds": played.seconds,
-        }
+        answers |= played.to_dict()
         if record is not None:
             say("writing the recording")
             pm.record_motion(played, record, parameters={"packing": packing, "box": box})
@@ -96,7 +85,7 @@ def unjam(
     _show(answers)
     files.write_json(answers)
     if record is not None:
-        show(f"recording: {record}   (look at it: rerun {record})")
+        show(f"recording: {record}   (open it: rerun {record})")
     return OK
 
 

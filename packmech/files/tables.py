@@ -60,8 +60,8 @@ def write_table(subject: Any, path: str | os.PathLike[str]) -> None:
     subject
         What `table_of` takes: a run that was traced, a trace; or a table.
     path
-        The file: `.parquet` (for pandas, polars, DuckDB, R's arrow, ...) or `.csv`. An existing one is replaced, whole
-        or not at all.
+        The file: `.parquet` (for pandas, polars, DuckDB, R's arrow, ...) or `.csv`. An existing one is replaced
+        completely or not at all.
 
     Raises
     ------
@@ -164,24 +164,24 @@ def _write_parquet(table: Table, path: Path) -> None:
         ],
         metadata={_KEY: json.dumps(dict(table.about)).encode()},
     )
-    whole = pyarrow.table([pyarrow.array(value) for value in table.columns.values()], schema=schema)
-    parquet.write_table(whole, path)
+    arrow_table = pyarrow.table([pyarrow.array(value) for value in table.columns.values()], schema=schema)
+    parquet.write_table(arrow_table, path)
 
 
 def _read_parquet(path: Path) -> Table:
     _, parquet = _arrow()
-    whole = parquet.read_table(path)
-    metadata = whole.schema.metadata or {}
+    arrow_table = parquet.read_table(path)
+    metadata = arrow_table.schema.metadata or {}
     if _KEY not in metadata:
         raise ValueError("it was not written by packmech")
-    columns = {name: whole.column(name).to_numpy() for name in whole.schema.names}
-    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in whole.schema}
+    columns = {name: arrow_table.column(name).to_numpy() for name in arrow_table.schema.names}
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in arrow_table.schema}
     return Table(columns, units, json.loads(metadata[_KEY]))
 
 
 def _write_csv(table: Table, path: Path) -> None:
-    whole = [name for name, value in table.columns.items() if value.dtype == np.int64]
-    head = {"about": dict(table.about), "units": dict(table.units), "integers": whole}
+    integers = [name for name, value in table.columns.items() if value.dtype == np.int64]
+    head = {"about": dict(table.about), "units": dict(table.units), "integers": integers}
     with open(path, "w", encoding="utf-8", newline="") as file:
         file.write(f"{_FIRST_LINE}{json.dumps(head)}\n")
         writer = csv.writer(file, lineterminator="\n")

@@ -23,6 +23,8 @@ Point = tuple[float, ...]
 # what links of a plane may do
 CROSSING = ("avoided", "allowed")
 
+# what becomes of bonds that would cross, in two dimensions
+CROSSING = ("avoided", "allowed")
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
 _SLACK = 1e-9
 

@@ -339,6 +339,21 @@ class PlayedMotion:
         """Largest closing of any pair at any step [1]."""
         return float(self.closing_t.max())
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the results by name, as plain values."""
+        return {
+            "outcome": self.outcome,
+            "reason": self.reason,
+            "amplitude": self.amplitude,
+            "steps": self.steps,
+            "contacts": len(self.contacts),
+            "opened": int(self.opened_t[-1]),
+            "largest_closing": self.residual,
+            "packing_fraction_start": float(self.packing_fraction_t[0]),
+            "packing_fraction": float(self.packing_fraction_t[-1]),
+            "seconds": self.seconds,
+        }
+
     @property
     def unjammed(self) -> bool:
         """Whether the amplitude was reached."""

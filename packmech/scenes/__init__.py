@@ -1,1 +1,66 @@
-"""Scenes as TOML files: how one is read and written, and those that ship with packmech."""
+"""Scenes as TOML files: how one is read and written, those that ship, and the run that a scene's drive describes."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from packmech.check import instance
+from packmech.scene import Scene, drive_code
+
+
+def takes_checkpoint(scene: Scene) -> bool:
+    """Whether what the scene's drive does can go on from a file."""
+    return "checkpoint" in inspect.signature(drive_code(type(scene.drive)).run).parameters
+
+
+def run(
+    scene: Scene,
+    *,
+    frames: int = 0,
+    progress: Callable[[str, dict[str, Any]], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+) -> Any:
+    """Return the run that the scene's drive describes, as `packmech run` does; what it reached is not checked.
+
+    Parameters
+    ----------
+    scene
+        A scene with a drive.
+    frames
+        About how many packings to keep on the way, for pictures and recordings; what a drive cannot keep it passes to
+        `progress`.
+    progress
+        Called now and then as progress(stage, figures).
+    checkpoint
+        A file to go on from, and to leave; for drives that strain.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the scene has no drive, or its drive takes no checkpoint.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=1e-3)
+    >>> run(pm.Scene(crystal, (pm.Repulsion(),), pm.QuenchDrive())).outcome.name
+    'CONVERGED'
+
+    """
+    instance("scene", scene, Scene)
+    if scene.drive is None:
+        raise ValueError("scene must have a drive to be run, got none")
+    if checkpoint is not None and not takes_checkpoint(scene):
+        raise ValueError(f"checkpoint must be left out for a scene that is not strained, got {os.fspath(checkpoint)!r}")
+    wanted = {
+        "frames": frames,
+        "progress": progress,
+        "checkpoint": None if checkpoint is None else Path(checkpoint),
+    }
+    code = drive_code(type(scene.drive)).run
+    known = inspect.signature(code).parameters
+    return code(scene.drive, scene, **{name: value for name, value in wanted.items() if name in known})

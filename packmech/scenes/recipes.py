@@ -7,7 +7,7 @@ The kind of a packing is the name of its function. Some parameters the scene giv
 from __future__ import annotations
 
 import inspect
-import math
+import typing
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -32,7 +32,6 @@ from packmech.generate import (
     Monodisperse,
     Normal,
     RingCluster,
-    Shape,
     Sizes,
     StarCluster,
     Trimer,
@@ -103,24 +102,44 @@ def is_random(kind: Any) -> bool:
     return kind in PACKINGS and "seed" in inspect.signature(PACKINGS[kind]).parameters
 
 
-@packing_kind
-def _random(
-    particles: int,
-    packing_fraction: float,
-    seed: int,
-    dimension: int = 2,
-    sizes: Sizes = _SIZES,
-    lattice_vectors: Vectors | None = None,
-) -> Packing:
-    """Return what `random_packing` makes."""
-    return random_packing(
-        particles,
-        dimension=dimension,
-        packing_fraction=packing_fraction,
-        sizes=sizes,
-        seed=seed,
-        box=_box_shape(lattice_vectors),
-    )
+# fields of generators that a table holds in other types than the function takes
+_FIELD_TYPES: dict[str, Any] = {
+    "radii": float | tuple[float, ...] | None,
+    "angles": str | float | tuple[float, ...],
+    "form": str | tuple[int, ...],
+    "winding": tuple[int, ...] | None,
+    "seed": int,
+}
+
+
+def _add_generator(kind: str, generator: Callable[..., Packing], **defaults: Any) -> None:
+    """Register a generator of random packings: its parameters are the fields of the table.
+
+    A seed must be given, and the box is given by its lattice vectors.
+    """
+    defaults = {"dimension": 2, **defaults}
+
+    def recipe(*, lattice_vectors: Vectors | None = None, **fields: Any) -> Packing:
+        return generator(box=_box_shape(lattice_vectors), **defaults | fields)
+
+    hints = typing.get_type_hints(generator) | _FIELD_TYPES
+    parameters = []
+    for name, one in inspect.signature(generator).parameters.items():
+        if name == "box":
+            one = inspect.Parameter("lattice_vectors", one.kind, default=None, annotation=Vectors | None)
+        elif name == "seed" or name in defaults:
+            one = one.replace(default=defaults.get(name, inspect.Parameter.empty))
+        if name != "rng":
+            parameters.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    recipe.__qualname__ = kind
+    recipe.__annotations__ = {one.name: hints.get(one.name, one.annotation) for one in parameters}
+    recipe.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    packing_kind(recipe)
+
+
+_add_generator("random", random_packing, sizes=_SIZES)
+_add_generator("clusters", cluster_packing)
+_add_generator("chains", chain_packing)
 
 
 @packing_kind
@@ -140,72 +159,6 @@ def _lattice(
         conventional=conventional,
         relative_overlap=relative_overlap,
         diameter=diameter,
-    )
-
-
-@packing_kind
-def _clusters(
-    count: int,
-    shape: Shape,
-    packing_fraction: float,
-    seed: int,
-    dimension: int = 2,
-    sizes: Sizes | None = None,
-    lattice_vectors: Vectors | None = None,
-    crossing: str = "avoided",
-    largest_overlap: float | None = None,
-    tries: int = 1000,
-) -> Packing:
-    """Return what `cluster_packing` makes."""
-    return cluster_packing(
-        count,
-        shape,
-        dimension=dimension,
-        packing_fraction=packing_fraction,
-        sizes=sizes,
-        seed=seed,
-        box=_box_shape(lattice_vectors),
-        crossing=crossing,
-        largest_overlap=largest_overlap,
-        tries=tries,
-    )
-
-
-@packing_kind
-def _chains(
-    count: int,
-    beads: int,
-    packing_fraction: float,
-    seed: int,
-    dimension: int = 2,
-    link_length: float = 1.0,
-    radii: float | tuple[float, ...] | None = None,
-    sizes: Sizes | None = None,
-    angles: str | float | tuple[float, ...] = "free",
-    bend: float = 2.0 * math.pi / 3.0,
-    form: str | tuple[int, ...] = "open",
-    winding: tuple[int, ...] | None = None,
-    lattice_vectors: Vectors | None = None,
-    crossing: str = "avoided",
-    tries: int = 200,
-) -> Packing:
-    """Return what `chain_packing` makes."""
-    return chain_packing(
-        count,
-        beads,
-        dimension=dimension,
-        packing_fraction=packing_fraction,
-        link_length=link_length,
-        radii=radii,
-        sizes=sizes,
-        angles=angles,
-        bend=bend,
-        form=form,
-        winding=winding,
-        seed=seed,
-        box=_box_shape(lattice_vectors),
-        crossing=crossing,
-        tries=tries,
     )
 
 

@@ -28,8 +28,8 @@ The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` 
 and `kind = "oscillatory-shear"`, `"steady-shear"`, `"ramp-strain"` and `"creep"`, with the arguments of
 `pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep` and a `density`; `kind = "simulate"` follows
 Newton's equations for so many `steps` (or a `duration`), from `velocities` and `spins` one row a particle, with
-`masses` (or a `density`) and the numbers of who is `held`. Oscillatory shear may have rough `plates`, the layer of
-`pm.rough_plates`.
+`masses` (or a `density`) and the numbers of the particles that are `held`. Oscillatory shear may have rough `plates`,
+the layer of `pm.rough_plates`.
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
 `chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
 `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
@@ -210,7 +210,7 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     scene
         The scene.
     path
-        The file. An existing file is replaced, whole or not at all.
+        The file. An existing file is replaced, completely or not at all.
     description
         One sentence on the scene.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import statistics
 import time
@@ -16,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.check import function, integer, positive
+from packmech.result import csv_text, markdown_table
+from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
 
 
 @dataclass(frozen=True)
@@ -88,28 +88,24 @@ class WorkPrecision:
     def to_csv(self) -> str:
         """Return the table as comma-separated values, numbers with every digit."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            ("method", self.knob, *(f"error in {name}" for name in self.quantities), "cpu seconds", *work, "failed")
-        )
+        headings = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "cpu seconds", *work)
+        rows = []
         for trial in self.trials:
-            errors = (repr(trial.errors[name]) if name in trial.errors else "" for name in self.quantities)
-            counts = (repr(trial.work[name]) if name in trial.work else "" for name in work)
-            writer.writerow((trial.method, repr(trial.setting), *errors, repr(trial.seconds), *counts, trial.failed))
-        return text.getvalue()
+            errors = (trial.errors.get(name, "") for name in self.quantities)
+            counts = (trial.work.get(name, "") for name in work)
+            rows.append((trial.method, trial.setting, *errors, trial.seconds, *counts, trial.failed))
+        return csv_text((*headings, "failed"), rows)
 
     def to_markdown(self) -> str:
         """Return the table as Markdown: short numbers, failures in words."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
-        header = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "CPU s", *work, "failed")
-        lines = [_row(header), _row(["---"] * len(header))]
+        headings = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "CPU s", *work, "failed")
+        rows = []
         for trial in self.trials:
             errors = [f"{trial.errors[name]:.1e}" if name in trial.errors else "-" for name in self.quantities]
             counts = [_short(trial.work[name]) if name in trial.work else "-" for name in work]
-            cells = (trial.method, f"{trial.setting:.0e}", *errors, f"{trial.seconds:.2g}", *counts, trial.failed)
-            lines.append(_row(cells))
-        return "\n".join(lines) + "\n"
+            rows.append((trial.method, f"{trial.setting:.0e}", *errors, f"{trial.seconds:.2g}", *counts, trial.failed))
+        return markdown_table(headings, rows)
 
     def save_figure(self, path: str | Path) -> None:
         """Write a picture: for each quantity error against setting (left) and CPU seconds against error (right).
@@ -121,8 +117,6 @@ class WorkPrecision:
         ImportError
             When matplotlib is not installed.
         """
-        from packmech.view.figures import draw_work_precision
-
         draw_work_precision(self, Path(path))
 
     def _quantity(self, quantity: str | None) -> str:
@@ -174,10 +168,6 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> PowerLawFit:
 def _short(value: float) -> str:
     """Return whole numbers as they are, others with three digits."""
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.3g}"
-
-
-def _row(cells: list[str] | tuple[str, ...]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 __all__ = ["Answer", "PowerLawFit", "Trial", "WorkPrecision", "fit_power_law", "work_precision"]
@@ -391,3 +381,66 @@ def _trial(
     elif not all(math.isfinite(value) for value in errors.values()):
         failed = "the answer is not finite"
     return Trial(method, setting, errors, cost, dict(answer.work), failed, answer.note)
+
+
+def draw_work_precision(table: WorkPrecision, path: Path) -> None:
+    """Write the figure: one column for each quantity; above error against setting, below seconds against error."""
+    quantities = table.quantities
+    if not quantities:
+        raise ValueError("table must have at least one measured error to be drawn, got none")
+    width = max(3.9 * len(quantities) + 0.4, 7.2)
+    with styled_figure(path, (width, 6.6)) as figure:
+        ax_rows = figure.subplots(2, len(quantities), squeeze=False)
+        for column, quantity in enumerate(quantities):
+            above, below = ax_rows[0][column], ax_rows[1][column]
+            zero = _zero_level(table, quantity)
+            for index, method in enumerate(table.methods):
+                _draw_method(table, method, quantity, zero, COLORS[index % 8], MARKERS[index % 8], above, below)
+            above.set(title=quantity, xlabel=table.knob, ylabel=f"error in {quantity}", xscale="log", yscale="log")
+            settings = sorted({trial.setting for trial in table.trials})
+            if settings[-1] < 100.0 * settings[0]:
+                # less than two decades: powers of ten say too little, and numbers between them overlap
+                label_settings(above, settings)
+            above.invert_xaxis()
+            below.set(xlabel=f"error in {quantity}", ylabel="CPU seconds", xscale="log", yscale="log")
+            below.invert_xaxis()
+            if any(trial.errors.get(quantity) == 0.0 for trial in table.trials):
+                above.axhline(zero, color="#999999", linewidth=0.8, linestyle=":")
+                above.annotate("exactly 0", (0.01, zero), xycoords=("axes fraction", "data"), va="top", fontsize=7.5)
+                above.set_ylim(bottom=0.1 * zero)
+                below.axvline(zero, color="#999999", linewidth=0.8, linestyle=":")
+                below.annotate(
+                    "exactly 0", (zero, 0.02), xycoords=("data", "axes fraction"), rotation=90, ha="right", fontsize=7.5
+                )
+        handles, labels = ax_rows[0][0].get_legend_handles_labels()
+        if any(trial.failed and trial.errors for trial in table.trials):
+            handles.append(hollow_marker())
+            labels.append("hollow: failed")
+        # a letter takes about 0.075 inches, a line and the space around it half an inch
+        fitting = int(width / (0.5 + 0.075 * max((len(label) for label in labels), default=1)))
+        figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 4, fitting)))
+        heading = table.title or "work and precision"
+        figure.suptitle(f"{heading}\nreference: {table.reference_is}" if table.reference_is else heading, fontsize=10)
+
+
+def _zero_level(table: WorkPrecision, quantity: str) -> float:
+    """Where exact zeros are drawn on a logarithmic axis: a decade under the smallest error."""
+    positive = [t.errors[quantity] for t in table.trials if t.errors.get(quantity, 0.0) > 0.0]
+    return 0.1 * min(positive, default=1e-15)
+
+
+def _draw_method(
+    table: WorkPrecision, method: str, quantity: str, zero: float, color: str, marker: str, above: Any, below: Any
+) -> None:
+    trials = [trial for trial in table.of(method) if quantity in trial.errors]
+    good = [trial for trial in trials if not trial.failed]
+    failed = [trial for trial in trials if trial.failed]
+    common = {"color": color, "marker": marker, "markersize": 5.0, "linewidth": 1.2}
+    for subset, extra in (
+        (good, {"label": method or "method"}),
+        (failed, {"markerfacecolor": "none", "linestyle": "none"}),
+    ):
+        errors = [max(trial.errors[quantity], zero) for trial in subset]
+        style: dict[str, Any] = {**common, **extra}
+        above.plot([trial.setting for trial in subset], errors, **style)
+        below.plot(errors, [trial.seconds for trial in subset], **style)

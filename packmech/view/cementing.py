@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 
 import numpy as np
 
 from packmech.protocols.cementing_curve import CementingCurve, error_of_mean
-from packmech.result import markdown_table
+from packmech.result import csv_text, markdown_table
 
 WEIGHTS = (
     "A trial's value is the mean of its Voigt and Reuss bounds, its weight 12/(Voigt - Reuss)^2: the inverse variance "
@@ -36,26 +34,18 @@ def curve_csv(curves: Sequence[CementingCurve]) -> str:
             numbers += [curve.poisson_ratio.mean_k[k], curve.poisson_ratio.error_k[k]]
             numbers += [curve.some_stiff_k[k], curve.all_stiff_k[k]]
             lines.append([str(curve.particles), *(f"{number:.9g}" for number in numbers)])
-    return _csv(head, lines)
+    return csv_text(head, lines)
 
 
 def thresholds_csv(curves: Sequence[CementingCurve]) -> str:
     """Return n_l/N at the first stiff direction and at complete rigidity of every trial as CSV."""
     lines = [
-        [str(curve.particles), str(packing), str(order), f"{first:.9g}", f"{whole:.9g}"]
+        [str(curve.particles), str(packing), str(order), f"{first:.9g}", f"{last:.9g}"]
         for curve in curves
         for packing, row in enumerate(zip(curve.first_stiff_po, curve.all_stiff_po, strict=True))
-        for order, (first, whole) in enumerate(zip(*row, strict=True))
+        for order, (first, last) in enumerate(zip(*row, strict=True))
     ]
-    return _csv(["N", "packing", "order", "nl/N first stiff direction", "nl/N complete rigidity"], lines)
-
-
-def _csv(head: list[str], lines: list[list[str]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(lines)
-    return text.getvalue()
+    return csv_text(["N", "packing", "order", "nl/N first stiff direction", "nl/N complete rigidity"], lines)
 
 
 def thresholds(curves: Sequence[CementingCurve]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -44,7 +44,7 @@ ARROW_RADIUS, OUTLINE_RADIUS = 0.08, 0.03
 SLIDING, HELD, WALL, MARK = (96, 200, 255), (170, 176, 190), (214, 216, 222), (13, 17, 26)
 # half widths over the reference diameter
 BOND_WIDTH, MARK_WIDTH, WALL_WIDTH = 0.06, 0.035, 0.05
-# from where three-dimensional packings are looked at
+# direction from which three-dimensional packings are viewed
 VIEW = (0.42, -0.88, 0.45)
 # a box so much flatter than it need be is drawn with its shortest vectors
 _FLAT = 0.7
@@ -166,7 +166,7 @@ def box_outline(box: Box) -> list[NDArray[np.float64]]:
 
 
 def shown_box(box: Box) -> tuple[Box, NDArray[np.int64]]:
-    """Return the box to draw, and whole numbers that turn images of the box as it is into images of that."""
+    """Return the box to draw, and the integers that turn images of the box as it is into images of that."""
     small, change = box.reduced()
     if box.height_d.min() >= _FLAT * small.height_d.min():
         return box, np.eye(box.dimension, dtype=np.int64)
@@ -193,9 +193,9 @@ class ShownCell:
         self, i_c: Any, j_c: Any, image_cd: Any
     ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
         """Return lines between pairs at these images of the packing's box, whose each line is, and (C, d) vectors."""
-        whole = np.asarray(image_cd) @ self._back.T + self._image_nd[j_c] - self._image_nd[i_c]
-        vector = self.inside_nd[j_c] - self.inside_nd[i_c] + whole @ self.box.lattice_dd.T
-        return *pair_lines(self.inside_nd, i_c, j_c, whole, vector), vector
+        image_sd = np.asarray(image_cd) @ self._back.T + self._image_nd[j_c] - self._image_nd[i_c]
+        vector = self.inside_nd[j_c] - self.inside_nd[i_c] + image_sd @ self.box.lattice_dd.T
+        return *pair_lines(self.inside_nd, i_c, j_c, image_sd, vector), vector
 
 
 def wall_outlines(effects: Sequence[Any], box: Box) -> list[NDArray[np.float64]]:

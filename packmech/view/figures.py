@@ -1,22 +1,17 @@
-"""All that matplotlib draws: work-precision tables, costs, deviations, cementing curves, and pictures of runs."""
+"""All that is imported of matplotlib and the one style of figures; cementing curves and pictures of runs."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from types import SimpleNamespace
+from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
-from PIL import Image
 
 from packmech.check import instance, integer, one_of
 from packmech.protocols.cementing_curve import CementingCurve
@@ -24,7 +19,7 @@ from packmech.result import Run
 from packmech.scene import Scene
 from packmech.view import drawing
 from packmech.view.cementing import STIFF_SHARE
-from packmech.view.trajectory import Curve, DrawnSnapshot, Snapshot, Trajectory, draw_snapshot, trajectory_of_run
+from packmech.view.trajectory import Curve, DrawnFrame, Frame, Trajectory, draw_moving, trajectory_of_run
 
 # eight colors and shapes that stay apart for color-blind readers and in gray (Okabe and Ito)
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#8C6D31")
@@ -49,196 +44,45 @@ PAPER, INK, NOW = "#0d111a", "#c8d0dc", "#ff6060"
 DIM = 0.35
 
 
-class PrecisionTrial(Protocol):
-    """One trial of a work-precision table."""
+@cache
+def _matplotlib() -> SimpleNamespace:
+    """Return what is used of matplotlib, which takes long to import: not before the first figure is drawn."""
+    import matplotlib
+    from matplotlib import collections, figure, lines, ticker
+    from matplotlib.backends import backend_agg
+    from PIL import Image
 
-    @property
-    def setting(self) -> float:
-        """The setting that was tried."""
-
-    @property
-    def errors(self) -> Mapping[str, float]:
-        """Errors by quantity."""
-
-    @property
-    def seconds(self) -> float:
-        """CPU seconds."""
-
-    @property
-    def failed(self) -> str:
-        """Why it failed, empty if it did not."""
-
-
-class PrecisionTable(Protocol):
-    """What is drawn of a work-precision table."""
-
-    @property
-    def title(self) -> str:
-        """What was compared."""
-
-    @property
-    def knob(self) -> str:
-        """What the setting is."""
-
-    @property
-    def reference_is(self) -> str:
-        """What errors are relative to."""
-
-    @property
-    def quantities(self) -> Sequence[str]:
-        """Names of what has errors."""
-
-    @property
-    def methods(self) -> Sequence[str]:
-        """Names of the methods."""
-
-    @property
-    def trials(self) -> Sequence[PrecisionTrial]:
-        """All trials."""
-
-    def of(self, method: str) -> Sequence[PrecisionTrial]:
-        """Return the trials of a method."""
+    return SimpleNamespace(
+        rc_context=matplotlib.rc_context,
+        Figure=figure.Figure,
+        FigureCanvasAgg=backend_agg.FigureCanvasAgg,
+        EllipseCollection=collections.EllipseCollection,
+        LineCollection=collections.LineCollection,
+        Line2D=lines.Line2D,
+        NullFormatter=ticker.NullFormatter,
+        Image=Image,
+    )
 
 
 @contextmanager
-def styled_figure(path: Path, size: tuple[float, float]) -> Iterator[Figure]:
+def styled_figure(path: Path, size: tuple[float, float]) -> Iterator[Any]:
     """Give a figure of this size [inch] in the one style, and write it to the path at the end."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=size, layout="constrained")
+    with _matplotlib().rc_context(STYLE):
+        figure = _matplotlib().Figure(figsize=size, layout="constrained")
         yield figure
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=150, metadata={"Software": None} if path.suffix == ".png" else None)
 
 
-def draw_work_precision(table: PrecisionTable, path: Path) -> None:
-    """Write the figure: one column for each quantity; above error against setting, below seconds against error."""
-    quantities = table.quantities
-    if not quantities:
-        raise ValueError("table must have at least one measured error to be drawn, got none")
-    width = max(3.9 * len(quantities) + 0.4, 7.2)
-    with styled_figure(path, (width, 6.6)) as figure:
-        ax_rows = figure.subplots(2, len(quantities), squeeze=False)
-        for column, quantity in enumerate(quantities):
-            above, below = ax_rows[0][column], ax_rows[1][column]
-            zero = _zero_level(table, quantity)
-            for index, method in enumerate(table.methods):
-                _method(table, method, quantity, zero, COLORS[index % 8], MARKERS[index % 8], above, below)
-            above.set(title=quantity, xlabel=table.knob, ylabel=f"error in {quantity}", xscale="log", yscale="log")
-            settings = sorted({trial.setting for trial in table.trials})
-            if settings[-1] < 100.0 * settings[0]:
-                # less than two decades: powers of ten say too little, and numbers between them overlap
-                above.set_xticks(settings, [f"{one:g}" for one in settings], minor=False)
-                above.xaxis.set_minor_formatter(NullFormatter())
-            above.invert_xaxis()
-            below.set(xlabel=f"error in {quantity}", ylabel="CPU seconds", xscale="log", yscale="log")
-            below.invert_xaxis()
-            if any(trial.errors.get(quantity) == 0.0 for trial in table.trials):
-                above.axhline(zero, color="#999999", linewidth=0.8, linestyle=":")
-                above.annotate("exactly 0", (0.01, zero), xycoords=("axes fraction", "data"), va="top", fontsize=7.5)
-                above.set_ylim(bottom=0.1 * zero)
-                below.axvline(zero, color="#999999", linewidth=0.8, linestyle=":")
-                below.annotate(
-                    "exactly 0", (zero, 0.02), xycoords=("data", "axes fraction"), rotation=90, ha="right", fontsize=7.5
-                )
-        handles, labels = ax_rows[0][0].get_legend_handles_labels()
-        if any(trial.failed and trial.errors for trial in table.trials):
-            handles.append(Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none"))
-            labels.append("hollow: failed")
-        # a letter takes about 0.075 inches, a line and the space around it half an inch
-        fitting = int(width / (0.5 + 0.075 * max((len(label) for label in labels), default=1)))
-        figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 4, fitting)))
-        heading = table.title or "work and precision"
-        figure.suptitle(f"{heading}\nreference: {table.reference_is}" if table.reference_is else heading, fontsize=10)
+def label_settings(axes: Any, settings: Sequence[float]) -> None:
+    """Write these settings along the x axis in plain numbers, and nothing between them."""
+    axes.set_xticks(settings, [f"{one:g}" for one in settings], minor=False)
+    axes.xaxis.set_minor_formatter(_matplotlib().NullFormatter())
 
 
-def _zero_level(table: PrecisionTable, quantity: str) -> float:
-    """Where exact zeros are drawn on a logarithmic axis: a decade under the smallest error."""
-    positive = [t.errors[quantity] for t in table.trials if t.errors.get(quantity, 0.0) > 0.0]
-    return 0.1 * min(positive, default=1e-15)
-
-
-def _method(
-    table: PrecisionTable, method: str, quantity: str, zero: float, color: str, marker: str, above: Any, below: Any
-) -> None:
-    trials = [trial for trial in table.of(method) if quantity in trial.errors]
-    good = [trial for trial in trials if not trial.failed]
-    failed = [trial for trial in trials if trial.failed]
-    common = {"color": color, "marker": marker, "markersize": 5.0, "linewidth": 1.2}
-    for subset, extra in (
-        (good, {"label": method or "method"}),
-        (failed, {"markerfacecolor": "none", "linestyle": "none"}),
-    ):
-        errors = [max(trial.errors[quantity], zero) for trial in subset]
-        style: dict[str, Any] = {**common, **extra}
-        above.plot([trial.setting for trial in subset], errors, **style)
-        below.plot(errors, [trial.seconds for trial in subset], **style)
-
-
-def draw_costs(title: str, names: Sequence[str], columns: Mapping[str, Sequence[float]], path: Path) -> None:
-    """Write the figure: a column of bars for each quantity, names at the left, numbers at the ends of the bars."""
-    # a letter takes about 0.075 inches
-    margin = 0.075 * max(len(name) for name in names)
-    with styled_figure(path, (margin + 2.6 * len(columns), 1.2 + 0.42 * len(names))) as figure:
-        axes = figure.subplots(1, len(columns), squeeze=False, sharey=True)[0]
-        place = range(len(names))
-        for k, (ax, (quantity, values)) in enumerate(zip(axes, columns.items(), strict=True)):
-            bars = ax.barh(place, values, color=COLORS[k % len(COLORS)], height=0.62)
-            ax.bar_label(bars, [f"{value:.3g}" if value < 1000.0 else f"{value:.0f}" for value in values], padding=3)
-            ax.set(title=quantity, xlim=(0.0, 1.18 * max(values)))
-            ax.grid(axis="y", visible=False)
-            ax.set_axisbelow(True)
-        axes[0].set_yticks(place, names)
-        axes[0].invert_yaxis()
-        figure.suptitle(title, fontsize=10)
-
-
-# (setting, deviation, its standard error), by method and quantity
-Deviations = Mapping[str, Mapping[str, Sequence[tuple[float, float, float]]]]
-
-
-def draw_deviations(deviations: Deviations, path: Path, *, title: str, knob: str, largest: float = 0.15) -> None:
-    """Write the figure: a column for each quantity; above deviations with error bars, below their sizes in logarithms.
-
-    Parameters
-    ----------
-    deviations
-        Deviations relative to the reference, by method, then by quantity.
-    path
-        The file; its ending names the format.
-    title, knob
-        Words: what is shown, and what the setting is.
-    largest
-        Deviations are drawn above up to this size; larger ones stand below alone.
-
-    """
-    quantities = list(next(iter(deviations.values())))
-    with styled_figure(path, (4.4 * len(quantities), 6.8)) as figure:
-        axes = figure.subplots(2, len(quantities), squeeze=False, sharex=True)
-        settings = sorted({row[0] for found in deviations.values() for rows in found.values() for row in rows})
-        for column, quantity in enumerate(quantities):
-            above, below = axes[0][column], axes[1][column]
-            for k, (method, found) in enumerate(deviations.items()):
-                setting, off, bar = np.array(found[quantity]).reshape(-1, 3).T
-                style = {"color": COLORS[k % 8], "marker": MARKERS[k % 8], "markersize": 4.5, "linewidth": 1.0}
-                # side by side, or bars hide each other
-                beside = setting * 1.05 ** (k - 0.5 * (len(deviations) - 1))
-                shown = np.abs(off) <= largest
-                above.errorbar(
-                    beside[shown], 100.0 * off[shown], 100.0 * bar[shown], capsize=2.0, label=method, **style
-                )
-                below.plot(setting, np.abs(off), **style)
-            above.axhline(0.0, color="#999999", linewidth=0.8)
-            above.set(title=quantity, ylabel="off the reference [%]", xscale="log")
-            # what is nowhere off cannot be seen in logarithms
-            scale = "log" if any(row[1] for found in deviations.values() for row in found[quantity]) else "linear"
-            below.set(xlabel=knob, ylabel="size of it, relative", yscale=scale)
-            below.set_xticks(settings, [f"{one:g}" for one in settings], minor=False)
-            below.xaxis.set_minor_formatter(NullFormatter())
-        # all columns share it
-        axes[0][0].invert_xaxis()
-        handles, labels = axes[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2)
-        figure.suptitle(title, fontsize=10)
+def hollow_marker() -> Any:
+    """Return the marker of the legend that stands for hollow points."""
+    return _matplotlib().Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none")
 
 
 def draw_cementing(curves: Sequence[CementingCurve], path: Path) -> None:
@@ -341,27 +185,26 @@ def write_pictures(
     target.mkdir(parents=True, exist_ok=True)
     picture = _RunPicture(trajectory)
     return tuple(
-        picture.write(snapshot, target / f"frame-{k:04d}.{format}", format)
-        for k, snapshot in enumerate(trajectory.snapshots)
+        picture.write(frame, target / f"frame-{k:04d}.{format}", format) for k, frame in enumerate(trajectory.frames)
     )
 
 
 class _RunPicture:
-    """One figure on which every snapshot is drawn in its turn: axes and curves stay, the packing changes."""
+    """One figure on which every frame is drawn in its turn: axes and curves stay, the packing changes."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.trajectory, self.packing = trajectory, trajectory.final
-        # links are not drawn here, and their clusters not told apart
+        # links are not drawn here, and their clusters have no colors of their own
         bare = self.packing.replace(links=None)
         self.color_nc = drawing.particle_colors(bare, trajectory.effects, None, trajectory.held_n) / 255.0
         self.flat = self.packing.dimension == 2
-        self.figure = Figure(figsize=SIZE, dpi=DOTS, facecolor=PAPER)
-        self.canvas = FigureCanvasAgg(self.figure)
+        self.figure = _matplotlib().Figure(figsize=SIZE, dpi=DOTS, facecolor=PAPER)
+        self.canvas = _matplotlib().FigureCanvasAgg(self.figure)
         self.axes = self.figure.add_axes((0.01, 0.02, 0.64, 0.9), facecolor=PAPER)
         self.axes.set_axis_off()
-        boxes = [drawing.shown_box(one.packing.box)[0] for one in trajectory.snapshots]
+        boxes = [drawing.shown_box(one.packing.box)[0] for one in trajectory.frames]
         corners = [drawing.box_outline(box) for box in boxes]
-        place_kd = np.concatenate([self._seen(np.concatenate(lines))[:, :2] for lines in corners])
+        place_kd = np.concatenate([self._projected(np.concatenate(lines))[:, :2] for lines in corners])
         pad = 2.2 * float(self.packing.radius_n.max())
         low, high = place_kd.min(axis=0) - pad, place_kd.max(axis=0) + pad
         self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -398,27 +241,27 @@ class _RunPicture:
             spine.set_color("#4a5260")
         return axes
 
-    def _seen(self, place_kd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what is seen across, up, and toward the eye."""
+    def _projected(self, place_kd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return places across, up, and toward the eye."""
         if place_kd.shape[-1] == 2:
             return np.concatenate([place_kd, np.zeros((*place_kd.shape[:-1], 1))], axis=-1)
         return np.asarray(place_kd @ drawing.view_axes())
 
-    def write(self, snapshot: Snapshot, path: Path, format: str) -> Path:
-        """Draw a snapshot and write it."""
-        drawn = draw_snapshot(snapshot, self.trajectory.effects)
+    def write(self, frame: Frame, path: Path, format: str) -> Path:
+        """Draw a frame and write it."""
+        drawn = draw_moving(frame, self.trajectory.effects)
         artists = [*self._discs(drawn), *self._lines(drawn)]
         for artist in artists:
             self.axes.add_collection(artist)
-        words = [f"step {snapshot.step}"] if snapshot.touching is None else [f"time {snapshot.time:.4g}"]
+        words = [f"step {frame.step}"] if frame.touching is None else [f"time {frame.time:.4g}"]
         for dot, curve in self.dots:
             if curve is None:
-                strain = self._at(snapshot, "strain")
-                stress = self._at(snapshot, "stress")
+                strain = self._at(frame, "strain")
+                stress = self._at(frame, "stress")
                 dot.set_data([strain], [stress])
                 words += [f"strain {strain:.4f}", f"stress {stress:.3g}"]
             else:
-                dot.set_data([snapshot.step], [np.interp(snapshot.step, *curve)])
+                dot.set_data([frame.step], [np.interp(frame.step, *curve)])
         self.title.set_text("    ".join(words))
         if format == "png":
             self._write_png(artists, path)
@@ -445,23 +288,23 @@ class _RunPicture:
             dot.axes.draw_artist(dot)
         self.title.set_visible(True)
         self.figure.draw_artist(self.title)
-        Image.fromarray(np.asarray(self.canvas.buffer_rgba())).convert("RGB").save(path, compress_level=4)
+        _matplotlib().Image.fromarray(np.asarray(self.canvas.buffer_rgba())).convert("RGB").save(path, compress_level=4)
 
     def _write_svg(self, path: Path) -> None:
         # the same run writes the same file
-        with matplotlib.rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):
+        with _matplotlib().rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):
             self.figure.savefig(path, format="svg", metadata={"Date": None})
 
-    def _at(self, snapshot: Snapshot, start: str) -> float:
+    def _at(self, frame: Frame, start: str) -> float:
         curve = next((curve for name, curve in self.trajectory.curves.items() if name.startswith(start)), None)
-        return 0.0 if curve is None else float(np.interp(snapshot.step, *curve))
+        return 0.0 if curve is None else float(np.interp(frame.step, *curve))
 
-    def _discs(self, drawn: DrawnSnapshot) -> list[Any]:
+    def _discs(self, drawn: DrawnFrame) -> list[Any]:
         radius_n, plain = self.packing.radius_n, drawn.drawing
 
         def discs(center: NDArray[np.float64], radius: NDArray[np.float64], color: Any, order: float) -> Any:
             width = 2.0 * radius
-            return EllipseCollection(
+            return _matplotlib().EllipseCollection(
                 width,
                 width,
                 np.zeros(len(width)),
@@ -479,19 +322,20 @@ class _RunPicture:
             dim = drawing.dimmed((255.0 * self.color_nc[owner]).astype(np.uint8)) / 255.0
             copies = discs(plain.copy_center_kd, radius_n[owner], dim, 1.0)
             return [copies, discs(plain.center_nd, radius_n, self.color_nc, 2.0)]
-        seen = self._seen(plain.center_nd)
-        order = np.argsort(seen[:, 2])
-        depth = seen[order, 2]
+        projected = self._projected(plain.center_nd)
+        order = np.argsort(projected[:, 2])
+        depth = projected[order, 2]
         share = DIM + (1.0 - DIM) * (depth - depth.min()) / (np.ptp(depth) or 1.0)
-        return [discs(seen[order, :2], radius_n[order], self.color_nc[order] * share[:, None], 2.0)]
+        return [discs(projected[order, :2], radius_n[order], self.color_nc[order] * share[:, None], 2.0)]
 
-    def _lines(self, drawn: DrawnSnapshot) -> list[Any]:
+    def _lines(self, drawn: DrawnFrame) -> list[Any]:
         unit, d = self.packing.reference_diameter, self.packing.dimension
 
         def lines(segments: Any, half_width: Any, color: Any, order: float) -> Any:
-            flat = [self._seen(np.asarray(line))[:, :2] for line in segments]
+            flat = [self._projected(np.asarray(line))[:, :2] for line in segments]
             width = 2.0 * self.points * np.asarray(half_width)
-            return LineCollection(flat, linewidths=width, colors=color, zorder=order, capstyle="round")
+            style = {"linewidths": width, "colors": color, "zorder": order, "capstyle": "round"}
+            return _matplotlib().LineCollection(flat, **style)
 
         found = [
             lines(drawn.drawing.outline_ed, drawing.OUTLINE_RADIUS * unit, _rgb(drawing.OUTLINE), 6.0),

@@ -1,4 +1,4 @@
-"""What pictures and recordings show of a run, before it is drawn: snapshots at some steps, curves against step."""
+"""What pictures and recordings show of a run, before it is drawn: frames at some steps, curves against step."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ MARK_FROM, MARK_TO = 0.35, 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
-    """A packing at one step, its contacts (None: whoever touches), and (N, d) unit vectors that turn with spins."""
+class Frame:
+    """A packing at one step, its contacts (None: found when drawn), and (N, d) unit vectors that turn with spins."""
 
     step: int
     time: float
@@ -51,7 +51,7 @@ class Trajectory:
 
     Attributes
     ----------
-    snapshots
+    frames
         What is drawn.
     effects
         The effects whose forces, bonds and walls are drawn.
@@ -68,7 +68,7 @@ class Trajectory:
 
     """
 
-    snapshots: tuple[Snapshot, ...]
+    frames: tuple[Frame, ...]
     effects: tuple[Any, ...]
     curves: Mapping[str, Curve]
     strain_t: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -79,18 +79,18 @@ class Trajectory:
 
     @property
     def step_f(self) -> NDArray[np.int64]:
-        """The (F,) steps of the snapshots."""
-        return np.array([one.step for one in self.snapshots])
+        """The (F,) steps of the frames."""
+        return np.array([one.step for one in self.frames])
 
     @property
     def packing_f(self) -> tuple[Packing, ...]:
-        """The packings of the snapshots."""
-        return tuple(one.packing for one in self.snapshots)
+        """The packings of the frames."""
+        return tuple(one.packing for one in self.frames)
 
     @property
     def final(self) -> Packing:
         """The last packing."""
-        return self.snapshots[-1].packing
+        return self.frames[-1].packing
 
     def colors(self) -> NDArray[np.uint8]:
         """Return the (N, 3) colors of the particles; rattlers are those of the last packing, unless it is in motion."""
@@ -112,15 +112,15 @@ class Motion:
 
 
 def trajectory_of_packing(subject: Packing | Scene) -> Trajectory:
-    """Return the trajectory of one packing: a single snapshot, and its numbers as curves of one point."""
+    """Return the trajectory of one packing: a single frame, and its numbers as curves of one point."""
     if isinstance(subject, Packing):
         curves = {"contacts": _point(len(find_contacts(subject)))}
-        return Trajectory((Snapshot(0, 0.0, subject),), (), curves)
+        return Trajectory((Frame(0, 0.0, subject),), (), curves)
     packing = subject.packing
     values = {"energy": energy(subject), "pressure": pressure(subject), "max force": force_balance(subject)[0]}
     curves = {f"log10 {name}": _point(np.log10(value)) for name, value in values.items() if value > 0.0}
     curves["contacts"] = _point(len(find_contacts(packing)))
-    return Trajectory((Snapshot(0, 0.0, packing),), subject.effects, curves)
+    return Trajectory((Frame(0, 0.0, packing),), subject.effects, curves)
 
 
 def _point(value: float) -> Curve:
@@ -128,16 +128,16 @@ def _point(value: float) -> Curve:
 
 
 def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
-    """Return the trajectory of a run: snapshots evenly chosen from those that were kept, every observable that was.
+    """Return the trajectory of a run: frames evenly chosen from those that were kept, every observable that was.
 
     Parameters
     ----------
     run
-        A run. With frames, or a trace with positions, the snapshots are those; otherwise its start and its end.
+        A run. With frames, or a trace with positions, the frames are those; otherwise its start and its end.
     scene
         The scene that was run.
     frames
-        Largest number of snapshots.
+        Largest number of frames.
 
     """
     if isinstance(run, StrainRun):
@@ -146,11 +146,11 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     if isinstance(trace, MotionTrace) and trace.touching_t is not None:
         return _of_motion(run, trace, scene, frames)
     if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
-        ends = Snapshot(0, 0.0, scene.packing), Snapshot(max(run.steps, 1), float(max(run.steps, 1)), run.packing)
+        ends = Frame(0, 0.0, scene.packing), Frame(max(run.steps, 1), float(max(run.steps, 1)), run.packing)
         return Trajectory(ends, scene.effects, {} if trace is None else curves_of_trace(trace))
     chosen = _evenly(len(trace.step_t), frames - 1)
-    snapshots = [
-        Snapshot(
+    kept = [
+        Frame(
             int(trace.step_t[t]),
             float(trace.step_t[t]),
             scene.packing.replace(
@@ -160,8 +160,8 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
         )
         for t in chosen
     ]
-    last = max(int(run.steps), snapshots[-1].step + 1)
-    return Trajectory((*snapshots, Snapshot(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
+    last = max(int(run.steps), kept[-1].step + 1)
+    return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -178,7 +178,7 @@ def _of_strain(run: StrainRun, scene: Scene, frames: int) -> Trajectory:
         time_f, step_f = run.time_t[[0, -1]], np.array([0, max(run.steps, 1)])
         position = np.array([one.position_nd for one in packings])
         lattice = np.array([one.box.lattice_dd for one in packings])
-    about = run.about()
+    about, kept = run.about(), (step_f, time_f, position, lattice, run.spin_fnk, run.touching_f or None)
     shear = f"stress {''.join('xyz'[a] for a in run.axes)}"
     columns = {
         "strain": run.strain_t,
@@ -190,15 +190,9 @@ def _of_strain(run: StrainRun, scene: Scene, frames: int) -> Trajectory:
         "kinetic": run.kinetic_t + run.rotational_t,
         **run.added,
     }
-    return Trajectory(
-        _snapshots(scene, step_f, time_f, position, lattice, run.spin_fnk, run.touching_f or None, frames),
-        scene.effects,
-        _varying(curves_of(np.rint(run.time_t / run.dt).astype(np.int64), columns, linear=("pressure", shear))),
-        *_strained(run.strain_t, run.shear_stress_t),
-        moduli={name: about[name] for name in ("storage_modulus", "loss_modulus") if name in about},
-        held_n=run.held_n,
-        in_motion=True,
-    )
+    moduli: dict[str, float] = {name: about[name] for name in ("storage_modulus", "loss_modulus") if name in about}
+    step_t = np.rint(run.time_t / run.dt).astype(np.int64)
+    return _in_motion(scene, _frames_of(scene, *kept, frames), step_t, columns, shear, run.held_n, moduli)
 
 
 def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Trajectory:
@@ -216,17 +210,29 @@ def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Traje
         **trace.added,
     }
     kept = (trace.step_t, trace.time_t, trace.position_tnd, lattice, trace.spin_tnk, trace.touching_t)
-    return Trajectory(
-        _snapshots(scene, *kept, frames),
-        scene.effects,
-        _varying(curves_of(trace.step_t, columns, linear=("pressure", "stress xy"))),
-        *_strained(trace.strain_t, overall[:, 0, 1]),
-        held_n=getattr(run, "held_n", None),
-        in_motion=True,
-    )
+    held_n = getattr(run, "held_n", None)
+    return _in_motion(scene, _frames_of(scene, *kept, frames), trace.step_t, columns, "stress xy", held_n, {})
 
 
-def _snapshots(
+def _in_motion(
+    scene: Scene,
+    frames: tuple[Frame, ...],
+    step_t: NDArray[np.int64],
+    columns: Mapping[str, NDArray[Any]],
+    shear: str,
+    held_n: NDArray[np.bool_] | None,
+    moduli: Mapping[str, float],
+) -> Trajectory:
+    """Return the trajectory of a time integration, with stress against strain where something was strained."""
+    curves = curves_of(step_t, columns, linear=("pressure", shear))
+    varying = {name: curve for name, curve in curves.items() if len(curve[1]) and np.ptp(curve[1]) > 0.0}
+    strain_t, stress_t = columns["strain"], columns[shear]
+    if not np.ptp(strain_t) > 0.0:
+        strain_t = stress_t = np.zeros(0)
+    return Trajectory(frames, scene.effects, varying, strain_t, stress_t, moduli, held_n, in_motion=True)
+
+
+def _frames_of(
     scene: Scene,
     step_f: NDArray[np.int64],
     time_f: NDArray[np.float64],
@@ -235,10 +241,10 @@ def _snapshots(
     spin_fnk: NDArray[np.float64] | None,
     touching_f: Sequence[Touching] | None,
     frames: int,
-) -> tuple[Snapshot, ...]:
+) -> tuple[Frame, ...]:
     mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, scene.packing.dimension)
     return tuple(
-        Snapshot(
+        Frame(
             int(step_f[f]),
             float(time_f[f]),
             scene.packing.replace(position_nd=position_fnd[f], box=Box(lattice_fdd[f])),
@@ -247,17 +253,6 @@ def _snapshots(
         )
         for f in _evenly(len(time_f), frames)
     )
-
-
-def _strained(
-    strain_t: NDArray[np.float64], stress_t: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stress against strain; empty where nothing was strained."""
-    return (strain_t, stress_t) if np.ptp(strain_t) > 0.0 else (np.zeros(0), np.zeros(0))
-
-
-def _varying(curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    return {name: curve for name, curve in curves.items() if len(curve[1]) and np.ptp(curve[1]) > 0.0}
 
 
 def curves_of_trace(trace: Trace) -> dict[str, Curve]:
@@ -411,7 +406,7 @@ def turned_marks(
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnSnapshot:
+class DrawnFrame:
     """Lines to draw over the discs of `drawing`; forces are over their mean, pulls over the mean |extension|."""
 
     drawing: drawing.Drawing
@@ -425,29 +420,29 @@ class DrawnSnapshot:
     wall_ed: list[NDArray[np.float64]]
 
 
-def draw_snapshot(snapshot: Snapshot, effects: Sequence[Any]) -> DrawnSnapshot:
+def draw_moving(frame: Frame, effects: Sequence[Any]) -> DrawnFrame:
     """Return what to draw of a packing in motion, all of it inside the cell.
 
     Parameters
     ----------
-    snapshot
-        The snapshot.
+    frame
+        The frame.
     effects
         Effects whose forces are drawn where no contacts were kept; bonds and walls among them are drawn too.
 
     """
-    packing, effects = snapshot.packing, tuple(effects)
+    packing, effects = frame.packing, tuple(effects)
     cell = drawing.ShownCell(packing)
     shown = packing.replace(links=None, position_nd=cell.inside_nd, box=cell.box)
     d = packing.dimension
     none, zero = np.zeros((0, 2, d)), np.zeros(0)
-    touching = snapshot.touching
+    touching = frame.touching
     if touching is None:
-        whole = drawing.draw_packing(shown, tuple(one for one in effects if hasattr(type(one), "pair_energy")))
-        sticking, sticking_force = whole.segment_sed, whole.force_s
+        drawn = drawing.draw_packing(shown, tuple(one for one in effects if hasattr(type(one), "pair_energy")))
+        sticking, sticking_force = drawn.segment_sed, drawn.force_s
         sliding, sliding_force = none, zero
     else:
-        whole = drawing.draw_packing(shown)
+        drawn = drawing.draw_packing(shown)
         segments, pair_s, _ = cell.lines(touching.i_c, touching.j_c, touching.image_cd)
         mean = float(touching.normal_c.mean()) if len(touching.normal_c) else 0.0
         force_s = touching.normal_c[pair_s] / mean if mean > 0.0 else np.zeros(len(pair_s))
@@ -458,8 +453,8 @@ def draw_snapshot(snapshot: Snapshot, effects: Sequence[Any]) -> DrawnSnapshot:
     if links is not None:  # their forces are not kept
         line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
         shape_s = np.asarray(links.shape_l)[link_s]
-        whole = replace(
-            whole,
+        drawn = replace(
+            drawn,
             bond_sed=line_sed[~shape_s],
             bond_tension_s=np.zeros(int((~shape_s).sum())),
             shape_sed=line_sed[shape_s],
@@ -473,11 +468,11 @@ def draw_snapshot(snapshot: Snapshot, effects: Sequence[Any]) -> DrawnSnapshot:
         mean = float(np.abs(extension).mean())
         pull = extension[pair_s] / mean if mean > 0.0 else np.zeros(len(pair_s))
     mark = none
-    if snapshot.mark_nd is not None:
-        reach = packing.radius_n[:, None] * snapshot.mark_nd
+    if frame.mark_nd is not None:
+        reach = packing.radius_n[:, None] * frame.mark_nd
         mark = np.stack([cell.inside_nd + MARK_FROM * reach, cell.inside_nd + MARK_TO * reach], axis=1)
-    return DrawnSnapshot(
-        whole,
+    return DrawnFrame(
+        drawn,
         sticking,
         sticking_force,
         sliding,

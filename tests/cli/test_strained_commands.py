@@ -55,12 +55,12 @@ def stop_at(monkeypatch, steps):
     """Press Ctrl-C in the next run, once it has taken so many steps."""
     usual, taken = Engine.advance, [0]
 
-    def advance(march, due, ledger=None):
+    def advance(running, due, ledger=None):
         taken[0] += due
         if taken[0] > steps:
             monkeypatch.setattr(Engine, "advance", usual)
             signal.raise_signal(signal.SIGINT)
-        return usual(march, due, ledger)
+        return usual(running, due, ledger)
 
     monkeypatch.setattr(Engine, "advance", advance)
 
@@ -113,11 +113,11 @@ def test_a_checkpoint_is_refused_where_nothing_is_strained(folder):
 
 @pytest.mark.parametrize(("name", "stems"), [("flow", ["-rate-0.1", "-rate-0.2"]), ("squeeze", [""])])
 def test_recordings_pictures_and_live_streams_are_written_of_every_strained_run(name, stems, folder, capsys):
-    words = ("--record", "run.rrd", "--live", "live.rrd", "--frames", "3", "--format", "svg", "--out", "film")
+    words = ("--record", "run.rrd", "--live", "live.rrd", "--frames", "3", "--format", "svg", "--out", "pictures")
     assert run(f"{name}.toml", *words) == 0
     for stem in stems:
         assert (folder / f"run{stem}.rrd").stat().st_size > 10_000
-        pictures = sorted((folder / "film" / stem.removeprefix("-")).glob("frame-*.svg"))
+        pictures = sorted((folder / "pictures" / stem.removeprefix("-")).glob("frame-*.svg"))
         assert len(pictures) == 3
         assert pictures[0].read_bytes() != pictures[-1].read_bytes()
     assert (folder / "live.rrd").stat().st_size > 10_000

@@ -22,8 +22,8 @@ def on_a_display():
         stderr=subprocess.DEVNULL,
     )
     os.close(write)
-    with os.fdopen(read) as told:
-        number = told.readline().strip()
+    with os.fdopen(read) as display:
+        number = display.readline().strip()
 
     def run(code):
         environment = {**os.environ, "DISPLAY": f":{number}"}

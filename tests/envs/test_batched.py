@@ -35,6 +35,7 @@ class WalkEpisodes:
     """As many walks, in arrays."""
 
     observation_space, action_space = OBSERVED, MOVES
+    observation_names, action_names, task = ("x", "y"), ("step_x", "step_y"), None
 
     def __init__(self, count):
         self.observation_bk = np.zeros((count, 2))
@@ -103,8 +104,8 @@ def test_without_autoreset_a_mask_says_whom_to_reset():
         if over.any():
             with pytest.raises(gym.error.ResetNeeded, match=f"environment {np.flatnonzero(over)[0]} must be reset"):
                 ours.step(up)
-            told = ours.reset(options={"reset_mask": over.copy()})
-            assert data_equivalence(told, theirs.reset(options={"reset_mask": over.copy()}), exact=True)
+            again = ours.reset(options={"reset_mask": over.copy()})
+            assert data_equivalence(again, theirs.reset(options={"reset_mask": over.copy()}), exact=True)
 
 
 def test_seeds_of_a_batch_count_up_and_generators_go_on():
@@ -128,7 +129,7 @@ def test_the_action_after_an_end_is_not_looked_at():
 
 
 @pytest.mark.parametrize(
-    ("actions", "error", "told"),
+    ("actions", "error", "message"),
     [
         (np.zeros((3, 2)), ValueError, r"actions must have shape \(2, 2\), got \(3, 2\)"),
         ([["a", "b"], ["c", "d"]], TypeError, "action must be an array of real numbers"),
@@ -136,11 +137,11 @@ def test_the_action_after_an_end_is_not_looked_at():
         ([[np.inf, 0.0], [0.0, 0.0]], ValueError, "got inf for environment 0"),
     ],
 )
-def test_actions_outside_the_space_are_refused_and_change_nothing(actions, error, told):
+def test_actions_outside_the_space_are_refused_and_change_nothing(actions, error, message):
     walks = Walks(2)
     walks.reset(seed=0)
     before = walks._episodes.observation_bk.copy()
-    with pytest.raises(error, match=told):
+    with pytest.raises(error, match=message):
         walks.step(actions)
     assert np.array_equal(walks._episodes.observation_bk, before)
 
@@ -154,7 +155,7 @@ def test_an_action_at_a_bound_that_went_through_float32_counts_as_the_bound():
 
 
 @pytest.mark.parametrize(
-    ("reset", "error", "told"),
+    ("reset", "error", "message"),
     [
         ({"seed": [1]}, ValueError, "seed must hold one seed for each of 2 environments, got 1"),
         ({"options": {"reset_mask": [True, False]}}, TypeError, "must be a numpy array of bool"),
@@ -162,13 +163,13 @@ def test_an_action_at_a_bound_that_went_through_float32_counts_as_the_bound():
         ({"options": {"reset_mask": np.zeros(2, dtype=bool)}}, ValueError, "at least one environment, got none"),
     ],
 )
-def test_wrong_seeds_and_masks_are_refused(reset, error, told):
-    with pytest.raises(error, match=told):
+def test_wrong_seeds_and_masks_are_refused(reset, error, message):
+    with pytest.raises(error, match=message):
         Walks(2).reset(**reset)
 
 
 @pytest.mark.parametrize(
-    ("how", "told"),
+    ("how", "message"),
     [
         ({"num_envs": 0}, "num_envs must be an integer at least 1, got 0"),
         ({"max_episode_steps": 0}, "max_episode_steps must be an integer at least 1, got 0"),
@@ -176,8 +177,8 @@ def test_wrong_seeds_and_masks_are_refused(reset, error, told):
         ({"render_mode": "human"}, "render_mode must be None or 'rgb_array' for a batch, got 'human'"),
     ],
 )
-def test_wrong_settings_of_a_batch_are_refused(how, told):
-    with pytest.raises(ValueError, match=told):
+def test_wrong_settings_of_a_batch_are_refused(how, message):
+    with pytest.raises(ValueError, match=message):
         QuenchVectorEnv(**how)
 
 

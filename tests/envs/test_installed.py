@@ -16,7 +16,7 @@ import json, sys
 import gymnasium as gym
 import numpy as np
 
-told = {"modes": {}}
+numbers = {"modes": {}}
 for name, more in (("Shear-v0", {"scene": "triangular", "frame_skip": 5}), ("Quench-v0", {})):
     env = gym.make(f"packmech_envs:packmech/{name}", render_mode="rgb_array", **more)
     observation, info = env.reset(seed=1)
@@ -29,12 +29,12 @@ for name, more in (("Shear-v0", {"scene": "triangular", "frame_skip": 5}), ("Que
         envs.reset(seed=1)
         envs.action_space.seed(1)
         observations, *_ = envs.step(envs.action_space.sample())
-        told["modes"][f"{name} {mode}"] = np.asarray(observations).tolist()
+        numbers["modes"][f"{name} {mode}"] = np.asarray(observations).tolist()
         envs.close()
 import packmech, packmech_envs
-told["files"] = [packmech.__file__, packmech_envs.__file__]
-told["scenes"] = len(packmech.list_scenes())
-print(json.dumps(told))
+numbers["files"] = [packmech.__file__, packmech_envs.__file__]
+numbers["scenes"] = len(packmech.list_scenes())
+print(json.dumps(numbers))
 """
 
 WITHOUT = """
@@ -70,11 +70,11 @@ def test_both_environments_are_made_in_every_mode_from_a_wheel_outside_the_repos
     (folder / "script.py").write_text(SCRIPT)
     done = subprocess.run([python, "-I", "script.py"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout.splitlines()[-1])
-    assert all(Path(file).is_relative_to(folder / "venv") for file in told["files"])
-    assert told["scenes"] > 10
+    numbers = json.loads(done.stdout.splitlines()[-1])
+    assert all(Path(file).is_relative_to(folder / "venv") for file in numbers["files"])
+    assert numbers["scenes"] > 10
     for name in ("Shear-v0", "Quench-v0"):
-        batch, sync, parallel = (told["modes"][f"{name} {mode}"] for mode in ("vector_entry_point", "sync", "async"))
+        batch, sync, parallel = (numbers["modes"][f"{name} {mode}"] for mode in ("vector_entry_point", "sync", "async"))
         assert batch == sync == parallel  # to the last bit
 
 

@@ -32,11 +32,11 @@ def trimers():
 def episode(env, seed, actions):
     """Return all that an episode tells, as arrays."""
     observation, info = env.reset(seed=seed)
-    told = [(observation, 0.0, False, False, *info.values())]
+    answer = [(observation, 0.0, False, False, *info.values())]
     for action in actions:
         observation, reward, terminated, truncated, info = env.step(action)
-        told.append((observation, reward, terminated, truncated, *info.values()))
-    return [np.concatenate([np.atleast_1d(np.asarray(one, dtype=np.float64)) for one in row]) for row in told]
+        answer.append((observation, reward, terminated, truncated, *info.values()))
+    return [np.concatenate([np.atleast_1d(np.asarray(one, dtype=np.float64)) for one in row]) for row in answer]
 
 
 def checked(env):
@@ -201,20 +201,20 @@ def test_a_scripted_episode_reaches_the_packing_fraction_of_jam(scene):
 def press(env):
     """Compress, or expand in proportion to the pressure that is too much, until jammed; return the last step."""
     aim, up = env.largest_pressure, 0.02
-    told = env.step(env.action(up))
+    answer = env.step(env.action(up))
     for _ in range(80):
-        now = told[4]["pressure"] / env.scene.pressure_unit
-        if told[2]:
+        now = answer[4]["pressure"] / env.scene.pressure_unit
+        if answer[2]:
             break
         if now < 1e-12:
-            told = env.step(env.action(up))
+            answer = env.step(env.action(up))
             up = max(0.7 * up, 1e-3)
             continue
         if now <= aim:
             # pressed so much, gaps might still be closed by it
             aim *= 0.5
-        told = env.step(env.action(max(-(now - 0.5 * aim) / 0.4, -0.05)))
-    return told
+        answer = env.step(env.action(max(-(now - 0.5 * aim) / 0.4, -0.05)))
+    return answer
 
 
 def test_an_episode_unjams_and_rejams():
@@ -293,7 +293,7 @@ def abuse(env, steps, seed):
         actions[manner == 1, 0] = 1.0
         actions[manner == 2, 1] = 1.0
         actions[manner == 3] = (-1.0) ** step
-        observation, reward, _, _, told = env.step(actions)
+        observation, reward, _, _, answer = env.step(actions)
         assert np.isfinite(observation).all() and np.isfinite(reward).all()
         assert all(space.contains(row) for row in observation)
         if step % 37 == 36:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from packmech_envs.scenes import bonds_for_links, quenchable, scene_of, shearable
+from packmech_envs.tasks import bonds_for_links, quenchable, scene_of, shearable
 
 import packmech as pm
 

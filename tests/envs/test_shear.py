@@ -19,7 +19,7 @@ from packmech_envs.single import ShearEnv
 
 import packmech as pm
 
-RUBBING = (pm.Friction(coefficient=0.5, stiffness=0.5, damping=1.0), pm.ContactDamping(coefficient=2.0))
+FRICTIONAL_EFFECTS = (pm.Friction(coefficient=0.5, stiffness=0.5, damping=1.0), pm.ContactDamping(coefficient=2.0))
 
 
 @cache
@@ -32,7 +32,7 @@ def frictionless(n=24, seed=1):
 @cache
 def frictional(n=24, seed=1):
     scene = frictionless(n, seed)
-    return scene.replace(effects=(*scene.effects, *RUBBING))
+    return scene.replace(effects=(*scene.effects, *FRICTIONAL_EFFECTS))
 
 
 def checked(env):
@@ -185,8 +185,10 @@ def test_a_scripted_episode_measures_the_moduli_of_oscillatory_shear(control, pa
         action = [amplitude * math.sin(phase), amplitude * omega * math.cos(phase)]
         env.step(np.array(action[: len(env.action_names)]))
     every = run.steps // (len(run.time_t) - 1)
-    told = env.run
-    moduli = pm.demodulate(omega * told.time_t[::every], told.shear_stress_t[::every], amplitude=amplitude, periods=3)
+    so_far = env.run
+    moduli = pm.demodulate(
+        omega * so_far.time_t[::every], so_far.shear_stress_t[::every], amplitude=amplitude, periods=3
+    )
     assert 0.3 < run.moduli.loss / run.moduli.storage < 3.0
     assert moduli.storage == pytest.approx(run.moduli.storage, rel=1e-12)
     assert moduli.loss == pytest.approx(run.moduli.loss, rel=1e-12)
@@ -273,7 +275,7 @@ def test_a_step_too_long_terminates_with_its_reason_and_the_last_good_observatio
 
 
 @pytest.mark.parametrize(
-    ("action", "error", "told"),
+    ("action", "error", "wording"),
     [
         ([0.3], ValueError, r"action\[0\] must lie between -0.2 and 0.2, got 0.3"),
         ([math.nan], ValueError, r"action\[0\] must lie between -0.2 and 0.2, got nan"),
@@ -285,20 +287,20 @@ def test_a_step_too_long_terminates_with_its_reason_and_the_last_good_observatio
         ([1j], TypeError, "action must be an array of real numbers"),
     ],
 )
-def test_an_action_outside_the_space_is_refused_and_changes_nothing(action, error, told):
+def test_an_action_outside_the_space_is_refused_and_changes_nothing(action, error, wording):
     env = ShearEnv(frictionless(), control="strain")
     env.reset(seed=0)
-    with pytest.raises(error, match=told):
+    with pytest.raises(error, match=wording):
         env.step(action)
     assert len(env.run.time_t) == 1
 
 
 def test_a_frictionless_scene_holds_no_history():
-    env, rubbing = ShearEnv(frictionless()), ShearEnv(frictional())
-    env.reset(seed=0), rubbing.reset(seed=0)
-    march = env._episodes.batch._engines[0]
-    assert march.track is None and march.acting.friction is None and march.state.spins == ()
-    assert rubbing._episodes.batch._engines[0].track is not None
+    env, with_friction = ShearEnv(frictionless()), ShearEnv(frictional())
+    env.reset(seed=0), with_friction.reset(seed=0)
+    engine = env._episodes.batch._engines[0]
+    assert engine.track is None and engine.acting.friction is None and engine.state.spins == ()
+    assert with_friction._episodes.batch._engines[0].track is not None
 
 
 def test_the_friction_of_an_action_is_that_of_the_frame():
@@ -354,7 +356,7 @@ def test_targets_are_drawn_from_the_environments_generator():
 def test_an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more():
     goal = DissipateLeast(target_strain=0.004, tolerance=1e-9)
     spent = {}
-    for name, scene in {"elastic": frictionless(), "rubbing": frictional()}.items():
+    for name, scene in {"elastic": frictionless(), "with_friction": frictional()}.items():
         env = ShearEnv(scene, goal=goal, control="strain", frame_skip=20)
         env.reset(seed=0)
         for strain in np.linspace(2e-4, 4e-3, 20):
@@ -365,7 +367,7 @@ def test_an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more():
         run = env.run
         stored = run["kinetic_energy"] + run["elastic_energy"]
         assert spent[name] == pytest.approx(run["work"][-1] - stored[-1] + stored[0], abs=1e-14)
-    assert abs(spent["elastic"]) < 0.02 * spent["rubbing"]
+    assert abs(spent["elastic"]) < 0.02 * spent["with_friction"]
 
 
 def test_progress_to_the_goal_adds_up_to_one():
@@ -411,8 +413,8 @@ def test_starts_are_drawn_by_the_recipe_from_the_environments_seed_alone():
     assert free.packing == seeds[1]
     fixed.reset(seed=3)
     assert fixed.packing == pm.read_scene("default").packing
-    for scene, told in (("triangular", "packing that is not random"), (frictionless(), "given as a Scene")):
-        with pytest.raises(ValueError, match=told):
+    for scene, wording in (("triangular", "packing that is not random"), (frictionless(), "given as a Scene")):
+        with pytest.raises(ValueError, match=wording):
             ShearEnv(scene, start="random")
 
 
@@ -439,7 +441,7 @@ def test_rigid_links_are_refused_unless_they_may_become_bonds():
 
 
 @pytest.mark.parametrize(
-    ("how", "told"),
+    ("how", "wording"),
     [
         ({"control": "force"}, "control must be one of 'strain', 'rate', 'strain_and_rate', got 'force'"),
         ({"goal": "win"}, "goal must be one of 'follow_stress', 'dissipate_least', 'find_yield_strain'"),
@@ -459,13 +461,13 @@ def test_rigid_links_are_refused_unless_they_may_become_bonds():
         ({"method": "euler"}, "method must be"),
     ],
 )
-def test_wrong_settings_are_refused_by_name(how, told):
-    with pytest.raises((TypeError, ValueError), match=told):
+def test_wrong_settings_are_refused_by_name(how, wording):
+    with pytest.raises((TypeError, ValueError), match=wording):
         ShearEnv(frictionless(), **how)
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "wording"),
     [
         (lambda: FollowStress(amplitude=0.0), "amplitude must be a positive number, got 0.0"),
         (lambda: FollowStress(random=1), "random must be True or False, got 1"),
@@ -475,8 +477,8 @@ def test_wrong_settings_are_refused_by_name(how, told):
         (lambda: FindYieldStrain(resolution="fine"), "resolution must be a positive number, got 'fine'"),
     ],
 )
-def test_wrong_numbers_of_a_goal_are_refused(make, told):
-    with pytest.raises((TypeError, ValueError), match=told):
+def test_wrong_numbers_of_a_goal_are_refused(make, wording):
+    with pytest.raises((TypeError, ValueError), match=wording):
         make()
 
 

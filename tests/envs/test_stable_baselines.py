@@ -39,14 +39,14 @@ def test_ends_of_episodes_are_told_as_learners_ask_for_them():
     for done in (False, True):
         actions = np.zeros((3, 2))
         observation, reward, dones, infos = envs.step(actions)
-        expected, rewards, _, _, told = mine.step(actions)
+        expected, rewards, _, _, found = mine.step(actions)
         np.testing.assert_array_equal(observation, expected.astype(np.float32))
         np.testing.assert_array_equal(reward, rewards.astype(np.float32))
         assert dones.tolist() == [done] * 3
     for b in range(3):
         assert infos[b]["TimeLimit.truncated"] is True
-        np.testing.assert_array_equal(infos[b]["terminal_observation"], told["final_obs"][b].astype(np.float32))
-        assert infos[b]["reward_distance"] == told["final_info"]["reward_distance"][b]
+        np.testing.assert_array_equal(infos[b]["terminal_observation"], found["final_obs"][b].astype(np.float32))
+        assert infos[b]["reward_distance"] == found["final_info"]["reward_distance"][b]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from packmech.jamming.gap_sensitivity import settle
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import open_all
 from packmech.jamming.verdict import verdict_numbers
-from packmech.validation.hard_cases.jamming_verdicts import three_in_a_hole
+from packmech.validation.hard_cases.jamming import three_in_a_hole
 from packmech.view.report import examine, result_rows
 
 YES, NO, OPEN = "jammed", "not jammed", "ambiguous"

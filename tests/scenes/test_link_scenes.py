@@ -125,14 +125,14 @@ def test_a_drive_with_a_wrong_number_is_refused_by_its_field(arguments):
 def test_the_cementing_scene_starts_at_one_state_of_self_stress_and_says_what_pm_cement_says(tmp_path):
     code, numbers, packing = examined("cementing", tmp_path)
     assert code == 0
-    told = numbers["cementing"]
-    assert told["states_of_self_stress"] == 1
-    assert len(told["first_stiff"]) == 5
+    means = numbers["cementing"]
+    assert means["states_of_self_stress"] == 1
+    assert len(means["first_stiff"]) == 5
     alone = pm.cement(pm.Scene(packing, (pm.Repulsion(),)), seed=2)
-    assert told["first_stiff"][2] == alone.first_stiff / 64
-    assert told["all_stiff"][2] == alone.all_stiff / 64
+    assert means["first_stiff"][2] == alone.first_stiff / 64
+    assert means["all_stiff"][2] == alone.all_stiff / 64
     for name in ("bulk_modulus", "shear_modulus"):
-        reuss, voigt = (np.array(told[f"{name}_{bound}"]) for bound in ("reuss", "voigt"))
+        reuss, voigt = (np.array(means[f"{name}_{bound}"]) for bound in ("reuss", "voigt"))
         assert np.all(np.diff(reuss) > 0)
         assert np.all(voigt >= reuss * (1 - 1e-12))
 

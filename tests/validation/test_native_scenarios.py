@@ -10,7 +10,7 @@ import packmech as pm
 from packmech.dynamics.pair_forces import PairForces, pair_forces
 from packmech.rheology.drives import follow, masses
 from packmech.validation import particle_shear as ps
-from packmech.validation.reference_scenarios import elastic_pair_forces, judge_natively, native_tensors, table_rows
+from packmech.validation.particle_shear.scenarios import elastic_pair_forces, judge_natively, native_tensors, table_rows
 
 PAIRS = [name for name in ps.SCENARIOS if not name.startswith(("assembly", "crosslinked"))]
 ASSEMBLIES = [name for name in ps.SCENARIOS if name not in PAIRS]
@@ -43,7 +43,7 @@ def conserved(name, run):
 
 @functools.cache
 def measured(name):
-    """Return the native tensors of a scenario at the moment that its rows are about, and its momenta to the end."""
+    """Return the native tensors of a scenario at the time that its rows are about, and its momenta to the end."""
     scenario, scene = ps.SCENARIOS[name](), scene_of(name)
     return of_pair(name, scenario, scene) if name in PAIRS else of_assembly(name)
 
@@ -75,7 +75,7 @@ def of_pair(name, scenario, scene):
 @functools.cache
 def sheared(name):
     """Return a run of an assembly's scene, and who pushes whom at its end."""
-    scene, marches = scene_of(name), []
+    scene, engines = scene_of(name), []
     drive = scene.drive
     run = pm.oscillatory_shear(
         scene,
@@ -85,9 +85,9 @@ def sheared(name):
         periods=drive.periods,
         mass_n=masses(scene, drive.density),
         frames=38,
-        progress=lambda stage, figures: marches.append(figures["engine"]),
+        progress=lambda stage, figures: engines.append(figures["engine"]),
     )
-    return run, pair_forces(marches[-1])
+    return run, pair_forces(engines[-1])
 
 
 def of_assembly(name):
@@ -174,8 +174,8 @@ def test_scenes_of_a_disc_or_two_start_as_the_packages_scenarios_do(name):
     assert of["Repulsion"].law == pm.LinearSpring(made.stiffness)
     assert getattr(of.get("ContactDamping"), "coefficient", 0.0) == made.viscosity
     if made.tangential_stiffness or made.tangential_viscosity:
-        rubbing = pm.Friction(made.friction_coefficient, made.tangential_stiffness, made.tangential_viscosity)
-        assert of["Friction"] == rubbing
+        friction = pm.Friction(made.friction_coefficient, made.tangential_stiffness, made.tangential_viscosity)
+        assert of["Friction"] == friction
 
 
 @pytest.mark.parametrize("name", ASSEMBLIES)

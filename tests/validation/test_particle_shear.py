@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from packmech.dynamics.material import hertz_force, layer_force
 from packmech.validation import particle_shear as ps
 from packmech.validation.particle_shear import material as constants
 from packmech.validation.particle_shear.text_file import COLUMNS, HEADINGS
@@ -119,14 +120,12 @@ def momentum_y(discs):
 @given(overlap=st.floats(0.0, 19.0), share=st.floats(0.0, 1.0))
 def test_repulsion_blends_the_linear_and_the_divergent_law(overlap, share):
     made = ps.Material(2.0, divergence=share)
-    linear, divergent = constants.linear_force(overlap, 2.0), constants.divergent_force(overlap, 2.0, 20.0)
-    expected = (1.0 - share) * linear + share * divergent
+    expected = (1.0 - share) * 2.0 * overlap + share * 2.0 * overlap / (1.0 - overlap / 20.0)
     assert -ps.normal_force(made, 20.0 - overlap, 20.0) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def test_full_overlap_stops_at_999_k_d0_where_the_documentation_says_1000():
     assert -ps.normal_force(ps.Material(2.0, divergence=1.0), 0.0, 20.0) == pytest.approx(999.0 * 2.0 * 20.0)
-    assert constants.divergent_force(20.0, 2.0, 20.0) == 1000.0 * 2.0 * 20.0
 
 
 def test_plateau_law_is_continuous_and_a_slope_of_one_is_no_plateau():
@@ -157,7 +156,7 @@ def test_hertz_force_is_that_of_two_equal_spheres():
     # 4/3 E* sqrt(R*) dx^(3/2) with E* = E / (2 (1 - nu^2)) and R* = R/2
     modulus, radius = 8000.0 / (2.0 * (1.0 - 0.3**2)), 10.0 / 2.0
     expected = 4.0 / 3.0 * modulus * math.sqrt(radius) * 2.0**1.5
-    assert constants.hertz_force(2.0, 8000.0, 10.0, poisson_ratio=0.3) == pytest.approx(expected, rel=1e-14)
+    assert hertz_force(2.0, 8000.0, 10.0, poisson_ratio=0.3) == pytest.approx(expected, rel=1e-14)
 
 
 def test_force_laws_are_ordered_as_in_the_documentations_figure():
@@ -165,9 +164,9 @@ def test_force_laws_are_ordered_as_in_the_documentations_figure():
     for overlap, largest in ((2.0, "linear"), (19.0, "divergent")):
         stiffness = constants.contact_stiffness(8000.0)
         forces = {
-            "linear": constants.linear_force(overlap, stiffness),
-            "divergent": constants.divergent_force(overlap, stiffness, 20.0),
-            "hertz": constants.hertz_force_per_depth(overlap, 8000.0, 10.0) * 1e6,
+            "linear": -ps.normal_force(ps.Material(stiffness), 20.0 - overlap, 20.0),
+            "divergent": -ps.normal_force(ps.Material(stiffness, divergence=1.0), 20.0 - overlap, 20.0),
+            "hertz": layer_force(overlap, 8000.0, 10.0) * 1e6,
         }
         assert forces["divergent"] >= forces["linear"]
         if largest == "divergent":

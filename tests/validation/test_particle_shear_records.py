@@ -27,25 +27,27 @@ def stored(name):
 
 
 def discs(name, which="start"):
-    data, told = stored(name)
+    data, settings = stored(name)
     fields = "position", "radius", "mass", "velocity", "spin", "angle", "contact", "kind", "history"
     strain, rate, time = data[f"{which}_clock"]
     return ps.Discs(
         *(data[f"{which}_{field}"] for field in fields),
-        width=told["width"], height=told["height"], strain=strain, strain_rate=rate, time=time,
+        width=settings["width"], height=settings["height"], strain=strain, strain_rate=rate, time=time,
         carried_nd=data[f"{which}_carried"],
     )  # fmt: skip
 
 
 def material(name):
-    told = stored(name)[1]
-    return ps.Material(told["k"], told["nu"], told["k_t"], told["nu_t"], told["mu"], told["divergence"])
+    settings = stored(name)[1]
+    return ps.Material(
+        settings["k"], settings["nu"], settings["k_t"], settings["nu_t"], settings["mu"], settings["divergence"]
+    )
 
 
 def experiment(name):
-    told = stored(name)[1]
-    periods = {key: told[key] for key in ("pre_periods", "periods", "post_periods") if key in told}
-    return ps.ParticleShear(particles=told["particles"], amplitude=told["amplitude"], **periods)
+    settings = stored(name)[1]
+    periods = {key: settings[key] for key in ("pre_periods", "periods", "post_periods") if key in settings}
+    return ps.ParticleShear(particles=settings["particles"], amplitude=settings["amplitude"], **periods)
 
 
 def error(found, expected):
@@ -61,11 +63,11 @@ def error(found, expected):
 @functools.cache
 def worst(name):
     """Return the largest error of every quantity over all records of a file, each record's own scale."""
-    data, told = stored(name)
+    data, settings = stored(name)
     unit = name in UNIT
     state, made, errors = discs(name), material(name), {}
     rules = ps.StepRules(
-        told["dt"], told["cooling"], plates=told["plates"],
+        settings["dt"], settings["cooling"], plates=settings["plates"],
         clears_forces=not unit, all_spin=unit, otsuki_flow=not unit,
     )  # fmt: skip
     ends = np.cumsum(data["contacts"])
@@ -73,7 +75,7 @@ def worst(name):
     def note(what, found, expected):
         errors[what] = max(errors.get(what, 0.0), error(found, expected))
 
-    step = told.get("first_recorded_step", 0)
+    step = settings.get("first_recorded_step", 0)
     for record, wanted in enumerate(data["step"].tolist()):
         while True:
             rate = [state.strain_rate] if unit else experiment(name).strain_rate([state.time], first_step=step)
@@ -98,7 +100,7 @@ def worst(name):
         for stress in ps.STRESSES:
             note(stress, last.stress(stress), data[f"stress_{stress}"][record])
         if "mobile_stress_overall" in data and np.isfinite(data["mobile_stress_overall"][record]).all():
-            flow = ps.StepRules(told["dt"], plates=told["plates"])
+            flow = ps.StepRules(settings["dt"], plates=settings["plates"])
             real = ps.advance(before, made, flow, rate).last
             for stress in ps.STRESSES:
                 note(f"{stress} of real runs", real.stress(stress), data[f"mobile_stress_{stress}"][record])
@@ -128,11 +130,11 @@ def full_run():
 
 def test_parameters_give_the_packages_constants():
     for name in (*ASSEMBLIES, FULL):
-        told, made = stored(name)[1], experiment(name)
+        settings, made = stored(name)[1], experiment(name)
         assert made.material == pytest.approx(material(name), rel=1e-15)
-        assert made.time_step == pytest.approx(told["dt"], rel=1e-15)
-        assert made.frequency == pytest.approx(told["f"], rel=1e-15)
-        assert made.rules.cooling == told["cooling"]
+        assert made.time_step == pytest.approx(settings["dt"], rel=1e-15)
+        assert made.frequency == pytest.approx(settings["f"], rel=1e-15)
+        assert made.rules.cooling == settings["cooling"]
     assert experiment(FULL).steps == stored(FULL)[1]["n_steps"] == 5151
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.view import drawing, raster
+from packmech.view import drawing
+from packmech.view import frame as painting
 
 PAIR = pm.Packing([[3.0, 5.0], [3.9, 5.0], [7.0, 7.0]], [0.5, 0.5, 0.5], pm.Box.cubic(10.0, 2))
 
@@ -26,17 +27,17 @@ def like(pixels, color):
 @pytest.mark.parametrize(("length", "half"), [(0.0, 7.3), (20.0, 3.0), (31.7, 0.8)])
 def test_a_line_covers_its_area_whatever_its_direction(length, half):
     for angle in (0.0, 0.3, 1.2, 2.5):
-        image = raster.blank((80, 70), (0, 0, 0))
+        image = painting.blank((80, 70), (0, 0, 0))
         start = np.array([40.3, 35.1]) - 0.5 * length * np.array([np.cos(angle), np.sin(angle)])
         end = start + length * np.array([np.cos(angle), np.sin(angle)])
-        raster.paint_lines(image, None, np.array([[start, end]]), np.array([half]), np.full((1, 3), 1.0))
+        painting.paint_lines(image, None, np.array([[start, end]]), np.array([half]), np.full((1, 3), 1.0))
         assert image[:, :, 0].sum() == pytest.approx(2.0 * half * length + np.pi * half**2, rel=0.02)
 
 
 @pytest.mark.parametrize("half", [0.4, 0.1])
 def test_lines_thinner_than_a_pixel_are_paler_in_proportion(half):
-    image = raster.blank((80, 40), (0, 0, 0))
-    raster.paint_lines(image, None, np.array([[[10.0, 20.0], [70.0, 20.0]]]), np.array([half]), np.full((1, 3), 1.0))
+    image = painting.blank((80, 40), (0, 0, 0))
+    painting.paint_lines(image, None, np.array([[[10.0, 20.0], [70.0, 20.0]]]), np.array([half]), np.full((1, 3), 1.0))
     assert image[:, 40, 0].sum() == pytest.approx(2.0 * half, rel=1e-6)
 
 

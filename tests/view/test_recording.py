@@ -127,12 +127,12 @@ def test_results_of_the_caller_are_read_back(recorded):
 
 
 def test_every_parameter_is_read_back(recorded):
-    told = json.loads(recorded.back.property("parameters_json"))
-    assert told["seed"] == 3
-    assert told["pressure"] == 1e-8
-    assert told["method"] == {"kind": "harmonic", "energy_scale": 1.0}
-    assert told["effects"] == [{"kind": "repulsion", "law": {"kind": "harmonic", "energy_scale": 1.0}}]
-    assert told["particles"] == recorded.run.packing.particles
+    kept_as = json.loads(recorded.back.property("parameters_json"))
+    assert kept_as["seed"] == 3
+    assert kept_as["pressure"] == 1e-8
+    assert kept_as["method"] == {"kind": "harmonic", "energy_scale": 1.0}
+    assert kept_as["effects"] == [{"kind": "repulsion", "law": {"kind": "harmonic", "energy_scale": 1.0}}]
+    assert kept_as["particles"] == recorded.run.packing.particles
 
 
 def test_final_packing_is_read_back_exactly(recorded):
@@ -325,8 +325,8 @@ def test_the_recording_in_the_repository_ends_with_the_packing_that_its_properti
 
 def test_a_result_may_be_a_word_in_one_recording_and_a_number_in_the_next(tmp_path):
     packing = pm.lattice_packing("square", repeats=2)
-    told = [
-        ReadBack(pm.record_packing(packing, tmp_path / f"{n}.rrd", results={"told": value})).property("told")
+    kept_as = [
+        ReadBack(pm.record_packing(packing, tmp_path / f"{n}.rrd", results={"kept_as": value})).property("kept_as")
         for n, value in enumerate(("free", 0.25, True, 7))
     ]
-    assert told == ["free", 0.25, True, 7]
+    assert kept_as == ["free", 0.25, True, 7]

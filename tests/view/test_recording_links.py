@@ -8,7 +8,7 @@ import pytest
 
 import packmech as pm
 from packmech.cli.output import Watch
-from packmech.scenes.drives import run as run_drive
+from packmech.scenes import run as run_drive
 from packmech.view import drawing
 from packmech.view.trajectory import trace_of, trajectory_of_run
 

@@ -95,8 +95,12 @@ def test_command_unjams_a_lattice_as_python_does(tmp_path, capsys):
     assert code == 0
     packing = pm.lattice_packing("square", repeats=(3, 3))
     played = pm.play_motion(packing, pm.classify_jamming(packing).unjamming_motion, amplitude=0.2, steps=4)
-    told = json.loads((tmp_path / "a.json").read_text())
-    assert (told["collective"], told["outcome"], told["opened"]) == ("not jammed", "unjammed", played.opened_t[-1])
+    numbers = json.loads((tmp_path / "a.json").read_text())
+    assert (numbers["collective"], numbers["outcome"], numbers["opened"]) == (
+        "not jammed",
+        "unjammed",
+        played.opened_t[-1],
+    )
     assert pm.read_packing(files["npz"]) == played.packing
     assert (tmp_path / "a.rrd").stat().st_size > 1000
     assert "unjammed" in capsys.readouterr().out

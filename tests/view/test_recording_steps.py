@@ -62,8 +62,8 @@ def test_every_frame_is_read_back_exactly_with_its_figures_and_a_layout(tmp_path
     assert found["/series/height", "Scalars:scalars"] == {3 * k: [float(k)] for k in range(5)}
     assert ("/series/gap", "Scalars:scalars") not in found
     assert layouts == 1
-    told = str(found["/__properties/packmech", "parameters_json"])
-    assert '"rate": 2.5' in told and "repulsion" in told
+    metadata = str(found["/__properties/packmech", "parameters_json"])
+    assert '"rate": 2.5' in metadata and "repulsion" in metadata
 
 
 @pytest.mark.parametrize("links", [False, True])
@@ -83,7 +83,7 @@ def test_packings_in_space_are_recorded_too(tmp_path, links):
 
 
 def test_blocks_that_are_full_are_written_and_every_frame_once(tmp_path, monkeypatch):
-    monkeypatch.setattr("packmech.view.recording.live.BLOCK_NUMBERS", 9 * 2 * 12 * 4)
+    monkeypatch.setattr("packmech.view.live.BLOCK_NUMBERS", 9 * 2 * 12 * 4)
     start = scene()
     with pm.Recording(tmp_path / "a.rrd", start) as recording:
         assert recording._writer.size == 4

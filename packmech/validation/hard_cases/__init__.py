@@ -8,24 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from packmech.validation.hard_cases import (
-    collisions,
-    geometry,
-    jamming,
-    jamming_verdicts,
-    lattices,
-    links,
-    matrices,
-    motion,
-    shearing,
-)
+from packmech.validation.hard_cases import dynamics, jamming, lattices, links, minimizers, static
 from packmech.validation.hard_cases.case import HardCase, Measured, measure
 
 __all__ = ["HardCase", "Measured", "catalogue", "measure"]
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """Return every hard case, by rooms: geometry, matrices, motion, protocols, verdicts, crystals, links, shear.
+    """Return every hard case, by rooms: packings as they stand, minimizers, jamming, crystals, links, dynamics.
 
     Examples
     --------
@@ -34,15 +24,12 @@ def catalogue() -> tuple[HardCase, ...]:
 
     """
     cases = (
-        *geometry.CASES,
-        *matrices.CASES,
-        *motion.CASES,
+        *static.CASES,
+        *minimizers.CASES,
         *jamming.CASES,
-        *jamming_verdicts.CASES,
         *lattices.CASES,
         *links.CASES,
-        *shearing.CASES,
-        *collisions.CASES,
+        *dynamics.CASES,
     )
     _check(cases)
     return cases

@@ -7,6 +7,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import packmech as pm
+
+# the effects of most cases
+HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
 # what a case may raise when it goes wrong; anything else is a mistake in the case itself
 FAILURES = (ArithmeticError, RuntimeError, ValueError)
 

@@ -16,14 +16,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
-from packmech.contacts import find_contacts
-from packmech.generate import lattice_packing, reinforced_kagome_packing
+import packmech as pm
 from packmech.generate.lattices import open_contact, random_strain, resize_particle, strain_packing
-from packmech.jamming.classify import METHODS, classify_jamming
+from packmech.jamming.classify import METHODS
 from packmech.jamming.contact_selection import LEAST_GAP, OVERLAPS
-from packmech.jamming.verdict import Verdict
-from packmech.packing import Packing
 from packmech.validation.hard_cases.case import HardCase
 
 # locally, collectively, strictly jammed
@@ -36,8 +32,8 @@ THIN = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 BASAL = np.array([[1.0, 0.0], [0.5, math.sqrt(3) / 2], [-0.5, math.sqrt(3) / 2]])
 
 
-def _said(packing: Packing, rest_tolerance: float = 1e-5) -> tuple[str, str, str]:
-    verdict = classify_jamming(packing, rest_tolerance=rest_tolerance)
+def _answers_of(packing: pm.Packing, rest_tolerance: float = 1e-5) -> tuple[str, str, str]:
+    verdict = pm.classify_jamming(packing, rest_tolerance=rest_tolerance)
     return verdict.local, verdict.collective, verdict.strict
 
 
@@ -58,24 +54,26 @@ def _wrong(pairs: Iterable[tuple[tuple[str, ...], tuple[str, ...]]]) -> float:
 
 def _stretched(name: str, answers: Answers) -> float:
     """Wrong answers on a crystal whose contacts have all opened alike: beyond 1e-8 nothing touches anything."""
-    crystal = lattice_packing(name, repeats=2)
+    crystal = pm.lattice_packing(name, repeats=2)
     size = np.eye(crystal.dimension)
-    return _wrong((_said(strain_packing(crystal, gap * size)), _at_gap(gap, answers, NONE)) for gap in GAPS)
+    return _wrong((_answers_of(strain_packing(crystal, gap * size)), _at_gap(gap, answers, NONE)) for gap in GAPS)
 
 
 def _pressed(name: str, answers: Answers) -> float:
     """Wrong answers on a crystal whose contacts all overlap alike, in balance by symmetry: those of the crystal."""
     overlaps = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12)
     right = _rule(answers, answers)
-    return _wrong((_said(lattice_packing(name, repeats=2, relative_overlap=overlap)), right) for overlap in overlaps)
+    return _wrong(
+        (_answers_of(pm.lattice_packing(name, repeats=2, relative_overlap=overlap)), right) for overlap in overlaps
+    )
 
 
 def _pressed_out_of_balance(name: str, answers: Answers) -> float:
     """Wrong answers where equal overlaps do not balance: not at rest, unless rest is not asked for."""
     pairs = []
     for overlap in (1e-4, 1e-8, 1e-12):
-        packing = lattice_packing(name, repeats=2, relative_overlap=overlap)
-        pairs += [(_said(packing), ("ambiguous",) * 3), (_said(packing, math.inf), _rule(answers, answers))]
+        packing = pm.lattice_packing(name, repeats=2, relative_overlap=overlap)
+        pairs += [(_answers_of(packing), ("ambiguous",) * 3), (_answers_of(packing, math.inf), _rule(answers, answers))]
     return _wrong(pairs)
 
 
@@ -86,25 +84,27 @@ def _rhombic(repeats: int, opened: Answers) -> float:
     for gap in GAPS:
         # the short diagonal of a rhombus of side 1 is 2 sin(angle/2)
         angle = 2 * math.asin(0.5 * (1 + gap))
-        box = Box(repeats * np.array([[1.0, math.cos(angle)], [0.0, math.sin(angle)]]))
-        packing = Packing(fraction_nd @ box.lattice_dd.T, np.full(len(fraction_nd), 0.5), box)
-        pairs.append((_said(packing), _at_gap(gap, ALL, opened)))
+        box = pm.Box(repeats * np.array([[1.0, math.cos(angle)], [0.0, math.sin(angle)]]))
+        packing = pm.Packing(fraction_nd @ box.lattice_dd.T, np.full(len(fraction_nd), 0.5), box)
+        pairs.append((_answers_of(packing), _at_gap(gap, ALL, opened)))
     return _wrong(pairs)
 
 
 def _rectangular(repeats: int, answers: Answers) -> float:
     """Wrong answers when the square crystal is stretched along one axis: beyond 1e-8 only rows are left."""
-    crystal = lattice_packing("square", repeats=repeats)
+    crystal = pm.lattice_packing("square", repeats=repeats)
     stretch = np.diag([0.0, 1.0])
-    return _wrong((_said(strain_packing(crystal, gap * stretch)), _at_gap(gap, answers, NONE)) for gap in GAPS)
+    return _wrong((_answers_of(strain_packing(crystal, gap * stretch)), _at_gap(gap, answers, NONE)) for gap in GAPS)
 
 
-def _one_gap(crystal: Packing, opened: Answers) -> float:
+def _one_gap(crystal: pm.Packing, opened: Answers) -> float:
     """Wrong answers when exactly one contact opens, in turn some contacts all over the crystal."""
-    count = len(find_contacts(crystal, gap_tolerance=LEAST_GAP))
+    count = len(pm.find_contacts(crystal, gap_tolerance=LEAST_GAP))
     chosen = range(0, count, max(1, count // 3))
     return _wrong(
-        (_said(open_contact(crystal, contact, gap)), _at_gap(gap, ALL, opened)) for contact in chosen for gap in GAPS
+        (_answers_of(open_contact(crystal, contact, gap)), _at_gap(gap, ALL, opened))
+        for contact in chosen
+        for gap in GAPS
     )
 
 
@@ -115,49 +115,51 @@ def _thin_force() -> float:
     mean is 11/6 of it (eleven contacts; the smallest of the forces is gap/6 of their sum).
     """
     worst = 0.0
-    for gap, verdicts in _held_thinly(lattice_packing("triangular", repeats=2), 4, THIN):
+    for gap, verdicts in _held_thinly(pm.lattice_packing("triangular", repeats=2), 4, THIN):
         if any(verdict.strict != "jammed" or verdict.contacts != 11 for verdict in verdicts):
             return math.inf
         worst = max(worst, abs(verdicts[0].strictly.smallest_force / (11 * gap / 6) - 1.0))
     return worst
 
 
-def _held_thinly(crystal: Packing, contact: int, gaps: tuple[float, ...]) -> Iterator[tuple[float, list[Verdict]]]:
+def _held_thinly(
+    crystal: pm.Packing, contact: int, gaps: tuple[float, ...]
+) -> Iterator[tuple[float, list[pm.Verdict]]]:
     """Yield gaps and the verdicts of both methods on the crystal with one contact open by that much, not counted."""
     for gap in gaps:
         opened = open_contact(crystal, contact, gap)
-        shut = find_contacts(opened, gap_tolerance=0.1 * gap)
-        yield gap, [classify_jamming(opened, contacts=shut, method=method) for method in METHODS]
+        shut = pm.find_contacts(opened, gap_tolerance=0.1 * gap)
+        yield gap, [pm.classify_jamming(opened, contacts=shut, method=method) for method in METHODS]
 
 
 def _thin_reinforced() -> float:
     """How many answers are not "jammed" when a reinforced kagome crystal is held by forces as small as a gap."""
-    found = _held_thinly(reinforced_kagome_packing(1), 10, THIN[:-2])
+    found = _held_thinly(pm.reinforced_kagome_packing(1), 10, THIN[:-2])
     return float(sum(one.strict != "jammed" or one.collective != "jammed" for _, both in found for one in both))
 
 
-def _one_contact_less(crystal: Packing, jammed: int) -> float:
+def _one_contact_less(crystal: pm.Packing, jammed: int) -> float:
     """How many contacts too many or too few can be taken away, one by one, and leave the crystal strictly jammed."""
-    contacts = find_contacts(crystal, gap_tolerance=LEAST_GAP)
+    contacts = pm.find_contacts(crystal, gap_tolerance=LEAST_GAP)
     number_c = np.arange(len(contacts))
-    answers = [classify_jamming(crystal, contacts=contacts.select(number_c != gone)).strict for gone in number_c]
+    answers = [pm.classify_jamming(crystal, contacts=contacts.select(number_c != gone)).strict for gone in number_c]
     doubtful = answers.count("ambiguous")
     return float(abs(answers.count("jammed") - jammed) + doubtful)
 
 
 def _shrunk(repeats: int, without: Answers) -> float:
     """Wrong answers when one disc is smaller, so that all its contacts open: beyond 1e-8 it might as well be gone."""
-    crystal = lattice_packing("triangular", repeats=repeats)
-    return _wrong((_said(resize_particle(crystal, 0, 1 - 2 * gap)), _at_gap(gap, ALL, without)) for gap in GAPS)
+    crystal = pm.lattice_packing("triangular", repeats=repeats)
+    return _wrong((_answers_of(resize_particle(crystal, 0, 1 - 2 * gap)), _at_gap(gap, ALL, without)) for gap in GAPS)
 
 
 def _grown() -> float:
     """Wrong answers when one disc is larger: its neighbors are pushed and nothing holds them. Hard discs: jammed."""
-    crystal = lattice_packing("triangular", repeats=3)
+    crystal = pm.lattice_packing("triangular", repeats=3)
     pairs = []
     for growth in (1e-4, 1e-6, 1e-9, 1e-12):
         packing = resize_particle(crystal, 4, 1 + 2 * growth)
-        pairs += [(_said(packing), ("ambiguous",) * 3), (_said(packing, math.inf), ("jammed",) * 3)]
+        pairs += [(_answers_of(packing), ("ambiguous",) * 3), (_answers_of(packing, math.inf), ("jammed",) * 3)]
     return _wrong(pairs)
 
 
@@ -169,7 +171,7 @@ def _by_directions(touching_k: NDArray[np.bool_]) -> Answers:
 
 def _random_affine(size: float) -> float:
     """Wrong answers on triangular crystals strained at random, against the three networks from exact lengths."""
-    crystal = lattice_packing("triangular", repeats=3)
+    crystal = pm.lattice_packing("triangular", repeats=3)
     pairs = []
     for seed in range(8):
         strain_dd = random_strain(2, size, seed=seed)
@@ -179,7 +181,7 @@ def _random_affine(size: float) -> float:
         overlap_k = -gap_k[gap_k < 0]
         tolerance = max(OVERLAPS * float(overlap_k.mean()) if len(overlap_k) else 0.0, LEAST_GAP)
         fewest, most = (_by_directions(gap_k <= factor * tolerance) for factor in (0.1, 10.0))
-        pairs.append((_said(strain_packing(crystal, strain_dd)), _rule(fewest, most)))
+        pairs.append((_answers_of(strain_packing(crystal, strain_dd)), _rule(fewest, most)))
     return _wrong(pairs)
 
 
@@ -187,12 +189,12 @@ def _naive(name: str) -> float:
     """Largest net force when every contact pushes alike, plus the wrong answers: a naive certificate says jammed."""
     worst = 0.0
     for supercell in ([[2, 0], [0, 2]], [[3, 0], [0, 3]], [[2, 1], [0, 3]]):
-        crystal = lattice_packing(name, supercell=np.array(supercell))
-        contacts = find_contacts(crystal, gap_tolerance=LEAST_GAP)
+        crystal = pm.lattice_packing(name, supercell=np.array(supercell))
+        contacts = pm.find_contacts(crystal, gap_tolerance=LEAST_GAP)
         net_nd = np.zeros((crystal.particles, 2))
         np.add.at(net_nd, contacts.i_c, -contacts.normal_cd)
         np.add.at(net_nd, contacts.j_c, contacts.normal_cd)
-        worst += float(np.abs(net_nd).max()) + (_said(crystal) != ("jammed", "not jammed", "not jammed"))
+        worst += float(np.abs(net_nd).max()) + (_answers_of(crystal) != ("jammed", "not jammed", "not jammed"))
     return worst
 
 
@@ -218,11 +220,11 @@ def _tiny() -> float:
     """Wrong answers on primitive cells, as they are and described with a tilt of 7."""
     pairs = []
     for name, (answers, repeats) in TINY.items():
-        cell = lattice_packing(name, repeats=repeats)
+        cell = pm.lattice_packing(name, repeats=repeats)
         tilt = np.eye(cell.dimension)
         tilt[0, 1] = 7.0
-        tilted = cell.replace(box=Box(cell.box.lattice_dd @ tilt))
-        pairs += [(_said(one), _rule(answers, answers)) for one in (cell, tilted)]
+        tilted = cell.replace(box=pm.Box(cell.box.lattice_dd @ tilt))
+        pairs += [(_answers_of(one), _rule(answers, answers)) for one in (cell, tilted)]
     return _wrong(pairs)
 
 
@@ -295,7 +297,7 @@ CASES = (
         WRONG,
         0.0,
         f"{THREE_LEVELS}; two of the three contacts leave a rhombus to shear",
-        lambda: _one_gap(lattice_packing("triangular"), (True, True, False)),
+        lambda: _one_gap(pm.lattice_packing("triangular"), (True, True, False)),
     ),
     HardCase(
         "held by forces as small as a gap",
@@ -319,7 +321,7 @@ CASES = (
         WRONG,
         0.0,
         f"{THREE_LEVELS}; nine discs of the triangular crystal stay jammed without any one contact (simplex)",
-        lambda: _one_gap(lattice_packing("triangular", repeats=3), ALL),
+        lambda: _one_gap(pm.lattice_packing("triangular", repeats=3), ALL),
     ),
     *(
         HardCase(
@@ -331,11 +333,11 @@ CASES = (
             value,
         )
         for what, value in (
-            ("triangular 1 by 1", lambda: _one_contact_less(lattice_packing("triangular"), 0)),
-            ("triangular 2 by 2", lambda: _one_contact_less(lattice_packing("triangular", 2), 0)),
-            ("triangular 3 by 3", lambda: _one_contact_less(lattice_packing("triangular", 3), 27)),
-            ("reinforced kagome, one cell", lambda: _one_contact_less(reinforced_kagome_packing(1), 0)),
-            ("reinforced kagome, two cells", lambda: _one_contact_less(reinforced_kagome_packing(2), 7)),
+            ("triangular 1 by 1", lambda: _one_contact_less(pm.lattice_packing("triangular"), 0)),
+            ("triangular 2 by 2", lambda: _one_contact_less(pm.lattice_packing("triangular", 2), 0)),
+            ("triangular 3 by 3", lambda: _one_contact_less(pm.lattice_packing("triangular", 3), 27)),
+            ("reinforced kagome, one cell", lambda: _one_contact_less(pm.reinforced_kagome_packing(1), 0)),
+            ("reinforced kagome, two cells", lambda: _one_contact_less(pm.reinforced_kagome_packing(2), 7)),
         )
     ),
     HardCase(

@@ -11,7 +11,6 @@ Examples
 
 """
 
-from packmech.validation.particle_shear.discs import Discs
 from packmech.validation.particle_shear.experiment import (
     DRIFTS,
     Moduli,
@@ -24,7 +23,7 @@ from packmech.validation.particle_shear.experiment import (
 )
 from packmech.validation.particle_shear.material import Material, bond_force, normal_force
 from packmech.validation.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, judge
-from packmech.validation.particle_shear.step import STRESSES, Evaluation, StepRules, Steps, advance
+from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, StepRules, Steps, advance
 from packmech.validation.particle_shear.text_file import Preparation, TextData, read_text, write_text
 
 __all__ = [

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech import check
 from packmech.observables import Table, make_table
-from packmech.validation.particle_shear.discs import Discs
 from packmech.validation.particle_shear.material import (
     Material,
     contact_stiffness,
@@ -22,7 +21,7 @@ from packmech.validation.particle_shear.material import (
     package_time_step,
     time_constant,
 )
-from packmech.validation.particle_shear.step import STRESSES, StepRules, Steps, advance
+from packmech.validation.particle_shear.step import STRESSES, Discs, StepRules, Steps, advance
 
 # how a drift of the stress is treated
 DRIFTS = ("package", "none", "removed", "least_squares")
@@ -173,7 +172,7 @@ class ParticleShear:
     call_back_elastic_force_law             ``Material.plateau_*``, ``Material.tensile_range`` through ``law``
     ======================================  ==========================================================
 
-    How the discs were prepared is told to the text file alone; the package's preparation draws unseeded random numbers
+    How the discs were prepared only the text file says; the package's preparation draws unseeded random numbers
     and is not part of the preset.
 
     Parameters
@@ -284,7 +283,7 @@ class ParticleShear:
 
     @property
     def steps(self) -> int:
-        """Number of steps of the whole protocol."""
+        """Number of steps of the protocol."""
         return int((self.pre_periods + self.periods + self.post_periods) / self.frequency / self.time_step)
 
     @property
@@ -331,7 +330,7 @@ class ParticleShear:
         return np.where(sheared, self.amplitude * 2.0 * math.pi * f * cosine, 0.0)
 
     def run(self, start: Discs, *, frames: int = 0) -> ParticleShearRun:
-        """Return the whole experiment on discs that are ready for it.
+        """Return the run of the experiment on discs that are ready for it.
 
         Parameters
         ----------

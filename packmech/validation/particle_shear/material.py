@@ -6,20 +6,14 @@ import math
 from typing import NamedTuple
 
 from packmech import check
+from packmech.dynamics import material as native
 from packmech.jit.compiled import device
 
 
-def contact_stiffness(young_modulus: float, *, poisson_ratio: float = 0.0) -> float:
-    """Return the normal spring constant k of parallel cylinders, pi E / (8 (1 - nu^2)) [1e-6 N/m per m] (S1-7, S1-8).
+def contact_stiffness(young_modulus: float) -> float:
+    """Return the normal spring constant k of parallel cylinders, pi E / 8 [1e-6 N/m per m] (S1-7, S1-8).
 
     The package leaves Poisson's ratio out, which is at most 25 % off.
-
-    Parameters
-    ----------
-    young_modulus
-        [Pa].
-    poisson_ratio
-        From 0 to 0.5 [1].
 
     Examples
     --------
@@ -27,8 +21,7 @@ def contact_stiffness(young_modulus: float, *, poisson_ratio: float = 0.0) -> fl
     '3.141593e+09'
 
     """
-    ratio = check.real("poisson_ratio", poisson_ratio, at_least=0.0, at_most=0.5)
-    return math.pi / 8.0 * check.positive("young_modulus", young_modulus) * 1e6 / (1.0 - ratio**2)
+    return 1e6 * native.contact_stiffness(young_modulus)
 
 
 def disc_radii(
@@ -105,92 +98,6 @@ def contact_viscosity(mass: float, stiffness: float, *, relative: float = 0.1) -
     """
     share = check.real("relative", relative, at_least=0.0)
     return share * check.positive("stiffness", stiffness) * time_constant(mass, stiffness)
-
-
-def linear_force(overlap: float, stiffness: float) -> float:
-    """Return the repulsion k dx [1e-12 N/m] of an overlap [um] (S1-5a)."""
-    return check.positive("stiffness", stiffness) * check.real("overlap", overlap, at_least=0.0)
-
-
-def divergent_force(overlap: float, stiffness: float, contact_distance: float) -> float:
-    """Return the repulsion k dx / (1 - dx/d0) [1e-12 N/m], but at most 1000 k d0 (S1-5b, S1-6).
-
-    Parameters
-    ----------
-    overlap
-        dx [um], from 0 to the contact distance.
-    stiffness
-        k [1e-6 N/m per m].
-    contact_distance
-        d0, the sum of the radii [um].
-
-    Examples
-    --------
-    >>> divergent_force(5.0, 2.0, 20.0), linear_force(5.0, 2.0), divergent_force(20.0, 2.0, 20.0)
-    (13.333333333333334, 10.0, 40000.0)
-
-    """
-    rest = check.positive("contact_distance", contact_distance)
-    linear = linear_force(check.real("overlap", overlap, at_least=0.0, at_most=rest), stiffness)
-    limit = 1000.0 * stiffness * rest
-    return limit if overlap >= rest else min(linear / (1.0 - overlap / rest), limit)
-
-
-def hertz_force(overlap: float, young_modulus: float, radius: float, *, poisson_ratio: float = 0.0) -> float:
-    """Return Hertz's repulsion of two equal spheres, sqrt(2) E / (3 (1 - nu^2)) R^(1/2) dx^(3/2) [1e-12 N] (S1-10).
-
-    Parameters
-    ----------
-    overlap, radius
-        dx and R [um].
-    young_modulus
-        E [Pa].
-    poisson_ratio
-        nu, from 0 to 0.5 [1].
-
-    """
-    ratio = check.real("poisson_ratio", poisson_ratio, at_least=0.0, at_most=0.5)
-    dx = check.real("overlap", overlap, at_least=0.0)
-    modulus = check.positive("young_modulus", young_modulus) / (1.0 - ratio**2)
-    return math.sqrt(2.0) / 3.0 * modulus * math.sqrt(check.positive("radius", radius)) * dx * math.sqrt(dx)
-
-
-def sphere_contacts(packing_fraction: float) -> float:
-    """Return the mean number of contacts of soft spheres in space, 6 + 7.9 (phi - 0.64)^(1/2) (S1-11).
-
-    Examples
-    --------
-    >>> round(sphere_contacts(1.0), 2)
-    10.74
-
-    """
-    phi = check.real("packing_fraction", packing_fraction, at_least=0.64)
-    return 6.0 + 7.9 * math.sqrt(phi - 0.64)
-
-
-def hertz_force_per_depth(
-    overlap: float, young_modulus: float, radius: float, *, packing_fraction: float = 1.0, poisson_ratio: float = 0.0
-) -> float:
-    """Return the force of Hertz's contacts on half a sphere, over the height of its layer [1e-12 N per um] (S1-12, 13).
-
-    Z/4 contacts' worth of force over 2R/sqrt(3), the height of a close-packed layer; about 1.1 E R^(-1/2) dx^(3/2).
-
-    Parameters
-    ----------
-    overlap, young_modulus, radius, poisson_ratio
-        As for `hertz_force`.
-    packing_fraction
-        Which number of contacts Z to take [1].
-
-    Examples
-    --------
-    >>> round(hertz_force_per_depth(1.0, 1.0, 1.0), 2)
-    1.1
-
-    """
-    force = sphere_contacts(packing_fraction) / 4.0
-    force *= hertz_force(overlap, young_modulus, radius, poisson_ratio=poisson_ratio)
-    return force * math.sqrt(3.0) / (2.0 * radius)
 
 
 def package_time_step(

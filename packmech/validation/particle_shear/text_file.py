@@ -41,7 +41,7 @@ _START = "Detailed stress tensor data"
 
 @dataclasses.dataclass(frozen=True)
 class Preparation:
-    """How the discs of a run were prepared, by the package's terms; told to the text file and to nothing else.
+    """How the discs of a run were prepared, by the package's terms; only the text file has it.
 
     Parameters
     ----------
@@ -98,22 +98,22 @@ def _plain(number: float) -> str:
 
 
 def _call(run: ParticleShearRun, how: Preparation) -> str:
-    told = run.experiment
+    experiment = run.experiment
     numbers = {
-        "N": told.particles,
-        "packing_fraction": told.packing_fraction,
-        "density": told.density,
-        "bimodal_factor": told.size_ratio,
-        "amplitude": told.amplitude,
-        "Young_modulus_spheres": told.young_modulus,
-        "mu": told.friction_coefficient,
-        "relative_viscosity": told.relative_viscosity,
-        "relative_frequency": told.relative_frequency,
-        "relative_transversal_link_strength": told.tangential_ratio,
-        "central_repulsion_coefficient": told.divergence,
+        "N": experiment.particles,
+        "packing_fraction": experiment.packing_fraction,
+        "density": experiment.density,
+        "bimodal_factor": experiment.size_ratio,
+        "amplitude": experiment.amplitude,
+        "Young_modulus_spheres": experiment.young_modulus,
+        "mu": experiment.friction_coefficient,
+        "relative_viscosity": experiment.relative_viscosity,
+        "relative_frequency": experiment.relative_frequency,
+        "relative_transversal_link_strength": experiment.tangential_ratio,
+        "central_repulsion_coefficient": experiment.divergence,
         "avoid_horizontal_angle_degree": how.avoided_angle,
-        "interface_reenforcement_central": told.reinforcement_normal,
-        "interface_reenforcement_tangential": told.reinforcement_tangential,
+        "interface_reenforcement_central": experiment.reinforcement_normal,
+        "interface_reenforcement_tangential": experiment.reinforcement_tangential,
         "remove_link_fraction": how.removed_fraction,
         "edge_fuzziness": how.edge_fuzziness,
     }
@@ -121,7 +121,7 @@ def _call(run: ParticleShearRun, how: Preparation) -> str:
     words |= {name: _plain(number) for name, number in numbers.items()}
     words |= {
         "avoid_height_spanning_particles": how.no_spanning,
-        "keep_viscosity_coefficients_constant": told.keep_viscosity,
+        "keep_viscosity_coefficients_constant": experiment.keep_viscosity,
         "cut_top_bottom": how.cut_top_bottom,
         "doCutByTriangulation": how.by_centers,
         "doDrawing": False,
@@ -130,8 +130,8 @@ def _call(run: ParticleShearRun, how: Preparation) -> str:
 
 
 def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
-    told, discs, made = run.experiment, run.start, run.experiment.material
-    stiffness = contact_stiffness(told.young_modulus)
+    experiment, discs, made = run.experiment, run.start, run.experiment.material
+    stiffness = contact_stiffness(experiment.young_modulus)
     bond = made.bond_normal_ratio, made.bond_tangential_ratio
     damped = bond if made.bond_viscosity_follows else (1.0, 1.0)
     sizes = sorted(set(discs.radius_n.tolist()), reverse=True)
@@ -139,30 +139,30 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
     return [
         f"Dermal filler{how.kind.replace('_', ' ')}:",
         f"\tCutting lines used to generate the particles = {how.pieces}",
-        f"\tN={discs.discs} spheres, nominal packing density = {_plain(told.packing_fraction)}",
-        f"\tYoung modulus of the individual spheres = {_plain(told.young_modulus)} Pa",
-        f"\tFriction coefficient = {_plain(told.friction_coefficient)}",
+        f"\tN={discs.discs} spheres, nominal packing density = {_plain(experiment.packing_fraction)}",
+        f"\tYoung modulus of the individual spheres = {_plain(experiment.young_modulus)} Pa",
+        f"\tFriction coefficient = {_plain(experiment.friction_coefficient)}",
         "",
         "Function call :",
         _call(run, how),
-        f"\tbaseline_pre_periods = {_plain(told.pre_periods)}",
-        f"\tbaseline_post_periods = {_plain(told.post_periods)}",
-        f"\trunSimulation(periods={_plain(told.periods)}, cool_factor={_plain(told.cooling)})",
+        f"\tbaseline_pre_periods = {_plain(experiment.pre_periods)}",
+        f"\tbaseline_post_periods = {_plain(experiment.post_periods)}",
+        f"\trunSimulation(periods={_plain(experiment.periods)}, cool_factor={_plain(experiment.cooling)})",
         "",
         "Oscillatory shear experiment",
         "",
         "Model parameters",
         f"Width of simulation area size_x = {_plain(discs.width)}micrometers",
         f"Height of simulation area size_y = {_plain(discs.height)}micrometers",
-        f"Nominal packing fraction = {_plain(told.packing_fraction)}",
-        f"Young modulus spheres = {_plain(told.young_modulus)}Pa",
-        f"Density spheres = {_plain(told.density)}kg/m^3",
-        f"Characteristic time constant = {_plain(told.tau)}s",
+        f"Nominal packing fraction = {_plain(experiment.packing_fraction)}",
+        f"Young modulus spheres = {_plain(experiment.young_modulus)}Pa",
+        f"Density spheres = {_plain(experiment.density)}kg/m^3",
+        f"Characteristic time constant = {_plain(experiment.tau)}s",
         f"Characteristic spring constant = {_plain(stiffness)}mg/s^2",
-        f"Characteristic viscosity = {_plain(contact_viscosity(told.mass, stiffness, relative=1.0))}mg/s",
+        f"Characteristic viscosity = {_plain(contact_viscosity(experiment.mass, stiffness, relative=1.0))}mg/s",
         "",
         "Ensemble parameters",
-        f"Particle mass m = {_plain(told.mass)}mg",
+        f"Particle mass m = {_plain(experiment.mass)}mg",
         f"Central spring constant k = {_plain(made.stiffness)}mg*s^(-2)",
         f"Central viscosity constant nu = {_plain(made.viscosity)}mg*s^(-1)",
         f"Lateral spring constant k_t = {_plain(made.tangential_stiffness)}mg*s^(-2)",
@@ -170,7 +170,7 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
         f"Friction coefficient mu = {_plain(made.friction_coefficient)}",
         f"Particle number = {discs.discs}",
         "Radii = " + " ".join(_plain(size) for size in sizes[:8]) + "micrometers",
-        f"Nonlinear enhancement for repulsion near sphere center = {_plain(told.divergence)}[-]",
+        f"Nonlinear enhancement for repulsion near sphere center = {_plain(experiment.divergence)}[-]",
         f"Adjustment coefficient for central force in permanent links = {_plain(bond[0])}[-]",
         f"\tk_permanent={_plain(made.stiffness * bond[0])}mg*s^(-2)",
         f"Adjustment coefficient for tangential force in permanent links = {_plain(bond[1])}[-]",
@@ -182,13 +182,13 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
         "",
         "Rheology experiment information",
         f"Simulated time = {_plain(run.final.time)}s",
-        f"Time step = {_plain(told.time_step)}s",
-        f"Frequency = {_plain(told.frequency)}Hz",
-        f"Strain amplitude = {_plain(100.0 * told.amplitude)}%",
-        f"Damping factor = {_plain(told.rules.cooling)} [1 = no damping]",
-        f"Pre-measurement periods = {_plain(told.pre_periods)} [-]",
-        f"Oscillatory shear periods = {_plain(told.periods)} [-]",
-        f"Post-measurement periods = {_plain(told.post_periods)} [-]",
+        f"Time step = {_plain(experiment.time_step)}s",
+        f"Frequency = {_plain(experiment.frequency)}Hz",
+        f"Strain amplitude = {_plain(100.0 * experiment.amplitude)}%",
+        f"Damping factor = {_plain(experiment.rules.cooling)} [1 = no damping]",
+        f"Pre-measurement periods = {_plain(experiment.pre_periods)} [-]",
+        f"Oscillatory shear periods = {_plain(experiment.periods)} [-]",
+        f"Post-measurement periods = {_plain(experiment.post_periods)} [-]",
         "",
         "Output data",
         "Summary data",
@@ -233,9 +233,11 @@ def write_text(
     place = pathlib.Path(folder)
     if not place.is_dir():
         raise NotADirectoryError(f"folder must be an existing folder, got {place}")
-    told = run.experiment
-    stem = f"dermal_filler{how.kind}{_plain(told.friction_coefficient)}_f_{_plain(round(told.frequency, 4))}"
-    stem += f"_strain_{_plain(round(told.amplitude, 5))}_nr_"
+    experiment = run.experiment
+    stem = (
+        f"dermal_filler{how.kind}{_plain(experiment.friction_coefficient)}_f_{_plain(round(experiment.frequency, 4))}"
+    )
+    stem += f"_strain_{_plain(round(experiment.amplitude, 5))}_nr_"
     number = 1
     while (place / f"{stem}{number}.txt").exists():
         number += 1

@@ -1,1 +1,68 @@
-"""Studies of accuracy, time and memory."""
+"""Studies of accuracy, time and memory, by name. Each makes a table and says in words what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from packmech.validation.studies import (
+    constraint_bases,
+    effect_costs,
+    exact_hessian,
+    gap_tolerance,
+    integrators,
+    jamming_programs,
+    minimizers,
+    reaffixing,
+    shear_time_step,
+)
+
+__all__ = ["Study", "Table", "studies"]
+
+Progress = Callable[[str, float], None]
+
+
+class Table(Protocol):
+    """What a study makes: a table that can be written as text and drawn."""
+
+    @property
+    def title(self) -> str:
+        """What the study is."""
+
+    def to_csv(self) -> str:
+        """Return it as comma-separated values."""
+
+    def to_markdown(self) -> str:
+        """Return it as Markdown."""
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write its picture."""
+
+
+Study = Callable[[Progress], tuple[Table, str]]
+
+
+def studies() -> dict[str, Study]:
+    """Return the studies by name.
+
+    Examples
+    --------
+    >>> list(studies())
+    ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance',
+     'shear_time_step', 'integrators', 'effect_costs']
+
+    """
+    return {
+        "minimizers": minimizers.run,
+        "constraint_bases": constraint_bases.run,
+        "exact_hessian": exact_hessian.run,
+        "reaffixing": reaffixing.run,
+        "jamming_2d": partial(jamming_programs.run, 2),
+        "jamming_3d": partial(jamming_programs.run, 3),
+        "gap_tolerance": gap_tolerance.run,
+        "shear_time_step": shear_time_step.run,
+        "integrators": integrators.run,
+        "effect_costs": effect_costs.run,
+    }

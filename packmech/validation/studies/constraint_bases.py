@@ -6,12 +6,13 @@ nearer the links come to depending on each other. With all pairs up to four apar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
 
 import packmech as pm
+from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
 LENGTH, SEED = 200, 1
@@ -50,12 +51,7 @@ def left_out(packing: pm.Packing, basis: pm.ConstraintBasis) -> float:
     return float(np.abs(gradient - columns @ (columns.T @ gradient)).max())
 
 
-def errors(value: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return the absolute errors."""
-    return {name: abs(value[name] - reference[name]) for name in reference}
-
-
-def constraint_bases(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def run(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {
@@ -65,37 +61,40 @@ def constraint_bases(progress: Callable[[str, float], None]) -> tuple[WorkPrecis
         },
         ANGLES,
         {ORTHOGONALITY: 0.0, SPAN: 0.0, RANK: float(2 * LENGTH - 3)},
-        error=errors,
         knob="largest bend (rad)",
         title=f"Basis of constraints: chains of {LENGTH} with their bends fixed",
         reference_is="closed forms: Q^T Q = 1, nothing of the links' gradients left out, rank 2 N - 3",
         repeats=1,
         progress=progress,
     )
-    return table, told(table)
+    return table, describe(table)
 
 
-def told(table: WorkPrecision) -> str:
+def describe(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it or measured here."""
     lines = [
         "Orthogonality: largest entry of Q^T Q - 1. Span: largest entry of (1 - Q Q^T) Omega. The seconds of the",
         "figure are of the basis and of these two checks; those of the second table of the basis alone.",
         "",
-        f"| method | links | orthogonality, bends up to {ANGLES[0]:g} | up to {ANGLES[-1]:g} | span | rank wrong by |",
-        "|---|---|---|---|---|---|",
     ]
+    first_column = f"orthogonality, bends up to {ANGLES[0]:g}"
+    headings = ("method", "links", first_column, f"up to {ANGLES[-1]:g}", "span", "rank wrong by")
+    rows = []
     for name in LINKS:
         for method in METHODS:
             trials = {one.setting: one for one in table.of(f"{method}, {name}")}
             first, last = trials[ANGLES[0]].errors, trials[ANGLES[-1]].errors
             span = max(one.errors[SPAN] for one in trials.values())
             rank = max(one.errors[RANK] for one in trials.values())
-            lines.append(
-                f"| {method} | {name} | {first[ORTHOGONALITY]:.1e} | {last[ORTHOGONALITY]:.1e} | {span:.1e} "
-                f"| {rank:.0f} |"
-            )
-    lines += ["", "CPU milliseconds of the basis alone, the smallest of five, and what it finds:", ""]
-    return "\n".join([*lines, *_cases()])
+            ends = (f"{one[ORTHOGONALITY]:.1e}" for one in (first, last))
+            rows.append((method, name, *ends, f"{span:.1e}", f"{rank:.0f}"))
+    lines += [
+        markdown_table(headings, rows),
+        "CPU milliseconds of the basis alone, the smallest of five, and what it finds:",
+        "",
+        _cases(),
+    ]
+    return "\n".join(lines)
 
 
 def _rigid(place_nd: list[list[float]]) -> pm.Packing:
@@ -106,7 +105,7 @@ def _rigid(place_nd: list[list[float]]) -> pm.Packing:
     return pm.Packing(place, np.full(len(place), 0.5), pm.Box.cubic(9.0, place.shape[1]), links)
 
 
-def _cases() -> list[str]:
+def _cases() -> str:
     """Return a table of the named cases: method against rank, orthogonality and seconds."""
     cases = {
         f"chain of {LENGTH}, angles free": _chain(0.6, 1),
@@ -116,14 +115,12 @@ def _cases() -> list[str]:
         "rigid trimer, collinear": _rigid([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]),
         "rigid tetramer, coplanar": _rigid([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]),
     }
-    lines = ["| case | links | method | rank | orthogonality | CPU ms |", "|---|---|---|---|---|---|"]
+    rows = []
     for name, packing in cases.items():
         assert packing.links is not None
         for method in METHODS:
             found = [pm.constraint_basis(packing, method=method) for _ in range(5)]
             took = 1e3 * min(one.seconds for one in found)
-            lines.append(
-                f"| {name} | {len(packing.links)} | {method} | {found[0].rank} | {found[0].orthogonality:.1e} "
-                f"| {took:.2f} |"
-            )
-    return lines
+            orthogonality = f"{found[0].orthogonality:.1e}"
+            rows.append((name, str(len(packing.links)), method, str(found[0].rank), orthogonality, f"{took:.2f}"))
+    return markdown_table(("case", "links", "method", "rank", "orthogonality", "CPU ms"), rows).rstrip("\n")

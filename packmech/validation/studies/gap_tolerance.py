@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 
 import packmech as pm
+from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
 PARTICLES, SEED = 128, 1
@@ -48,28 +49,22 @@ def trial(pressure: float, tolerance: float) -> Answer:
     return Answer({EXCESS: excess}, work=work)
 
 
-def errors(value: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return the surplus or lack of contacts."""
-    return {name: abs(value[name] - reference[name]) for name in reference}
-
-
-def gap_tolerance(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def run(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {f"pressure {pressure:.0e}": partial(trial, pressure) for pressure in PRESSURES},
         TOLERANCES,
         {EXCESS: 0.0},
-        error=errors,
         knob="gap tolerance",
         title=f"Which gaps are contacts: {PARTICLES} discs jammed at falling pressure",
         reference_is="one state of self stress, as hard packings have",
         repeats=1,
         progress=progress,
     )
-    return table, told(table, {f"pressure {pressure:.0e}": by_rule(pressure) for pressure in PRESSURES})
+    return table, describe(table, {f"pressure {pressure:.0e}": by_rule(pressure) for pressure in PRESSURES})
 
 
-def told(table: WorkPrecision, rule: Mapping[str, tuple[float, str]]) -> str:
+def describe(table: WorkPrecision, rule: Mapping[str, tuple[float, str]]) -> str:
     """Return what the table shows, every figure taken from it.
 
     Parameters
@@ -84,16 +79,15 @@ def told(table: WorkPrecision, rule: Mapping[str, tuple[float, str]]) -> str:
     lines = [
         "Contacts beyond the fewest that jam strictly (0: one state of self stress) and the strict verdict with the",
         "tolerance given: j jammed, n not jammed, a ambiguous. Last: the tolerance of the default rule, and what it",
-        "says after looking at a tenth and at ten times.",
+        "says after checking a tenth and ten times.",
         "",
-        "| packing | " + " | ".join(f"{one:.0e}" for one in tolerances) + " | by rule |",
-        "|---" * (len(tolerances) + 2) + "|",
     ]
+    rows = []
     for method in table.methods:
         cells = [f"{one.work['excess']:+.0f} {WORDS[int(one.work['strict'])][0]}" for one in table.of(method)]
         taken, verdict = rule[method]
-        lines.append(f"| {method} | {' | '.join(cells)} | {taken:.0e}: {verdict} |")
-    lines.append("")
+        rows.append((method, *cells, f"{taken:.0e}: {verdict}"))
+    lines.append(markdown_table(("packing", *(f"{one:.0e}" for one in tolerances), "by rule"), rows))
     for method in table.methods:
         level = [one.setting for one in table.of(method) if one.work["excess"] == 0.0 and one.work["strict"] == 1.0]
         lines.append(

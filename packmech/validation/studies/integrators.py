@@ -2,19 +2,20 @@
 
 Thirty discs are set moving at random and sheared for one period. Four scenes have the same packings and differ in what
 acts: bonds alone (nothing opens, closes or slides); contacts with the linear dashpot, whose force jumps where a contact
-closes; contacts with the dashpot that sets in smoothly; and the latter with friction, whose springs meet Coulomb's cap.
-Errors are against the same scene at a much shorter time step.
+closes; contacts with the dashpot that sets in smoothly; and the latter with friction, whose springs reach the Coulomb
+limit. Errors are against the same scene at a much shorter time step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
+from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
 PARTICLES, FRACTION, REPEATS = 30, 0.88, 16
@@ -29,7 +30,7 @@ STEPS = (0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625)
 REFERENCE = 0.2 / 1024
 POSITIONS, ENERGY, STORAGE = "positions (diameters)", "energy (of the largest)", "G' (relative)"
 QUANTITIES = (POSITIONS, ENERGY, STORAGE)
-Figures = tuple[NDArray[np.float64], float, float]
+State = tuple[NDArray[np.float64], float, float]
 
 
 @cache
@@ -55,11 +56,11 @@ def scene_of(kind: str, repeat: int) -> pm.Scene:
         )
         return pm.Scene(packing, (bonds, drag))
     dashpot = pm.ContactDamping(DASHPOT, onset="jump" if kind == "jump" else "smooth")
-    rubbing = (pm.Friction(FRICTION, TANGENTIAL, 0.0),) if kind == "friction" else ()
-    return pm.Scene(packing, (pm.Repulsion(law=LAW), dashpot, *rubbing, drag))
+    friction = (pm.Friction(FRICTION, TANGENTIAL, 0.0),) if kind == "friction" else ()
+    return pm.Scene(packing, (pm.Repulsion(law=LAW), dashpot, *friction, drag))
 
 
-def figures(kind: str, method: object, step: float, repeat: int) -> Figures:
+def measure(kind: str, method: object, step: float, repeat: int) -> State:
     """Return (N, d) positions and energy at the end of a period, and its G'."""
     velocity = SPEED * np.random.default_rng(repeat).normal(size=(PARTICLES, 2))
     run = pm.oscillatory_shear(
@@ -78,25 +79,20 @@ def figures(kind: str, method: object, step: float, repeat: int) -> Figures:
 
 
 @cache
-def reference(kind: str, repeat: int) -> Figures:
+def reference(kind: str, repeat: int) -> State:
     """Return what a much shorter time step gives."""
-    return figures(kind, pm.VelocityVerlet(), REFERENCE, repeat)
+    return measure(kind, pm.VelocityVerlet(), REFERENCE, repeat)
 
 
 def trial(kind: str, method: object, step: float) -> Answer:
     """Return the errors, each the geometric mean over repeats: what a typical run is off by."""
     off = []
     for repeat in range(REPEATS):
-        found, true = figures(kind, method, step, repeat), reference(kind, repeat)
+        found, true = measure(kind, method, step, repeat), reference(kind, repeat)
         apart = float(np.linalg.norm(found[0] - true[0], axis=1).max())
         off.append((apart, abs(found[1] - true[1]), abs(found[2] / true[2] - 1.0)))
     means = np.exp(np.log(np.maximum(off, 1e-300)).mean(axis=0))
     return Answer(dict(zip(QUANTITIES, means.tolist(), strict=True)))
-
-
-def errors(value: Mapping[str, float], zero: Mapping[str, float]) -> dict[str, float]:
-    """Return the errors: they are the values."""
-    return {name: value[name] - zero[name] for name in zero}
 
 
 METHODS = {
@@ -110,13 +106,12 @@ METHODS = {
 }
 
 
-def integrators(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def run(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {name: partial(trial, kind, method) for name, (kind, method) in METHODS.items()},
         STEPS,
         dict.fromkeys(QUANTITIES, 0.0),
-        error=errors,
         knob="time step / sqrt(m/k)",
         title=f"Time step and integrator: {PARTICLES} discs from random velocities through one period of shear",
         reference_is=f"velocity Verlet at {STEPS[0]:g}/{STEPS[0] / REFERENCE:.0f}, scene by scene; "
@@ -124,27 +119,27 @@ def integrators(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, 
         repeats=1,
         progress=progress,
     )
-    return table, told(table)
+    return table, describe(table)
 
 
-def told(table: WorkPrecision) -> str:
+def describe(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it."""
     lines = [
         f"{PARTICLES} discs at packing fraction {FRACTION} (linear spring, drag {DRAG}), set moving at random and",
         f"sheared by {AMPLITUDE} sin({FREQUENCY} 2 pi t) for one period. Order of convergence, fitted to the errors:",
         "",
-        f"| scene, method | {' | '.join(QUANTITIES)} | largest error in positions at {STEPS[-1]:g} |",
-        f"|{'---|' * (len(QUANTITIES) + 2)}",
     ]
+    rows = []
     for method in table.methods:
-        orders = " | ".join(f"{table.order(method, quantity=name):.2f}" for name in QUANTITIES)
-        lines.append(f"| {method} | {orders} | {table.of(method)[-1].errors[POSITIONS]:.1e} |")
+        orders = (f"{table.order(method, quantity=name):.2f}" for name in QUANTITIES)
+        rows.append((method, *orders, f"{table.of(method)[-1].errors[POSITIONS]:.1e}"))
+    headings = ("scene, method", *QUANTITIES, f"largest error in positions at {STEPS[-1]:g}")
+    lines.append(markdown_table(headings, rows))
     verlet = {name: table.order(name, quantity=POSITIONS) for name in table.methods if "Verlet" in name}
     second = [name for name, order in verlet.items() if order > 1.8]
     first = [name for name, order in verlet.items() if order < 1.3]
     between = {name: order for name, order in verlet.items() if name not in (*second, *first)}
     lines += [
-        "",
         f"Velocity Verlet is of second order in positions with {_listed(second)}; of first with {_listed(first)}.",
         "A contact that closes between two steps brings a dashpot that jumps in at once, wherever in the step that",
         "was: an error of the order of the step at each such event, whatever the method. The smooth onset has no jump.",
@@ -152,7 +147,7 @@ def told(table: WorkPrecision) -> str:
     if between:
         lines.append(
             f"In between, of order {', '.join(f'{order:.2f}' for order in between.values())}: "
-            f"{_listed(list(between))}, whose springs meet Coulomb's cap and leave it."
+            f"{_listed(list(between))}, whose springs reach the Coulomb limit and leave it."
         )
     return "\n".join(lines)
 

@@ -1,4 +1,4 @@
-"""Which program, which solver and which tolerance tell whether a packing is jammed: seconds, errors, verdicts.
+"""Which program, which solver and which tolerance decide whether a packing is jammed: seconds, errors, verdicts.
 
 A packing with one state of self stress is jammed, and is not without any one of its contacts: the weakest is the one
 hardest to miss. Every solver stands alone here; in `pm.classify_jamming` simplex decides where another gave no proof.
@@ -20,6 +20,7 @@ from packmech.jamming.loads import yield_to_loads
 from packmech.jamming.motion_cone import FLOPPY, MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, load_program, open_all
 from packmech.linalg.linear_programs import Program
+from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
 PARTICLES, SEED, PRESSURE = {2: 256, 3: 128}, 1, 1e-8
@@ -38,8 +39,8 @@ class Pair(NamedTuple):
     opened: MotionCone
 
 
-class Told(NamedTuple):
-    """What a method says: jammed, not jammed or nothing (None), and how wrong its numbers are."""
+class Claim(NamedTuple):
+    """What a method claims: jammed, not jammed or nothing (None), and how wrong its numbers are."""
 
     jammed: bool | None
     error: float
@@ -79,38 +80,38 @@ def closing(cone: MotionCone, motion: NDArray[np.float64]) -> float:
     return float(max(0.0, -stretch.min()) / stretch.max()) if stretch.max() > 0.0 else np.inf
 
 
-def certificate(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str) -> Told:
+def certificate(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str) -> Claim:
     """Return what rank and the force program say; the error is that of the smallest force, or of the motion."""
     softest, motion = cone.softest()
     if softest**2 <= FLOPPY and (cone.is_floppy or cone.is_loose):
-        return Told(False, closing(cone, motion))
+        return Claim(False, closing(cone, motion))
     stress = largest_smallest_force(cone, solver=solver, tolerance=tolerance)
     finding = proven(cone, softest, stress.weight, stress.motion, (stress.solve, stress.solve))
     if finding.jammed is None and solver != "clarabel":
         opened = open_all(cone, solver=solver, tolerance=tolerance)
         finding = proven(cone, softest, opened.weight, opened.motion, (stress.solve, opened.solve))
     if smallest_force is not None:
-        return Told(finding.jammed, abs(stress.smallest - smallest_force) / smallest_force)
-    return Told(finding.jammed, np.nan if finding.motion is None else closing(cone, finding.motion))
+        return Claim(finding.jammed, abs(stress.smallest - smallest_force) / smallest_force)
+    return Claim(finding.jammed, np.nan if finding.motion is None else closing(cone, finding.motion))
 
 
-def loads(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str, bound: str) -> Told:
+def loads(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str, bound: str) -> Claim:
     """Return what a load and its opposite say; the error is the longest motion left, or that of the motion found."""
     rng = np.random.default_rng(SEED)
     finding: Finding = yield_to_loads(cone, rng, bound=bound, solver=solver, tolerance=tolerance, fallback=False)
     if smallest_force is not None:
-        return Told(finding.jammed, finding.longest)
-    return Told(finding.jammed, np.nan if finding.motion is None else closing(cone, finding.motion))
+        return Claim(finding.jammed, finding.longest)
+    return Claim(finding.jammed, np.nan if finding.motion is None else closing(cone, finding.motion))
 
 
-def interior(cone: MotionCone, smallest_force: float | None, tolerance: float) -> Told:
+def interior(cone: MotionCone, smallest_force: float | None, tolerance: float) -> Claim:
     """Return what HiGHS' interior-point method without crossover says of the loads, believed whatever its status."""
     load = cone.without_translations(np.random.default_rng(SEED).standard_normal(cone.unknowns))
     load /= np.sqrt(load @ load)
     motions = [interior_point(load_program(cone, sign * load, "box"), tolerance) for sign in (1.0, -1.0)]
     longest = max(motions, key=lambda motion: float(np.abs(motion).max()))
     size = float(np.abs(longest).max())
-    return Told(size <= MOVED, size if smallest_force is not None else closing(cone, longest))
+    return Claim(size <= MOVED, size if smallest_force is not None else closing(cone, longest))
 
 
 def interior_point(program: Program, tolerance: float) -> NDArray[np.float64]:
@@ -143,7 +144,7 @@ def interior_point(program: Program, tolerance: float) -> NDArray[np.float64]:
     return np.asarray(highs.getSolution().col_value)
 
 
-def methods() -> dict[str, Callable[[MotionCone, float | None, float], Told]]:
+def methods() -> dict[str, Callable[[MotionCone, float | None, float], Claim]]:
     """Return the methods compared, by name."""
     return {
         "certificate, Clarabel": partial(certificate, solver="clarabel"),
@@ -157,7 +158,7 @@ def methods() -> dict[str, Callable[[MotionCone, float | None, float], Told]]:
     }
 
 
-def trial(dimension: int, method: Callable[[MotionCone, float | None, float], Told], tolerance: float) -> Answer:
+def trial(dimension: int, method: Callable[[MotionCone, float | None, float], Claim], tolerance: float) -> Answer:
     """Return what a method says at a tolerance of the packing, and of the packing without its weakest contact."""
     pair = packings(dimension)
     found = {
@@ -178,7 +179,7 @@ def _number(jammed: bool | None, truth: bool) -> float:
     return np.nan if jammed is None else float(jammed is truth)
 
 
-def jamming_programs(dimension: int, progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def run(dimension: int, progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {name: partial(trial, dimension, method) for name, method in methods().items()},
@@ -190,35 +191,35 @@ def jamming_programs(dimension: int, progress: Callable[[str, float], None]) -> 
         repeats=3,
         progress=progress,
     )
-    return table, told(table)
+    return table, describe(table)
 
 
-def told(table: WorkPrecision) -> str:
+def describe(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it."""
     lines = [
         "Errors. Jammed packing: of loads the longest motion left over its bound (exactly 0), of the certificate the",
         "relative error of the smallest force. Less its weakest contact: largest shortening of a contact over the",
         "largest lengthening in the motion found. Verdicts: right, wrong, or none where no number passed the check.",
         "CPU seconds for both packings together, median of three. The forces of `pm.classify_jamming` are exact to",
-        "rounding at any tolerance: it projects the program's on those that balance before it judges them.",
+        "rounding at any tolerance: it projects the program's on those that balance before it checks them.",
         "",
-        f"| method | tolerance | error, {JAMMED} | verdict | error, {OPENED} | verdict | CPU s |",
-        "|---|---|---|---|---|---|---|",
     ]
+    rows = []
     for method in table.methods:
         for one in table.of(method):
-            cells: list[str] = []
+            cells = []
             for name in (JAMMED, OPENED):
                 right = one.work.get(f"verdict on {name}", np.nan)
                 cells += [f"{one.errors.get(name, np.nan):.1e}", {1.0: "right", 0.0: "WRONG"}.get(right, "none")]
-            lines.append(f"| {method} | {one.setting:.0e} | {' | '.join(cells)} | {one.seconds:.3f} |")
-    lines.append("")
+            rows.append((method, f"{one.setting:.0e}", *cells, f"{one.seconds:.3f}"))
+    headings = ("method", "tolerance", f"error, {JAMMED}", "verdict", f"error, {OPENED}", "verdict", "CPU s")
+    lines.append(markdown_table(headings, rows))
     for method in table.methods:
         trials = table.of(method)
         good = [one for one in trials if not one.failed]
-        most = max((one.errors[JAMMED] for one in good), default=np.nan)
+        largest = max((one.errors[JAMMED] for one in good), default=np.nan)
         lines.append(
-            f"{method}: right at {len(good)} of {len(trials)} tolerances, there off by at most {most:.0e} on the "
+            f"{method}: right at {len(good)} of {len(trials)} tolerances, there off by at most {largest:.0e} on the "
             f"jammed packing, {min(one.seconds for one in trials):.3f} to {max(one.seconds for one in trials):.3f} s."
         )
     return "\n".join(lines)

@@ -16,7 +16,7 @@ import numpy as np
 
 import packmech as pm
 from packmech.minimize.quench import quench
-from packmech.result import Outcome, Run
+from packmech.result import Outcome, Run, markdown_table
 from packmech.scene import Scene
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
@@ -131,7 +131,7 @@ def errors(value: Mapping[str, float], reference: Mapping[str, float]) -> dict[s
     return found
 
 
-def minimizers(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def run(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
     """Run the study; return its table and what it shows in words."""
     reference = trial(None, 1e-14).value
     table = work_precision(
@@ -145,10 +145,10 @@ def minimizers(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, s
         repeats=1,
         progress=progress,
     )
-    return table, told(table, reference)
+    return table, describe(table, reference)
 
 
-def told(table: WorkPrecision, reference: Mapping[str, float]) -> str:
+def describe(table: WorkPrecision, reference: Mapping[str, float]) -> str:
     """Return what the table shows, every figure taken from it."""
     spacing = float(np.spacing(reference[ONSET]))
     lines = [
@@ -158,11 +158,10 @@ def told(table: WorkPrecision, reference: Mapping[str, float]) -> str:
         f"tolerance, above the floor. The floor of the packing fraction is rounding: doubles near it are {spacing:.1e}",
         "apart. The floor of the shear modulus is the rounding of positions, magnified by how soft the packing is.",
         "",
-        "| method | order, packing fraction | floor | order, shear modulus | floor | CPU s at 1e-3 | at 1e-9 |",
-        "|---|---|---|---|---|---|---|",
     ]
-    lines += [_line(table, method) for method in table.methods]
-    lines.append("")
+    headings = ("method", "order, packing fraction", "floor", "order, shear modulus", "floor")
+    rows = [_cells(table, method) for method in table.methods]
+    lines.append(markdown_table((*headings, "CPU s at 1e-3", "at 1e-9"), rows))
     best_of = {
         name: min((t.errors[ONSET] for t in table.of(name) if not t.failed), default=1.0) for name in table.methods
     }
@@ -180,7 +179,7 @@ def told(table: WorkPrecision, reference: Mapping[str, float]) -> str:
     return "\n".join(lines)
 
 
-def _line(table: WorkPrecision, method: str) -> str:
+def _cells(table: WorkPrecision, method: str) -> list[str]:
     cells = [method]
     for quantity in (ONSET, SHEAR):
         try:
@@ -193,7 +192,7 @@ def _line(table: WorkPrecision, method: str) -> str:
     for tolerance in (1e-3, 1e-9):
         (found,) = [one for one in table.of(method) if math.isclose(one.setting, tolerance)]
         cells.append(f"{found.seconds:.3f}" if not found.failed else f"failed: {found.failed}")
-    return "| " + " | ".join(cells) + " |"
+    return cells
 
 
 def _elsewhere(table: WorkPrecision) -> list[str]:

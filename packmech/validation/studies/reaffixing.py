@@ -1,4 +1,4 @@
-"""How well links must be brought back to their lengths: tolerance against lengths, energy and balance of a descent.
+"""How well links must be projected back to their lengths: tolerance against lengths, energy and balance of a descent.
 
 Rigid trimers at rest are shoved a little and descend again: a heavy ball rolls down the constrained force, and links go
 back to their lengths after each step, to the tolerance. What is left at the end is compared with the rest it came from.
@@ -6,13 +6,14 @@ back to their lengths after each step, to the tolerance. What is left at the end
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
+from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
 CLUSTERS, SEED = 20, 1
@@ -69,46 +70,38 @@ def trial(dimension: int, tolerance: float) -> Answer:
     return Answer(value, work=work, note=f"missed in {missed} steps" if missed else "")
 
 
-def errors(value: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return the absolute errors."""
-    return {name: abs(value[name] - reference[name]) for name in reference}
-
-
-def reaffixing(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
+def run(progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {f"rigid trimers, {dimension}D": partial(trial, dimension) for dimension in (2, 3)},
         TOLERANCES,
         dict.fromkeys((LENGTHS, ENERGY, BALANCE), 0.0),
-        error=errors,
         knob="tolerance of re-affixing",
         title=f"Re-affixing of links: {CLUSTERS} rigid trimers descending {STEPS} steps to rest",
         reference_is="the rest from which they were shoved, by Newton's method to the rounding floor",
         repeats=1,
         progress=progress,
     )
-    return table, told(table)
+    return table, describe(table)
 
 
-def told(table: WorkPrecision) -> str:
+def describe(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it."""
     lines = [
         "Error of links: the largest left after any step, over the larger of length and mean diameter. Energy: from",
         "that of the rest, relative. Residual: largest constrained force over mean contact force. Iterations: steps of",
         "Newton's method for a step of the descent. Seconds: CPU seconds of re-affixing in all.",
         "",
-        "| packing | tolerance | error of links | energy | residual | iterations | seconds | steps that missed it |",
-        "|---|---|---|---|---|---|---|---|",
     ]
+    rows = []
     for method in table.methods:
         for one in table.of(method):
-            found = one.errors
-            lines.append(
-                f"| {method} | {one.setting:.0e} | {found[LENGTHS]:.1e} | {found[ENERGY]:.1e} | {found[BALANCE]:.1e} "
-                f"| {one.work['iterations a step']:.2f} | {one.work['seconds of re-affixing']:.3f} "
-                f"| {one.work['steps that missed']:.0f} |"
-            )
-    lines.append("")
+            errors = (f"{one.errors[name]:.1e}" for name in (LENGTHS, ENERGY, BALANCE))
+            iterations, seconds = one.work["iterations a step"], one.work["seconds of re-affixing"]
+            counts = (f"{iterations:.2f}", f"{seconds:.3f}", f"{one.work['steps that missed']:.0f}")
+            rows.append((method, f"{one.setting:.0e}", *errors, *counts))
+    headings = ("packing", "tolerance", LENGTHS, "energy", BALANCE, "iterations", "seconds", "steps that missed it")
+    lines.append(markdown_table(headings, rows))
     for method in table.methods:
         met = [one for one in table.of(method) if not one.work["steps that missed"]]
         tight = met[-1]

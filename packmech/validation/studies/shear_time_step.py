@@ -8,7 +8,7 @@ and slide all the time; with every contact bonded trajectories are smooth. Means
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -17,7 +17,9 @@ import numpy as np
 
 import packmech as pm
 from packmech.effects import Bonds
+from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
+from packmech.view.figures import COLORS, MARKERS, label_settings, styled_figure
 
 PARTICLES, FRACTION = 100, 1.5
 # what is bonded differs little from repeat to repeat
@@ -29,8 +31,8 @@ KEPT = 0.5
 # time steps in units of tau; the last is what the others are compared with
 STEPS = (0.4, 0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625)
 STORAGE, LOSS = "G' (relative)", "G'' (relative)"
-# a mean that is off by less than so many of its standard errors is not told from the reference
-TOLD = 2.0
+# a mean that is off by less than so many of its standard errors is not distinguished from the reference
+DISTINCT = 2.0
 
 
 def mass_of(packing: pm.Packing) -> float:
@@ -112,11 +114,6 @@ def trial(kind: str, method: object, step: float) -> Answer:
     return Answer({STORAGE: float(off[:, 0].mean()), LOSS: float(off[:, 1].mean())}, work=work)
 
 
-def errors(value: Mapping[str, float], reference: Mapping[str, float]) -> dict[str, float]:
-    """Return how far the means are off, relative."""
-    return {name: abs(value[name] - reference[name]) for name in reference}
-
-
 def methods() -> dict[str, tuple[str, object]]:
     """Return scene and integrator by name."""
     return {
@@ -153,8 +150,6 @@ class Deviations:
 
     def save_figure(self, path: str | Path) -> None:
         """Write the figure: how far means are off, with error bars."""
-        from packmech.view.figures import draw_deviations
-
         table = self.table
         off = {
             method: {
@@ -171,23 +166,22 @@ class Deviations:
         draw_deviations(off, Path(path), title=heading, knob=table.knob)
 
 
-def shear_time_step(progress: Callable[[str, float], None]) -> tuple[Deviations, str]:
+def run(progress: Callable[[str, float], None]) -> tuple[Deviations, str]:
     """Run the study; return its table and what it shows in words."""
     table = work_precision(
         {name: partial(trial, kind, method) for name, (kind, method) in methods().items()},
         STEPS[:-1],
         {STORAGE: 0.0, LOSS: 0.0},
-        error=errors,
         knob="time step / tau",
         title=f"Time step of oscillatory shear: {PARTICLES} discs, {_counts()}",
         reference_is=f"velocity Verlet at {STEPS[-1]} tau, the same repeats",
         repeats=1,
         progress=progress,
     )
-    return Deviations(table), told(table)
+    return Deviations(table), describe(table)
 
 
-def told(table: WorkPrecision) -> str:
+def describe(table: WorkPrecision) -> str:
     """Return what the table shows, every figure taken from it."""
     lines = [
         f"G' and G'' under {AMPLITUDE} at {FREQUENCY} periods in tau, {PARTICLES} discs at packing fraction {FRACTION}",
@@ -195,26 +189,22 @@ def told(table: WorkPrecision) -> str:
         f"in units of the stiffness, and how far they are off from velocity Verlet at {STEPS[-1]} tau, one repeat",
         "after the other.",
         "",
-        "| scene, method | time step / tau | G' | G'' | G' off | G'' off |",
-        "|---|---|---|---|---|---|",
     ]
+    rows: list[tuple[str, ...]] = []
     for method in table.methods:
         for one in table.of(method):
             if one.failed:
-                lines.append(f"| {method} | {one.setting:g} | failed | {one.failed} | | |")
+                rows.append((method, f"{one.setting:g}", "failed", one.failed, "", ""))
                 continue
-            w = one.work
-            lines.append(
-                f"| {method} | {one.setting:g} | {w['storage']:.4f} +- {w['storage error']:.4f} | "
-                f"{w['loss']:.4f} +- {w['loss error']:.4f} | {w['storage off']:+.2%} +- {w['storage off error']:.2%} | "
-                f"{w['loss off']:+.2%} +- {w['loss off error']:.2%} |"
-            )
-    lines.append("")
+            means = (f"{one.work[name]:.4f} +- {one.work[f'{name} error']:.4f}" for name in ("storage", "loss"))
+            off = (f"{one.work[name]:+.2%} +- {one.work[f'{name} error']:.2%}" for name in ("storage off", "loss off"))
+            rows.append((method, f"{one.setting:g}", *means, *off))
+    lines.append(markdown_table(("scene, method", "time step / tau", "G'", "G''", "G' off", "G'' off"), rows))
     for method in table.methods:
         good = [one.setting for one in table.of(method) if not one.failed and _converged(one.work)]
         lines.append(
-            f"{method}: from {max(_lower_end(good, table, method)):g} tau down neither modulus is told from the "
-            f"reference by more than 1 % and {TOLD:g} error bars."
+            f"{method}: from {max(_lower_end(good, table, method)):g} tau down neither modulus is off the reference "
+            f"by more than 1 % and {DISTINCT:g} error bars."
             if _lower_end(good, table, method)
             else f"{method}: converged at none of these time steps."
         )
@@ -223,7 +213,8 @@ def told(table: WorkPrecision) -> str:
 
 def _converged(work: Mapping[str, float]) -> bool:
     return all(
-        abs(work[f"{name} off"]) <= max(0.01, TOLD * work[f"{name} off error"]) and work[f"{name} off error"] <= 0.05
+        abs(work[f"{name} off"]) <= max(0.01, DISTINCT * work[f"{name} off error"])
+        and work[f"{name} off error"] <= 0.05
         for name in ("storage", "loss")
     )
 
@@ -237,3 +228,51 @@ def _lower_end(good: list[float], table: WorkPrecision, method: str) -> list[flo
             break
         kept.append(one)
     return kept
+
+
+# (setting, deviation, its standard error), by method and quantity
+Series = Mapping[str, Mapping[str, Sequence[tuple[float, float, float]]]]
+
+
+def draw_deviations(deviations: Series, path: Path, *, title: str, knob: str, largest: float = 0.15) -> None:
+    """Write the figure: a column for each quantity; above deviations with error bars, below their sizes in logarithms.
+
+    Parameters
+    ----------
+    deviations
+        Deviations relative to the reference, by method, then by quantity.
+    path
+        The file; its ending names the format.
+    title, knob
+        Words: what is shown, and what the setting is.
+    largest
+        Deviations are drawn above up to this size; larger ones stand below alone.
+
+    """
+    quantities = list(next(iter(deviations.values())))
+    with styled_figure(path, (4.4 * len(quantities), 6.8)) as figure:
+        axes = figure.subplots(2, len(quantities), squeeze=False, sharex=True)
+        settings = sorted({row[0] for found in deviations.values() for rows in found.values() for row in rows})
+        for column, quantity in enumerate(quantities):
+            above, below = axes[0][column], axes[1][column]
+            for k, (method, found) in enumerate(deviations.items()):
+                setting, off, bar = np.array(found[quantity]).reshape(-1, 3).T
+                style = {"color": COLORS[k % 8], "marker": MARKERS[k % 8], "markersize": 4.5, "linewidth": 1.0}
+                # side by side, or bars hide each other
+                beside = setting * 1.05 ** (k - 0.5 * (len(deviations) - 1))
+                shown = np.abs(off) <= largest
+                above.errorbar(
+                    beside[shown], 100.0 * off[shown], 100.0 * bar[shown], capsize=2.0, label=method, **style
+                )
+                below.plot(setting, np.abs(off), **style)
+            above.axhline(0.0, color="#999999", linewidth=0.8)
+            above.set(title=quantity, ylabel="off the reference [%]", xscale="log")
+            # what is nowhere off cannot be seen in logarithms
+            scale = "log" if any(row[1] for found in deviations.values() for row in found[quantity]) else "linear"
+            below.set(xlabel=knob, ylabel="size of it, relative", yscale=scale)
+            label_settings(below, settings)
+        # all columns share it
+        axes[0][0].invert_xaxis()
+        handles, labels = axes[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+        figure.suptitle(title, fontsize=10)

@@ -32,6 +32,6 @@ def test_words_tell_orthogonality_at_both_ends_and_a_rank_that_is_wrong():
     names = [f"{method}, {links}" for links in study.LINKS for method in study.METHODS]
     reference = {study.ORTHOGONALITY: 0.0, study.SPAN: 0.0, study.RANK: 397.0}
     problem = {name: partial(answer, name) for name in names}
-    words = study.told(work_precision(problem, study.ANGLES, reference, error=study.errors, repeats=1))
+    words = study.describe(work_precision(problem, study.ANGLES, reference, repeats=1))
     assert "| householder | angles fixed | 1.0e-16 | 1.0e-14 | 0.0e+00 | 0 |" in words
     assert "| gram-schmidt | all pairs up to 4 | 1.0e-16 | 1.0e-14 | 0.0e+00 | 3 |" in words

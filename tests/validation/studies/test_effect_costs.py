@@ -21,7 +21,7 @@ def test_the_table_names_units_and_how_often_figures_are_kept():
 
 
 def test_words_take_their_figures_from_the_table():
-    words = study.told(ROWS)
+    words = study.describe(ROWS)
     assert "The spring alone takes 10.0 ns" in words and "20.0 ns and 350 bytes" in words and "make it 80.0 ns" in words
 
 
@@ -40,13 +40,13 @@ def test_what_nothing_rubs_has_neither_spins_nor_stretches_nor_figures(monkeypat
     start = study.start_of(200)
     spring = study.cost_of(start, "spring", (study.SPRING,), 0)
     dashpot = study.cost_of(start, "dashpot", (study.SPRING, study.DASHPOT), 0)
-    rubbed = study.cost_of(start, "friction", (study.SPRING, study.DASHPOT, study.FRICTION), 0)
+    frictional = study.cost_of(start, "friction", (study.SPRING, study.DASHPOT, study.FRICTION), 0)
     bonded = study.cost_of(
-        start, "bonds", (study.SPRING, study.DASHPOT, study.FRICTION, study.some_bonds(start.packing)), 0
+        start, "bonds", (study.SPRING, study.DASHPOT, study.FRICTION, study.bonds_of(start.packing)), 0
     )
-    seen = study.cost_of(start, "figures", (study.SPRING, study.DASHPOT, study.FRICTION), 1)
-    assert spring.arrays == dashpot.arrays < rubbed.arrays < seen.arrays < bonded.arrays
-    assert spring.bytes < rubbed.bytes < bonded.bytes
+    observed = study.cost_of(start, "figures", (study.SPRING, study.DASHPOT, study.FRICTION), 1)
+    assert spring.arrays == dashpot.arrays < frictional.arrays < observed.arrays < bonded.arrays
+    assert spring.bytes < frictional.bytes < bonded.bytes
     # the torque and the spin's own column: a push row is one number longer
-    assert rubbed.bytes_per_particle - spring.bytes_per_particle > 8.0
-    assert np.isfinite([one.nanoseconds for one in (spring, rubbed, bonded, seen)]).all()
+    assert frictional.bytes_per_particle - spring.bytes_per_particle > 8.0
+    assert np.isfinite([one.nanoseconds for one in (spring, frictional, bonded, observed)]).all()

@@ -5,7 +5,7 @@ import pytest
 
 import packmech as pm
 from packmech.validation.studies import exact_hessian as study
-from packmech.validation.studies.finite_strain import at_rest, finite_tangent, kept_step, second_difference
+from packmech.validation.studies.exact_hessian import at_rest, finite_tangent, kept_step, second_difference
 from packmech.validation.work_precision import Answer, work_precision
 
 CASES = [(name, dimension) for name in study.STATES for dimension in (2, 3)]
@@ -59,8 +59,8 @@ def test_words_tell_the_power_of_the_pressure_with_which_the_kinds_come_together
         )  # fmt: skip
 
     reference = dict.fromkeys((study.COMPLIANCE, study.LOWEST, study.EXACT, study.FINER, study.PAPER), 0.0)
-    table = work_precision({"dimers, 2D": answer}, study.PRESSURES, reference, error=study.differences)
-    words = study.told(table)
+    table = work_precision({"dimers, 2D": answer}, study.PRESSURES, reference)
+    words = study.describe(table)
     assert "pressure to the power 1.00 to 1.00 below 1e-4" in words
     assert "| dimers, 2D | 2.0e-01 | 2.0e-02 | 2.0e-03 | 2.0e-04 | 2.0e-05 | 2.0e-06 |" in words
     assert "exact form from finite differences: 1.0e-09." in words

@@ -31,6 +31,6 @@ def test_words_tell_the_plateau_and_what_the_rule_takes():
         return Answer({study.EXCESS: excess}, work={"excess": excess, "strict": 1.0})
 
     table = work_precision({"pressure 1e-08": answer}, study.TOLERANCES, {study.EXCESS: 0.0}, repeats=1)
-    words = study.told(table, {"pressure 1e-08": (7e-8, "jammed")})
+    words = study.describe(table, {"pressure 1e-08": (7e-8, "jammed")})
     assert "| 7e-08: jammed |" in words and "+3 j | +3 j | +0 j" in words
     assert "strictly jammed, from 1e-12 to 1e-04." in words

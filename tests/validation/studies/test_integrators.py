@@ -19,7 +19,7 @@ def test_words_sort_the_scenes_by_the_order_that_was_measured():
         "bonds, semi-implicit Euler": of_order(1.0),
     }
     zero = dict.fromkeys(study.QUANTITIES, 0.0)
-    words = study.told(work_precision(methods, study.STEPS, zero, error=study.errors, repeats=1))
+    words = study.describe(work_precision(methods, study.STEPS, zero, repeats=1))
     assert "second order in positions with bonds; of first with contacts, dashpot jumps." in words
     assert "In between, of order 1.50: smooth onset and friction" in words
     assert "| bonds, semi-implicit Euler | 1.00 | 1.00 | 1.00 |" in words

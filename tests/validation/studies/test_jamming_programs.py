@@ -46,14 +46,14 @@ def test_error_of_the_certificate_falls_with_the_tolerance():
 
 
 def test_a_method_that_says_the_wrong_thing_is_kept_as_a_failure(small_pair):
-    answer = study.trial(2, lambda cone, force, tolerance: study.Told(cone is small_pair.opened, 0.5), 1e-8)
+    answer = study.trial(2, lambda cone, force, tolerance: study.Claim(cone is small_pair.opened, 0.5), 1e-8)
     assert not answer.converged
     assert f"'not jammed' said, {study.JAMMED}" in answer.note
     assert f"'jammed' said, {study.OPENED}" in answer.note
 
 
 def test_a_method_that_says_nothing_is_neither_right_nor_wrong():
-    answer = study.trial(2, lambda cone, force, tolerance: study.Told(None, 0.5), 1e-8)
+    answer = study.trial(2, lambda cone, force, tolerance: study.Claim(None, 0.5), 1e-8)
     assert not answer.converged and np.isnan(list(answer.work.values())).all()
 
 
@@ -74,7 +74,7 @@ def test_words_count_the_tolerances_at_which_a_method_was_right():
         return Answer({study.JAMMED: tolerance, study.OPENED: 0.0}, right, work=work, note=note)
 
     table = work_precision({"one": answer}, study.TOLERANCES, {study.JAMMED: 0.0, study.OPENED: 0.0}, repeats=1)
-    words = study.told(table)
+    words = study.describe(table)
     assert "one: right at 4 of 7 tolerances, there off by at most 1e-07" in words
     assert "| one | 1e-04 | 1.0e-04 | WRONG | 0.0e+00 | WRONG |" in words
 

@@ -7,7 +7,7 @@ import pytest
 
 import packmech as pm
 from packmech.validation.studies import minimizers as study
-from packmech.validation.studies.catalogue import studies
+from packmech.validation.studies import studies
 from packmech.validation.work_precision import Answer, work_precision
 
 CLOSE_PACKING = math.pi / (2.0 * math.sqrt(3.0))
@@ -44,13 +44,13 @@ def table_of(**errors_by_method):
 
 
 def test_words_name_the_order_of_every_method():
-    words = study.told(*table_of(slow=1.0, quick=2.0))
+    words = study.describe(*table_of(slow=1.0, quick=2.0))
     assert "| slow | 1.0" in words
     assert "| quick | 2.0" in words
 
 
 def test_words_name_a_method_that_went_elsewhere():
-    words = study.told(*table_of(lost=0.0, found=1.0))
+    words = study.describe(*table_of(lost=0.0, found=1.0))
     assert "lost met tolerance 1e-12 and still differs by 1e+00" in words
     assert "found met tolerance" not in words
 
@@ -62,4 +62,4 @@ def test_the_error_of_the_shear_modulus_is_relative():
 
 
 def test_the_study_is_found_by_name():
-    assert studies()["minimizers"] is study.minimizers
+    assert studies()["minimizers"] is study.run

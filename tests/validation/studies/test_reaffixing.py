@@ -29,7 +29,7 @@ def test_words_tell_the_tightest_tolerance_that_every_step_met():
         return Answer({study.LENGTHS: tolerance, study.ENERGY: 2.0 * tolerance, study.BALANCE: 0.0}, work=work)
 
     reference = dict.fromkeys((study.LENGTHS, study.ENERGY, study.BALANCE), 0.0)
-    table = work_precision({"rigid trimers, 2D": answer}, study.TOLERANCES, reference, error=study.errors, repeats=1)
-    words = study.told(table)
+    table = work_precision({"rigid trimers, 2D": answer}, study.TOLERANCES, reference, repeats=1)
+    words = study.describe(table)
     assert "met in every step down to 1e-14" in words and "off by 2.0e-14" in words
     assert "| rigid trimers, 2D | 1e-15 | 1.0e-15 | 2.0e-15 | 0.0e+00 | 1.00 | 0.100 | 3 |" in words

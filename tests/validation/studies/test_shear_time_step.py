@@ -26,8 +26,8 @@ def test_words_name_the_step_below_which_all_are_converged():
         return Answer({study.STORAGE: off, study.LOSS: 0.0}, work=row(off, 0.001))
 
     reference = {study.STORAGE: 0.0, study.LOSS: 0.0}
-    table = work_precision({"linked": answer}, study.STEPS[:-1], reference, error=study.errors, repeats=1)
-    words = study.told(table)
+    table = work_precision({"linked": answer}, study.STEPS[:-1], reference, repeats=1)
+    words = study.describe(table)
     assert "linked: from 0.05 tau down" in words
     assert "| linked | 0.2 | 0.5000 +- 0.1000 | 0.2000 +- 0.1000 | +10.00% +- 0.10% | +0.00% +- 0.10% |" in words
 
@@ -39,7 +39,7 @@ def test_the_figure_has_error_bars_and_leaves_out_what_failed(tmp_path):
         return Answer({study.STORAGE: 0.01, study.LOSS: 0.0}, work=row(0.01, 0.001))
 
     reference = {study.STORAGE: 0.0, study.LOSS: 0.0}
-    table = work_precision({"linked": answer}, study.STEPS[:-1], reference, error=study.errors, repeats=1)
+    table = work_precision({"linked": answer}, study.STEPS[:-1], reference, repeats=1)
     study.Deviations(table).save_figure(tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
 

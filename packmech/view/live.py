@@ -1,4 +1,4 @@
-"""Recordings that are written while something runs: frame by frame by whoever steps a packing, or live."""
+"""Recordings that are written while something runs: frame by frame from a loop of your own, or live."""
 
 from __future__ import annotations
 
@@ -22,23 +22,27 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.view import drawing
 from packmech.view.frame import drawn_contacts
-from packmech.view.recording.runs import (
+from packmech.view.recording import (
     BLOCK_NUMBERS,
+    World,
+    blueprint,
     log_loop,
     log_moving,
     log_resting,
+    properties_of,
+    property_values,
+    send_curves,
     send_moving,
     send_resting,
 )
-from packmech.view.recording.stream import World, blueprint, properties_of, property_values, send_curves
-from packmech.view.trajectory import Curve, Snapshot, Trajectory, turned_marks
+from packmech.view.trajectory import Curve, Frame, Trajectory, turned_marks
 
 # a live picture is sent no sooner than so long after the last one [s]
 LIVE_SECONDS = 0.05
 
 
 class Recording:
-    """A Rerun recording that is written frame by frame, with the look of those of `pm.record_run`.
+    """A Rerun recording that is written frame by frame, in the style of those of `pm.record_run`.
 
     Use it in a `with` statement, or call `close`: what was added is then in the file, whatever happened. Particles,
     contacts (as wide as their forces, blue where they slide), bonds, links, walls and the box are drawn; figures are
@@ -157,7 +161,7 @@ class Recording:
             shown = drawn.contacts
             pushed = -drawn.force_c[:, None] * shown.normal_cd
             touching = Touching(shown.i_c, shown.j_c, shown.image_cd, drawn.force_c, pushed, drawn.sliding_c)
-        writer.take(Snapshot(at, when, packing, touching), _numbers(figures))
+        writer.take(Frame(at, when, packing, touching), _numbers(figures))
 
     def close(self, results: Mapping[str, Any] | None = None) -> Path:
         """Complete the file and return its absolute path; what was found is kept with it by name."""
@@ -197,14 +201,14 @@ class _Writer:
         self.frames, self.next_step = 0, 0
         packing = scene.packing
         self.linked = packing.links is not None
-        self.block: list[Snapshot] = []
+        self.block: list[Frame] = []
         self.size = max(1, BLOCK_NUMBERS // (packing.particles * packing.dimension * 12))
-        # what the layout is made of: figures, the first step, the last snapshot, and those with the widest boxes
+        # what the layout is made of: figures, the first step, the last frame, and those with the widest boxes
         self.first_step = 0
         self.curves: dict[str, tuple[list[int], list[float]]] = {}
-        self.wide: list[Snapshot] = []
+        self.wide: list[Frame] = []
         self.reach = (np.full(packing.dimension, np.inf), np.full(packing.dimension, -np.inf))
-        self.last: Snapshot | None = None
+        self.last: Frame | None = None
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("wb"):  # the writer only logs a file that it cannot open
             pass
@@ -240,24 +244,24 @@ class _Writer:
             raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
         return packing
 
-    def take(self, snapshot: Snapshot, figures: Mapping[str, float]) -> None:
+    def take(self, frame: Frame, figures: Mapping[str, float]) -> None:
         """Take a frame, and send a block of them when it is full."""
         if not self.frames:
-            self.first_step = snapshot.step
-        self.block.append(snapshot)
+            self.first_step = frame.step
+        self.block.append(frame)
         self.frames += 1
-        self.next_step = snapshot.step + 1
+        self.next_step = frame.step + 1
         for name, value in figures.items():
             step_t, value_t = self.curves.setdefault(name, ([], []))
-            step_t.append(snapshot.step)
+            step_t.append(frame.step)
             value_t.append(value)
-        self.last = snapshot
-        box, _ = drawing.shown_box(snapshot.packing.box)
+        self.last = frame
+        box, _ = drawing.shown_box(frame.packing.box)
         corner = np.concatenate(drawing.box_outline(box))
         low, high = self.reach
         if (corner.min(axis=0) < low).any() or (corner.max(axis=0) > high).any():
             self.reach = np.minimum(low, corner.min(axis=0)), np.maximum(high, corner.max(axis=0))
-            self.wide.append(snapshot)
+            self.wide.append(frame)
         if len(self.block) >= self.size:
             self.send()
 
@@ -278,7 +282,7 @@ class _Writer:
             self.stream.flush()
             self.stream.disconnect()
 
-    def lay_out(self, last: Snapshot) -> None:
+    def lay_out(self, last: Frame) -> None:
         """Send the curves and how the recording opens, which needs the names of all of them."""
         curves: dict[str, Curve] = {
             name: (np.array(step_t), np.array(value_t)) for name, (step_t, value_t) in self.curves.items()
@@ -287,9 +291,9 @@ class _Writer:
         # what does not change is in the file, and not plotted
         curves = {name: curve for name, curve in curves.items() if np.ptp(curve[1]) > 0.0}
 
-        def shown(snapshot: Snapshot, step: int) -> Snapshot:
-            packing = snapshot.packing
-            return Snapshot(step, 0.0, packing.replace(box=drawing.shown_box(packing.box)[0]))
+        def shown(frame: Frame, step: int) -> Frame:
+            packing = frame.packing
+            return Frame(step, 0.0, packing.replace(box=drawing.shown_box(packing.box)[0]))
 
         trajectory = Trajectory(
             (*(shown(one, self.first_step) for one in self.wide), shown(last, last.step)),
@@ -313,7 +317,7 @@ class _Writer:
 
 
 class LiveRecording:
-    """A recording that is seen while a run goes on. It changes no bit of the run.
+    """A recording that is shown while a run goes on. It changes no bit of the run.
 
     Parameters
     ----------
@@ -370,34 +374,34 @@ class LiveRecording:
             return
         engine, packing = figures.get("engine"), figures.get("packing")
         if engine is not None:
-            self.show(self._snapshot(engine))
+            self.show(self._frame(engine))
         elif isinstance(packing, Packing):
             # protocols count the steps of each stage anew
             self._step = max(self._step + 1, int(figures.get("steps", 0)))
-            self.show(Snapshot(self._step, float(figures.get("time", self._step)), packing))
+            self.show(Frame(self._step, float(figures.get("time", self._step)), packing))
         else:
             return
         for name, value in figures.items():
             if isinstance(value, int | float) and name not in ("steps", "of"):
                 self._curve(name, float(value))
 
-    def _snapshot(self, engine: Engine) -> Snapshot:
+    def _frame(self, engine: Engine) -> Frame:
         if engine is not self._engine:
             self._engine, self._past, self._spun = engine, (self._step + 1, self._time), None
         self._step, self._time = self._past[0] + engine.steps, self._past[1] + engine.time
         spin, box = engine.spins(), engine.box()
         packing = self.scene.packing.replace(position_nd=engine.positions(), box=box)
         if spin is not None:
-            # marks turn as far as spins at the times of the snapshots say
+            # marks turn as far as spins at the times of the frames say
             before, old = self._spun or (engine.time, spin)
             times, spins = np.array([before, engine.time]), np.array([old, spin])
             self._mark = turned_marks(times, spins, box.dimension, self._mark)[1]
             self._spun = (engine.time, spin)
-        return Snapshot(self._step, self._time, packing, touching_of(engine), self._mark)
+        return Frame(self._step, self._time, packing, touching_of(engine), self._mark)
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Send one snapshot."""
-        send_moving(self.world, self.scene.effects, [snapshot])
+    def show(self, frame: Frame) -> None:
+        """Send one frame."""
+        send_moving(self.world, self.scene.effects, [frame])
         self._sent = time.monotonic()
         self.shown += 1
 

@@ -24,23 +24,23 @@ def apart(tmp_path):
 
 @pytest.mark.parametrize("method", ["certificate", "loads"])
 def test_analyze_judges_by_the_gap_tolerance_and_the_method_asked_for(apart, method):
-    told = []
+    written = []
     for words in ((), ("--gap-tolerance", "1e-5")):
         assert run("analyze", str(apart), *words, "--method", method, "--modes", "0", "--json", f"{apart}.json") == 0
-        told.append(json.loads(apart.with_name("apart.npz.json").read_text()))
-    assert [numbers["strict"] for numbers in told] == ["not jammed", "jammed"]
-    assert [numbers["gap_tolerance"] for numbers in told] == [1e-9, 1e-5]
-    assert [numbers["gap_rule"] for numbers in told] == ["max(7 x mean overlap, 1e-09)", "given"]
-    assert {numbers["verdict_method"] for numbers in told} == {method}
-    assert told[1]["verdict_bound"] == ("ball" if method == "loads" else None)
+        written.append(json.loads(apart.with_name("apart.npz.json").read_text()))
+    assert [numbers["strict"] for numbers in written] == ["not jammed", "jammed"]
+    assert [numbers["gap_tolerance"] for numbers in written] == [1e-9, 1e-5]
+    assert [numbers["gap_rule"] for numbers in written] == ["max(7 x mean overlap, 1e-09)", "given"]
+    assert {numbers["verdict_method"] for numbers in written} == {method}
+    assert written[1]["verdict_bound"] == ("ball" if method == "loads" else None)
 
 
 @pytest.mark.parametrize("method", ["certificate", "loads"])
 def test_unjam_judges_by_the_gap_tolerance_and_the_method_asked_for(apart, method, capsys):
     words = ("--gap-tolerance", "1e-5", "--method", method, "--json", f"{apart}.json")
     assert run("unjam", str(apart), *words) == 1
-    told = json.loads(apart.with_name("apart.npz.json").read_text())
-    assert (told["strict"], told["method"], told["gap_tolerance"]) == ("jammed", method, 1e-5)
+    written = json.loads(apart.with_name("apart.npz.json").read_text())
+    assert (written["strict"], written["method"], written["gap_tolerance"]) == ("jammed", method, 1e-5)
     assert "no unjamming motion" in capsys.readouterr().err
 
 

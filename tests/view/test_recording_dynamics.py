@@ -1,4 +1,4 @@
-"""Facts about recordings of marches: what is drawn is where it is, and recording changes no bit of what is recorded."""
+"""Facts about recordings of time integrations: what is drawn is where it is, and recording changes no bit of a run."""
 
 import json
 import time
@@ -10,8 +10,8 @@ import pytest
 
 import packmech as pm
 from packmech.view import drawing
-from packmech.view.recording.live import LiveRecording
-from packmech.view.trajectory import draw_snapshot, trajectory_of_run, turned_marks
+from packmech.view.live import LiveRecording
+from packmech.view.trajectory import draw_moving, trajectory_of_run, turned_marks
 
 STEPS, EVERY = 40, 7
 
@@ -70,7 +70,7 @@ class ReadBack:
 @pytest.fixture(scope="module")
 def back(tmp_path_factory):
     path = pm.record_run(
-        run(), tmp_path_factory.mktemp("march") / "run.rrd", scene=scene(), parameters={"rate": 1.5}, summary="# shear"
+        run(), tmp_path_factory.mktemp("run") / "run.rrd", scene=scene(), parameters={"rate": 1.5}, summary="# shear"
     )
     return ReadBack(path)
 
@@ -128,10 +128,10 @@ def test_stress_against_strain_is_a_curve_with_the_present_place_on_it(back):
 
 
 def test_the_parameters_tell_every_effect(back):
-    (told,) = back.column["/__properties/packmech", "parameters_json"]
-    told = json.loads(told[0] if isinstance(told, list) else told)
-    assert [effect["kind"] for effect in told["effects"]] == ["repulsion", "contact-damping", "friction", "bonds"]
-    assert told["rate"] == 1.5
+    (metadata,) = back.column["/__properties/packmech", "parameters_json"]
+    metadata = json.loads(metadata[0] if isinstance(metadata, list) else metadata)
+    assert [effect["kind"] for effect in metadata["effects"]] == ["repulsion", "contact-damping", "friction", "bonds"]
+    assert metadata["rate"] == 1.5
 
 
 def test_writing_a_recording_changes_no_bit_of_what_follows(tmp_path):
@@ -242,14 +242,14 @@ def test_a_box_sheared_far_is_drawn_with_short_vectors_and_lines_still_end_on_di
     )
     assert far.strain > 4.0
     trajectory = trajectory_of_run(far, scene(), 10)
-    picture = draw_snapshot(trajectory.snapshots[-1], scene().effects)
+    picture = draw_moving(trajectory.frames[-1], scene().effects)
     outline = picture.drawing.outline_ed[0]
     assert np.linalg.norm(np.diff(outline, axis=0), axis=1).max() < 2.0 * np.sqrt(far.packing.box.volume)
     ends = np.concatenate([picture.sticking_sed, picture.sliding_sed, picture.bond_sed]).reshape(-1, 2)
     lattice = np.column_stack([outline[1] - outline[0], outline[3] - outline[0]])
     offset = (ends[:, None, :] - picture.drawing.center_nd[None, :, :]) @ np.linalg.inv(lattice).T
     assert np.abs(offset - np.rint(offset)).max(axis=2).min(axis=1).max() < 1e-9
-    bonds, touching = scene().effects[-1], trajectory.snapshots[-1].touching
+    bonds, touching = scene().effects[-1], trajectory.frames[-1].touching
     reach = far.packing.radius_n[touching.i_c] + far.packing.radius_n[touching.j_c]
     drawn = np.concatenate([picture.sticking_sed, picture.sliding_sed])
     assert np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1).max() < reach.max()
@@ -273,10 +273,10 @@ def test_fragments_have_hues_of_their_own_and_who_is_held_is_gray():
 def test_an_oscillatory_run_is_recorded_with_its_moduli(tmp_path):
     shear = pm.oscillatory_shear(scene(), amplitude=0.05, frequency=0.5, periods=1.0, samples_per_period=20, frames=6)
     trajectory = trajectory_of_run(shear, scene(), 60)
-    assert len(trajectory.snapshots) == 6
-    assert trajectory.snapshots[-1].packing == shear.packing
+    assert len(trajectory.frames) == 6
+    assert trajectory.frames[-1].packing == shear.packing
     assert trajectory.moduli["storage_modulus"] == shear.moduli.storage
     assert np.array_equal(trajectory.stress_t, shear.shear_stress_t)
-    assert len(trajectory.snapshots[-1].touching.i_c) == shear.contacts_t[-1]
+    assert len(trajectory.frames[-1].touching.i_c) == shear.contacts_t[-1]
     back = ReadBack(pm.record_run(shear, tmp_path / "shear.rrd", scene=scene()))
     assert len(back.step["/world/particles"]) == 6

@@ -8,111 +8,98 @@ from typing import Any
 
 import numpy as np
 
-from packmech.box import Box
-from packmech.effects import Harmonic, Repulsion, RepulsiveLennardJones
-from packmech.generate import Mixture, random_packing
-from packmech.measure import energy
-from packmech.minimize.conjugate_gradient import ConjugateGradient
-from packmech.minimize.damped import DampedDynamics
-from packmech.minimize.fire import Fire, Fire2
-from packmech.minimize.gradient_descent import GradientDescent
-from packmech.minimize.lbfgs import LBFGS
-from packmech.minimize.quench import quench
-from packmech.packing import Packing
-from packmech.result import NotConverged, Run
-from packmech.scene import Scene
-from packmech.validation.hard_cases.case import HardCase
+import packmech as pm
+from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
-HARMONIC = (Repulsion(law=Harmonic()),)
 METHODS: dict[str, Any] = {
-    "FIRE": Fire(),
-    "FIRE 2.0": Fire2(),
-    "conjugate gradient": ConjugateGradient(),
-    "L-BFGS": LBFGS(),
-    "damped dynamics": DampedDynamics(),
-    "gradient descent": GradientDescent(),
+    "FIRE": pm.Fire(),
+    "FIRE 2.0": pm.Fire2(),
+    "conjugate gradient": pm.ConjugateGradient(),
+    "L-BFGS": pm.LBFGS(),
+    "damped dynamics": pm.DampedDynamics(),
+    "gradient descent": pm.GradientDescent(),
 }
 
 
-def _residual(run: Run) -> float:
+def _residual(run: pm.Run) -> float:
     """Return the residual of a run that ended well with every number finite, else infinity."""
-    whole = np.isfinite(run.packing.position_nd).all() and np.isfinite(run.residual)
-    return run.residual if whole and run.ok else math.inf
+    finite = np.isfinite(run.packing.position_nd).all() and np.isfinite(run.residual)
+    return run.residual if finite and run.ok else math.inf
 
 
 def _coincident(method: Any) -> float:
     """24 discs at one point of a box in which they have room at a packing fraction of 0.9."""
     side = math.sqrt(24 * math.pi / 4 / 0.9)
-    packing = Packing(np.full((24, 2), 0.3), np.full(24, 0.5), Box.cubic(side, 2))
-    return _residual(quench(Scene(packing, HARMONIC), force_tolerance=1e-4, method=method, check=False))
+    packing = pm.Packing(np.full((24, 2), 0.3), np.full(24, 0.5), pm.Box.cubic(side, 2))
+    return _residual(pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-4, method=method, check=False))
 
 
 def _deep(method: Any) -> float:
     """Quench a random start in which every disc overlaps a dozen others, and stays that dense."""
-    packing = random_packing(64, dimension=2, packing_fraction=3.0, seed=5)
-    return _residual(quench(Scene(packing, HARMONIC), force_tolerance=1e-4, method=method, check=False))
+    packing = pm.random_packing(64, dimension=2, packing_fraction=3.0, seed=5)
+    return _residual(pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-4, method=method, check=False))
 
 
 def _diverging() -> float:
     """Random overlaps under a law that grows as r^-12."""
-    packing = random_packing(64, dimension=3, packing_fraction=0.7, seed=5)
-    scene = Scene(packing, (Repulsion(law=RepulsiveLennardJones()),))
-    return _residual(quench(scene, force_tolerance=1e-6, check=False))
+    packing = pm.random_packing(64, dimension=3, packing_fraction=0.7, seed=5)
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.RepulsiveLennardJones()),))
+    return _residual(pm.quench(scene, force_tolerance=1e-6, check=False))
 
 
 def _wide_sizes() -> float:
     """12 discs of diameter 1000 and 400 of diameter 1, quenched from random."""
-    sizes = Mixture(ratios=(1.0, 1000.0), fractions=(400.0, 12.0))
-    packing = random_packing(412, dimension=2, packing_fraction=0.9, sizes=sizes, seed=7)
-    return _residual(quench(Scene(packing, HARMONIC), force_tolerance=1e-6, check=False))
+    sizes = pm.Mixture(ratios=(1.0, 1000.0), fractions=(400.0, 12.0))
+    packing = pm.random_packing(412, dimension=2, packing_fraction=0.9, sizes=sizes, seed=7)
+    return _residual(pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-6, check=False))
 
 
-def _start(seed: int = 9) -> Packing:
-    return random_packing(48, dimension=2, packing_fraction=0.95, seed=seed)
+def _start(seed: int = 9) -> pm.Packing:
+    return pm.random_packing(48, dimension=2, packing_fraction=0.95, seed=seed)
 
 
 def _tilted() -> float:
     """Relative difference of the final energy in a box given by tilted lattice vectors of the same lattice."""
     packing = _start()
     tilt = np.array([[1.0, 10.0], [0.0, 1.0]])
-    tilted = packing.replace(box=Box(packing.box.lattice_dd @ tilt))
-    plain = quench(Scene(packing, HARMONIC), force_tolerance=1e-12)
-    other = quench(Scene(tilted, HARMONIC), force_tolerance=1e-12)
-    reference = energy(Scene(plain.packing, HARMONIC))
-    return abs(energy(Scene(other.packing, HARMONIC)) - reference) / reference
+    tilted = packing.replace(box=pm.Box(packing.box.lattice_dd @ tilt))
+    plain = pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-12)
+    other = pm.quench(pm.Scene(tilted, HARMONIC), force_tolerance=1e-12)
+    reference = pm.energy(pm.Scene(plain.packing, HARMONIC))
+    return float(abs(pm.energy(pm.Scene(other.packing, HARMONIC)) - reference) / reference)
 
 
 def _flat() -> float:
     """Quench 30 discs in a box twenty times wider than a disc and a third as high."""
     rng = np.random.default_rng(3)
-    box = Box(np.array([[20.0, 0.1], [0.0, 0.35]]))
+    box = pm.Box(np.array([[20.0, 0.1], [0.0, 0.35]]))
     position_nd = rng.random((30, 2)) @ box.lattice_dd.T
-    scene = Scene(Packing(position_nd, np.full(30, 0.5), box), HARMONIC)
-    return _residual(quench(scene, force_tolerance=1e-8, check=False))
+    scene = pm.Scene(pm.Packing(position_nd, np.full(30, 0.5), box), HARMONIC)
+    return _residual(pm.quench(scene, force_tolerance=1e-8, check=False))
 
 
 def _units(length: float) -> float:
     """Relative difference of the final energy in another unit of length and energy."""
     packing = _start()
-    scaled = Packing(packing.position_nd * length, packing.radius_n * length, packing.box.scaled(length))
-    plain = quench(Scene(packing, HARMONIC), force_tolerance=1e-12)
-    scene = Scene(scaled, (Repulsion(law=Harmonic(energy_scale=length)),))
-    run = quench(scene, force_tolerance=1e-12)
-    reference = energy(Scene(plain.packing, HARMONIC))
-    return abs(energy(scene.replace(packing=run.packing)) / length - reference) / reference
+    scaled = pm.Packing(packing.position_nd * length, packing.radius_n * length, packing.box.scaled(length))
+    plain = pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-12)
+    scene = pm.Scene(scaled, (pm.Repulsion(law=pm.Harmonic(energy_scale=length)),))
+    run = pm.quench(scene, force_tolerance=1e-12)
+    reference = pm.energy(pm.Scene(plain.packing, HARMONIC))
+    return float(abs(pm.energy(scene.replace(packing=run.packing)) / length - reference) / reference)
 
 
 def _hopeless(method: Any) -> float:
     """How many of three runs that cannot converge claim to have converged, or do not raise when asked to."""
-    scene = Scene(_start(), HARMONIC)
+    scene = pm.Scene(_start(), HARMONIC)
     wrong = 0
     for limits in ({"step_limit": 3}, {"step_limit": 0}, {"time_limit": 1e-9, "step_limit": 40}):
         options = {"force_tolerance": 1e-10, "method": method, **limits}
-        run = quench(scene, check=False, **options)
+        run = pm.quench(scene, check=False, **options)
         try:
-            quench(scene, **options)
+            pm.quench(scene, **options)
             raised = False
-        except NotConverged as failure:
+        except pm.NotConverged as failure:
             raised = failure.run.residual > 1e-10
         wrong += run.ok or not raised or not np.isfinite(run.packing.position_nd).all()
     return float(wrong)
@@ -120,7 +107,7 @@ def _hopeless(method: Any) -> float:
 
 def _beyond_rounding() -> float:
     """Largest net force over mean contact force when a tolerance of 1e-300 is asked for: it must end, at the floor."""
-    run = quench(Scene(_start(), HARMONIC), force_tolerance=1e-300)
+    run = pm.quench(pm.Scene(_start(), HARMONIC), force_tolerance=1e-300)
     return run.residual if run.outcome.name == "ROUNDING_FLOOR" else math.inf
 
 
@@ -196,7 +183,7 @@ CASES = (
             "a run that was cut short passes for a minimum",
             "runs of three (3 steps, none, no time) that claim success or do not raise",
             0.0,
-            "a failure must be told as a failure",
+            "a failure must be reported as one",
             partial(_hopeless, method),
         )
         for name, method in METHODS.items()
