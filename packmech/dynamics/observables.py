@@ -9,8 +9,7 @@ import numpy as np
 from numba import literal_unroll, types
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import has_links
-from packmech.constraints.rattle import ERROR, measure_tensions
+from packmech.constraints.compiled_links import ERROR, has_links, measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
 from packmech.dynamics.deformation import GAMMA, gamma_at, is_still, rates, relative, with_flow
 from packmech.dynamics.friction import rotated, slip_in_space, uncapped_force

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.result import Outcome, Solve
-
-if TYPE_CHECKING:
-    import scipy.sparse as sp
 
 # measured: KKT systems of spheres in three dimensions fill in so much that the supernodal factorization wins early; for
 # discs it takes 1.4 times longer with 8,000 unknowns and is as fast with 33,000
@@ -67,7 +65,6 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
 
     """
     import clarabel
-    import scipy.sparse as sp
 
     start = time.process_time()
     size, rows = len(program.cost), program.equal.shape[0]

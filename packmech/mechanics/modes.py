@@ -25,7 +25,7 @@ from packmech.mechanics.hessian import (
     volume_curvature_term,
 )
 from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
-from packmech.mechanics.network import held_network
+from packmech.mechanics.rattling import held_network
 from packmech.mechanics.rigidity import TOUCHING
 from packmech.scene import Scene
 

@@ -19,11 +19,9 @@ from packmech.effects import contact_terms
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, factorize
 from packmech.measure import sum_forces
-from packmech.mechanics.pair_stiffness import bond_sums
-from packmech.minimize.descend import descend
-from packmech.minimize.energy_change import energy_change
-from packmech.minimize.soft_network import Units, length_unit
-from packmech.minimize.soft_newton import judge
+from packmech.mechanics.hessian import bond_sums
+from packmech.minimize.soft_network import Units, energy_change, length_unit
+from packmech.minimize.soft_newton import descend, judge
 from packmech.packing import Packing
 from packmech.result import NotConverged, Outcome, Run
 from packmech.scene import Scene

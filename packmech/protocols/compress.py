@@ -13,16 +13,14 @@ from packmech.contacts import find_contacts
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.minimize.descend import descend
 from packmech.minimize.soft_network import isochoric_part
-from packmech.minimize.soft_newton import SoftState, judge, newton
+from packmech.minimize.soft_newton import SoftState, descend, judge, newton
 from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_vertex
 from packmech.protocols.jam import free_strains
-from packmech.protocols.jam_report import finish
 from packmech.protocols.linked_jam import find_onset
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish
 from packmech.protocols.soft import soften
 from packmech.result import NotConverged, Outcome, Run
 from packmech.scene import Scene

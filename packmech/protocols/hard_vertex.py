@@ -9,8 +9,7 @@ import numpy as np
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
-from packmech.jamming.hard_packing import Vertex, certify, kicked
-from packmech.jamming.interior_point import HardState, densify, start_state
+from packmech.jamming.hard_packing import HardState, Vertex, certify, densify, kicked, start_state
 from packmech.measure import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing

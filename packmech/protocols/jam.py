@@ -13,9 +13,8 @@ from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
-from packmech.protocols.jam_report import finish
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

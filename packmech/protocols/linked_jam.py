@@ -9,8 +9,7 @@ import numpy as np
 from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
 from packmech.measure import packing_fraction, pressure
-from packmech.minimize.descend import descend
-from packmech.minimize.soft_newton import SoftState, judge
+from packmech.minimize.soft_newton import SoftState, descend, judge
 from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol

@@ -11,8 +11,7 @@ from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import pair_contacts
-from packmech.jamming.hard_packing import Vertex, certify, kicked
-from packmech.jamming.interior_point import HardState
+from packmech.jamming.hard_packing import HardState, Vertex, certify, kicked
 from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import START, decompress, press, report_vertex

@@ -11,9 +11,8 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.soft_newton import SoftState, judge, newton
 from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing
-from packmech.protocols.jam_report import finish
 from packmech.protocols.linked_jam import stabilize_linked
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

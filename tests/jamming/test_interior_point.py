@@ -8,7 +8,7 @@ import pytest
 import packmech as pm
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import pair_contacts
-from packmech.jamming.interior_point import densify, start_state
+from packmech.jamming.hard_packing import densify, start_state
 from packmech.linalg.block_system import BlockSystem, extensions, gather
 from packmech.linalg.mandel import mandel_basis
 

@@ -10,8 +10,8 @@ import pytest
 import packmech as pm
 from packmech.jamming import classify as jamming
 from packmech.jamming.backbone import judge_network
+from packmech.jamming.classify import judged_by_fewest
 from packmech.jamming.contact_selection import check_rest, find_touching
-from packmech.jamming.gap_sensitivity import judged_by_fewest
 from packmech.linalg import linear_programs
 from packmech.result import Outcome, Solve
 

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.jamming.certificates import Finding, proven
+from packmech.jamming.certificates import Finding, proven, yield_to_loads
 from packmech.jamming.contact_selection import backbone_of, find_touching
-from packmech.jamming.loads import yield_to_loads
 from packmech.jamming.motion_cone import FLOPPY, MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, load_program, open_all
 from packmech.linalg.linear_programs import Program
