@@ -157,8 +157,7 @@ class SoftNetwork:
     def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the energy's slopes along positions and strains, and the virial sum of du/dr r."""
         contacts = self.contacts
-        out = np.empty((contacts.particles, contacts.dimension))
-        gather(contacts.i_c, contacts.j_c, contacts.normal_cd, self.first_c, out)
+        out = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, self.first_c, contacts.particles)
         return out, self.stretch_ck.T @ self.first_c, float((self.first_c * contacts.distance_c).sum())
 
     def close(self, contacts: Contacts) -> None:

@@ -155,8 +155,5 @@ class ProgramChain:
         live = np.zeros(n, dtype=bool)
         live[near.i_c[bearing]] = live[near.j_c[bearing]] = True
         step = max(float(np.abs(u_nd[live]).max(initial=0.0)), float(np.abs(strain).max()))
-        state = HardState(
-            moved.position_nd, moved.box.lattice_dd, near.i_c, near.j_c, near.image_cd, near.contact_distance_c,
-            slack, force, tolerance, 0.0,
-        )  # fmt: skip
+        state = HardState(moved.position_nd, moved.box.lattice_dd, pairs, slack, force, tolerance, 0.0)
         return state, step, solution

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import Contacts, pair_contacts
-from packmech.jamming.hard_packing import Backbone, Vertex
+from packmech.jamming.hard_packing import ContactSystem, Vertex, contact_system
 from packmech.minimize.soft_network import Units
 from packmech.minimize.soft_newton import SoftState, newton
 from packmech.minimize.strain_fire import relax_strained
@@ -100,7 +100,7 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
     depth = float((vertex.force_c * scale / secant).mean())
     closed = hard
     for _ in range(_ROUNDS):
-        network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
+        network = contact_system(contacts, basis_kdd, bearing.count_n() > 0)
         u_nd, strain_k, closed = _one_sided(network, gap, stiffness, load_k, closed)
         packing = network.moved(packing, u_nd, strain_k)
         # contacts turn by u / r, which changes lengths by u^2 / r: linearize again while that matters
@@ -112,7 +112,7 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
 
 
 def _one_sided(
-    network: Backbone,
+    network: ContactSystem,
     gap: NDArray[np.float64],
     stiffness: NDArray[np.float64],
     load_k: NDArray[np.float64],
@@ -125,7 +125,7 @@ def _one_sided(
         push = stiffness * np.maximum(-extension - gap, 0.0)
         try:
             # open contacts keep a trace of stiffness: with too few closed ones the system would be singular
-            network.factor(np.where(closed, stiffness, _OPEN * stiffness))
+            network.prepare(np.where(closed, stiffness, _OPEN * stiffness))
             du_nd, dstrain_k = network.solve(network.gather(push), network.stretch_ck.T @ push - load_k)
         except np.linalg.LinAlgError:
             break
