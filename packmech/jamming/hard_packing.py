@@ -163,7 +163,8 @@ class ContactSystem:
 
     def extend(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return A (u, strain)."""
-        return self.extensions(u_nd) + self.stretch_ck @ strain_k
+        extension: NDArray[np.float64] = self.extensions(u_nd) + self.stretch_ck @ strain_k
+        return extension
 
     def solve(
         self, net: NDArray[np.float64], load_k: NDArray[np.float64]

@@ -111,6 +111,10 @@ def run_settings(
     )
 
 
+class TimeUp(Exception):  # noqa: N818 - no error
+    """Raised within a piece of work where the time limit has passed; `RunLoop.run` then ends as INTERRUPTED."""
+
+
 class Task(Protocol):
     """What the loop steps: a minimization, a simulation, a strained run."""
 
@@ -153,6 +157,11 @@ class RunLoop:
     def late(self) -> bool:
         """Whether time is up."""
         return time.process_time() > self.deadline
+
+    def check_time(self) -> None:
+        """Raise TimeUp where time is up: for work that is no task, between two of its steps."""
+        if self.late:
+            raise TimeUp
 
     def report(self, stage: str, **figures: Any) -> None:
         """Call the progress callback, if there is one."""
@@ -246,7 +255,10 @@ class RunLoop:
         with safe_interrupts():
             try:
                 with compile_clock() as self.compiling:
-                    outcome = work()
+                    try:
+                        outcome = work()
+                    except TimeUp:
+                        outcome = Outcome.INTERRUPTED
                 if self._save is not None:
                     failure = self._write(self._save)
                 run = finished(outcome)

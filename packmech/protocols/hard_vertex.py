@@ -157,6 +157,7 @@ def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> V
     state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
 
     def watch(now: HardState) -> None:
+        protocol.loop.check_time()
         if now.iterations % 10 == 0:
             protocol.loop.report("hard packing", iteration=now.iterations, barrier=now.barrier, overlap=now.violation)
 

@@ -10,7 +10,6 @@ from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
 from packmech.measure import packing_fraction, pressure
 from packmech.minimize.soft_newton import SoftState, descend, judge
-from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
@@ -283,13 +282,10 @@ def _at(protocol: Protocol, packing: Packing, pressure: float, stage: str) -> So
 
 def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stage: str) -> tuple[SoftState | None, int]:
     """Return the packing that FIRE with the box and then Newton's method find, if any, and how many looks that took."""
-    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
     looks = 0
     watch = protocol.watcher(stage, reduced=False)
     for tolerance in _FIRE_TOLERANCES:
-        done = relax_strained(
-            protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=_FIRE_STEPS, watch=watch
-        )
+        done = protocol.relax_strained(packing, pressure, tolerance, _FIRE_STEPS, watch)
         packing = done.packing
         state = _descended(protocol, protocol.reduced(packing), pressure, stage)
         looks += state.evaluations

@@ -21,7 +21,7 @@ from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.loop.run_loop import RunLoop
+from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure import packing_fraction, stress_tensor, sum_forces
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
@@ -29,6 +29,7 @@ from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
 from packmech.minimize.soft_network import Units, length_unit
+from packmech.minimize.strain_fire import StrainedFire, StrainRelaxation
 from packmech.packing import Packing
 from packmech.result import Outcome, Run, Stage
 from packmech.scene import Scene
@@ -94,18 +95,22 @@ class Protocol:
         return self._program
 
     def watcher(self, stage: str, *, reduced: bool) -> Callable[[Packing], None] | None:
-        """Return what passes packings on to whoever watches a stage, in reduced lengths or not; None if nobody does."""
-        if self.loop.settings.progress is None:
+        """Return what reports packings of a stage, in reduced lengths or not, and minds the time; None if needless."""
+        settings = self.loop.settings
+        if settings.progress is None and np.isinf(settings.time_limit):
             return None
 
         def watch(packing: Packing) -> None:
-            self.loop.report(stage, packing=self.restored(packing) if reduced else packing)
+            if settings.progress is not None:
+                self.loop.report(stage, packing=self.restored(packing) if reduced else packing)
+            self.loop.check_time()
 
         return watch
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Figures]:
         """Time one part of the protocol and keep what it achieved."""
+        self.loop.check_time()
         figures = Figures()
         began = time.process_time()
         self.loop.report(name)
@@ -114,7 +119,7 @@ class Protocol:
             with compile_clock() as clock:
                 yield figures
                 compiling = clock()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, TimeUp):
             figures.note = figures.note or "interrupted"
             raise
         finally:
@@ -184,7 +189,49 @@ class Protocol:
         )
         done = task.relaxation(self.loop.advance(task))
         self.last = packing.replace(position_nd=done.position_nd)
+        if done.outcome is Outcome.INTERRUPTED:
+            raise TimeUp
         return self.last, done
+
+    def relax_strained(
+        self,
+        packing: Packing,
+        pressure: float | None,
+        tolerance: float,
+        step_limit: int,
+        watch: Callable[[Packing], None] | None = None,
+        *,
+        basis_kdd: NDArray[np.float64] | None = None,
+    ) -> StrainRelaxation:
+        """Return the packing that FIRE relaxes to in positions and free strains.
+
+        Parameters
+        ----------
+        packing
+            Where to start.
+        pressure
+            Pressure to hold [energy_scale / reference diameter^d], or None to hold the volume.
+        tolerance, step_limit
+            When to stop.
+        watch
+            Called with the packing every few steps.
+        basis_kdd
+            (k, d, d) free strains; those of the protocol unless given.
+
+        """
+        task = StrainedFire(
+            self.program,
+            packing,
+            self.basis_kdd if basis_kdd is None else basis_kdd,
+            None if pressure is None else pressure * self.scene.pressure_unit,
+            tolerance=tolerance,
+            step_limit=step_limit,
+            watch=watch,
+        )
+        if self.loop.advance(task) is Outcome.INTERRUPTED:
+            self.last = task.packing
+            raise TimeUp
+        return task.relaxation()
 
 
 def backbone_contacts(contacts: Contacts) -> Contacts:

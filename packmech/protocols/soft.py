@@ -13,7 +13,6 @@ from packmech.contacts.network import Contacts, pair_contacts
 from packmech.jamming.hard_packing import ContactSystem, Vertex, contact_system
 from packmech.minimize.soft_network import Units
 from packmech.minimize.soft_newton import SoftState, newton
-from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 
@@ -40,12 +39,10 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftStat
     best: SoftState | None = None
     with protocol.stage("soft packing, searched") as figures:
         figures.note = "unstable on the way up: FIRE with the box, then Newton's method"
-        asked = goal / protocol.reduced_pressure(1.0) * protocol.scene.pressure_unit
+        asked = goal / protocol.reduced_pressure(1.0)
         packing, tolerance = protocol.restored(start), _FIRST_TOLERANCE
         for _ in range(_SEARCH_ROUNDS):
-            done = relax_strained(
-                protocol.program, packing, protocol.basis_kdd, asked, tolerance=tolerance, step_limit=_FIRE_STEPS
-            )
+            done = protocol.relax_strained(packing, asked, tolerance, _FIRE_STEPS)
             figures.steps += done.steps
             packing = protocol.last = done.packing
             best = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
