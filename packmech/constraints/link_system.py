@@ -860,12 +860,6 @@ def set_multipliers(system, rate_l, motion_nd, multiplier_l):
         push(system, value, motion_nd, True)
 
 
-@kernel
-def move_links(system, rate_l, motion_nd, multiplier_l):
-    """Set motion = Omega multiplier, multiplier = A^-1 rate: for equal masses the shortest motion with these rates."""
-    set_multipliers(system, rate_l, motion_nd, multiplier_l)
-
-
 @device
 def _dot(one, other):
     """Return a sum in one order, whatever the number of threads."""

@@ -53,7 +53,7 @@ class Solution:
     solve: Solve
 
 
-def solve_clarabel(program: Program, tolerance: float) -> Solution:
+def solve_clarabel(program: Program, tolerance: float, *, refine: bool = False) -> Solution:
     """Return the solution by Clarabel's interior-point method, on one thread.
 
     Parameters
@@ -62,6 +62,8 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
         The program.
     tolerance
         For the duality gap and the residuals, relative and absolute.
+    refine
+        Whether every system is solved with refinement, of a program with a quadratic term too.
 
     """
     import clarabel
@@ -84,9 +86,9 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
     curvature = sp.csc_matrix(program.quadratic * unit) if program.quadratic else sp.csc_matrix((size, size))
     limit = np.concatenate(limits)
     # a quadratic term keeps the systems regular: without refinement a third less time and the same answer
-    settings.iterative_refinement_enable = not program.quadratic
+    settings.iterative_refinement_enable = refine or not program.quadratic
     found = clarabel.DefaultSolver(curvature, program.cost, matrix, limit, cones, settings).solve()
-    if program.quadratic and str(found.status) != "Solved":
+    if not settings.iterative_refinement_enable and str(found.status) != "Solved":
         settings.iterative_refinement_enable = True
         found = clarabel.DefaultSolver(curvature, program.cost, matrix, limit, cones, settings).solve()
     status = str(found.status)

@@ -213,7 +213,7 @@ def normal_modes(
         residual = operator.apply(vector) - vector * value
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
-    vector = _signed(vector)
+    vector = signed_columns(vector)
     displacement = np.zeros((wanted, packing.particles, dimension))
     displacement[:, index] = (vector[: kept * dimension] / root[:, None]).T.reshape(wanted, kept, dimension)
     return Modes(
@@ -244,7 +244,7 @@ def _choose(method: str, rows: int, wanted: int, count: int | None) -> str:
     return chosen
 
 
-def _signed(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def signed_columns(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the columns with the first of their nearly largest entries positive."""
     if not vector.size:
         return vector

@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
@@ -171,19 +172,9 @@ def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> V
             figures.residual, figures.steps = state.barrier, state.iterations - before
             figures.note = f"interior point, {figures.steps} factorizations; residual is the barrier"
             protocol.last = protocol.restored(Packing(state.position_nd, reduced.radius_n, Box(state.lattice_dd)))
-        with protocol.stage("certificate") as figures:
-            vertex, reason = certify(state, reduced.radius_n, basis)
-            if vertex is not None:
-                figures.residual = vertex.force_imbalance
-                figures.note = (
-                    f"{len(vertex.contacts)} contacts, {vertex.excess} more than needed for one state of self stress"
-                )
-                report_vertex(protocol, vertex)
-                if not vertex.floppy_modes:
-                    return vertex
-                reason = f"a saddle: {vertex.floppy_modes} motions that open contacts"
-            figures.note = f"not accepted: {reason}"
-            protocol.report["not_certified"] = reason
+        vertex = certified(protocol, state, reduced.radius_n)
+        if vertex is not None and not vertex.floppy_modes:
+            return vertex
         if state.iterations >= iteration_limit:
             return None
         if vertex is not None and kicks < _KICKS:
@@ -198,17 +189,37 @@ def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> V
             return None
 
 
-def report_vertex(protocol: Protocol, vertex: Vertex) -> None:
-    """Put the figures of the hard packing into the report.
+def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64]) -> Vertex | None:
+    """Return the exact hard packing that a search has come close to, at a saddle perhaps; None where there is none.
 
     Parameters
     ----------
     protocol
-        The protocol.
-    vertex
-        The hard packing.
+        The protocol; a stage is added to it, and the figures of the hard packing to its report.
+    state
+        The end of a search.
+    radius_n
+        (N,) radii in the state's units.
 
     """
+    with protocol.stage("certificate") as figures:
+        vertex, reason = certify(state, radius_n, protocol.basis_kdd)
+        if vertex is not None:
+            figures.residual = vertex.force_imbalance
+            figures.note = (
+                f"{len(vertex.contacts)} contacts, {vertex.excess} more than needed for one state of self stress"
+            )
+            _report_vertex(protocol, vertex)
+            if not vertex.floppy_modes:
+                return vertex
+            reason = f"a saddle: {vertex.floppy_modes} motions that open contacts"
+        figures.note = f"not accepted: {reason}"
+        protocol.report["not_certified"] = reason
+    return vertex
+
+
+def _report_vertex(protocol: Protocol, vertex: Vertex) -> None:
+    """Put the figures of the hard packing into the report."""
     hard = protocol.restored(vertex.packing)
     protocol.last = hard
     protocol.report.pop("not_certified", None)

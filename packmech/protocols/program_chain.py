@@ -11,10 +11,10 @@ from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import pair_contacts
-from packmech.jamming.hard_packing import HardState, Vertex, certify, kicked
+from packmech.jamming.hard_packing import HardState, Vertex, kicked
 from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import START, decompress, press, report_vertex
+from packmech.protocols.hard_vertex import START, certified, decompress, press
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
 
@@ -90,16 +90,9 @@ class ProgramChain:
             protocol.loop.report("linear program", number=number, step=step)
             bounded = step > 0.95 * radius
             if step < 3e-3 and not bounded:
-                with protocol.stage("certificate") as figures:
-                    vertex, reason = certify(state, reduced.radius_n, protocol.basis_kdd)
-                    if vertex is not None:
-                        figures.residual = vertex.force_imbalance
-                        figures.note = f"{len(vertex.contacts)} contacts, {vertex.excess} more than needed"
-                        report_vertex(protocol, vertex)
-                        if not vertex.floppy_modes:
-                            return vertex
-                        reason = f"a saddle: {vertex.floppy_modes} motions that open contacts"
-                    protocol.report["not_certified"] = figures.note = reason
+                vertex = certified(protocol, state, reduced.radius_n)
+                if vertex is not None and not vertex.floppy_modes:
+                    return vertex
                 if vertex is not None:
                     reduced, radius = kicked(vertex.packing, protocol.basis_kdd, number), self.trust_radius
                     continue

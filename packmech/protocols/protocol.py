@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
-from packmech.contacts import Contacts, crossing_links, find_contacts
+from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms
 from packmech.jit.compiled import compile_clock, compiling_noted
@@ -28,6 +28,7 @@ from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
+from packmech.minimize.quench import find_crossings, pairs_crossing
 from packmech.minimize.soft_network import Units, length_unit
 from packmech.minimize.strain_fire import StrainedFire, StrainRelaxation
 from packmech.packing import Packing
@@ -234,19 +235,6 @@ class Protocol:
         return task.relaxation()
 
 
-def backbone_contacts(contacts: Contacts) -> Contacts:
-    """Return the contacts between particles that are not rattlers.
-
-    Parameters
-    ----------
-    contacts
-        The touching pairs.
-
-    """
-    loose = rattlers_of(contacts)
-    return contacts.select(~(loose[contacts.i_c] | loose[contacts.j_c]))
-
-
 def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains.
 
@@ -319,12 +307,8 @@ def locked_links(packing: Packing) -> dict[str, Any]:
     """Return the pairs of links that cross, in two dimensions: they are locked, and press whatever the pressure is."""
     if packing.links is None or packing.dimension != 2:
         return {}
-    try:
-        found = crossing_links(packing)
-    except ValueError:
-        # links much longer than the box pass over more images than can be listed
-        return {"crossing_links": None}
-    return {"crossing_links": tuple(sorted(set(zip(found.first_c.tolist(), found.second_c.tolist(), strict=True))))}
+    crossings = find_crossings(packing)
+    return {"crossing_links": None if crossings is None else pairs_crossing(crossings)}
 
 
 def finish(

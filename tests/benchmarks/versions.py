@@ -82,7 +82,21 @@ class Renamed:
 
 # -- the table: head's name -> the tag's ------------------------------------------------------------------------------
 
+
+def _states_in_columns(found: Any) -> dict[str, Any]:
+    """Return a record of states of self stress or of floppy modes with its bases in columns."""
+    record = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)}
+    if "force_kc" in record:
+        force = record.pop("force_kc")
+        return record | {"force_ck": None if force is None else force.T}
+    moved, strain = record.pop("displacement_knd"), record.pop("strain_ke")
+    motion = None if moved is None else np.hstack([moved.reshape(len(moved), -1), strain]).T
+    return record | {"motion_xk": motion}
+
+
 RENAMED: dict[str, Renamed] = {
+    "states_of_self_stress": Renamed(result=_states_in_columns),
+    "floppy_modes": Renamed(result=_states_in_columns),
     "Shear-v0": Renamed(arguments={"goal": "task"}),
 }
 
