@@ -110,7 +110,7 @@ def make_joints(
     whole = packing.links
     assert whole is not None
     links, offset = row_links(whole, order_n, home_nd, change_dd)
-    firm, _ = row_links(workable, order_n, home_nd, change_dd)
+    independent, _ = row_links(workable, order_n, home_nd, change_dd)
     n, d = packing.particles, packing.dimension
     rigid = np.where(rigid_clusters(packing), whole.clusters(n), -1)[order_n]
     padded = np.zeros((len(links), 3), dtype=np.int64)
@@ -118,17 +118,17 @@ def make_joints(
     offsets = np.zeros((n, 3), dtype=np.int64)
     offsets[:, :d] = offset
     joints = Joints(
-        system=make_link_system(firm, n, d, mean_diameter=float(packing.diameter_n.mean())),
+        system=make_link_system(independent, n, d, mean_diameter=float(packing.diameter_n.mean())),
         start_n=np.searchsorted(links.i_l, np.arange(n + 1)).astype(np.int64),
         other_l=np.ascontiguousarray(links.j_l),
         image_ld=padded,
         rigid_n=rigid,
         offset_nd=offsets,
         spare_nd=np.zeros((n, d)),
-        multiplier_l=np.zeros(len(firm)),
+        multiplier_l=np.zeros(len(independent)),
         number=np.zeros(NUMBERS),
     )
-    return firm, joints
+    return independent, joints
 
 
 @device

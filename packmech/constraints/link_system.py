@@ -55,7 +55,7 @@ _LESS, _MORE = 0.05, 10.0
 TIGHT = 4e-15
 # most Newton steps back to the links' lengths
 NEWTON = 40
-# damped steps for each full one, and refused ones in a row that tell that no digits are left
+# damped steps for each full one, and refused ones in a row after which no digits are left
 DAMPED, _IN_A_ROW = 5, 8
 
 

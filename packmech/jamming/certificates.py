@@ -36,8 +36,8 @@ _HARDLY = (10.0, 1e3, 1e5)
 _LITTLE = 1e-2
 # part of the bound on rounding that motions mostly stay within (measured: 10 eps at N = 1024, 0.3 % of the bound)
 _MOSTLY = 0.04
-# singular values above so many times what could make them 0 are no doubtful ones
-_FIRM = 100.0
+# singular values above so many times what could make them 0 are surely none
+_SURE = 100.0
 # part of a motion's change of all contacts by which it must close those without gaps, in either direction
 _BOTH_WAYS = 0.1
 # Next to a floppy motion and a soft one of value s, solvers take for the softest a mixture of the value 1e-16 / s, by
@@ -77,7 +77,7 @@ class Finding:
         What each solver achieved.
     longest
         Longest motion of the load programs, of its bound; NaN where not asked.
-    loose
+    within_error
         Whether motions are taken for floppy that change contacts by no more than these are known.
     implied
         Whether it follows from the answer to the strict question and nothing was computed.
@@ -94,7 +94,7 @@ class Finding:
     solves: tuple[Solve, ...] = ()
     implied: bool = False
     longest: float = np.nan
-    loose: bool = False
+    within_error: bool = False
 
 
 VACUOUS = "no motion but translations exists for one particle in a fixed box: jammed without any condition"
@@ -163,23 +163,23 @@ def soft_finding(cone: MotionCone, solver: str, tolerance: float, solves: tuple[
     if cone.is_floppy:
         reason = f"floppy: a motion changes no contact (singular value {softest:.1e} of the largest)"
         return Finding(False, reason, softest, motion=motion, solves=solves)
-    if softest**2 > FLOPPY or is_firm(cone):
+    if softest**2 > FLOPPY or is_surely_rigid(cone):
         return None
-    told = f"smallest singular value {softest:.1e} of the largest"
+    softness = f"smallest singular value {softest:.1e} of the largest"
     for name, asked in attempts(cone, solver, tolerance):
         opened = open_all(cone, solver=name, tolerance=asked)
         solves = (*solves, opened.solve)
         if (proof := kept_open(cone, opened.motion)) is not None:
             return Finding(
-                False, f"a motion opens contacts and closes none ({told})", softest, motion=proof, solves=solves
+                False, f"a motion opens contacts and closes none ({softness})", softest, motion=proof, solves=solves
             )
-    if cone.is_loose:
-        reason = f"floppy: a motion changes contacts by less than these are known ({told})"
-        return Finding(False, reason, softest, motion=motion, solves=solves, loose=True)
-    return Finding(None, f"no full rank, but no motion passed the check either ({told})", softest, solves=solves)
+    if cone.is_floppy_within_error:
+        reason = f"floppy: a motion changes contacts by less than these are known ({softness})"
+        return Finding(False, reason, softest, motion=motion, solves=solves, within_error=True)
+    return Finding(None, f"no full rank, but no motion passed the check either ({softness})", softest, solves=solves)
 
 
-def is_firm(cone: MotionCone) -> bool:
+def is_surely_rigid(cone: MotionCone) -> bool:
     """Return whether the softest motion, though soft, changes contacts for sure in the hard packing that is meant too.
 
     By Weyl's bound: when rows change by the slack a particle's z contacts, two ends each, move singular values by at
@@ -198,11 +198,11 @@ def is_firm(cone: MotionCone) -> bool:
     size = value * float(np.sqrt(cone.largest_eigenvalue))
     count, held = cone.opening.shape[0], cone.held.shape[0]
     known = max(cone.slack, cone.rounding) * 2.0 * float(np.sqrt(max(count / max(len(cone.kept_n), 1), 1.0)))
-    if value <= _UNMIXED or size <= _FIRM * known:
+    if value <= _UNMIXED or size <= _SURE * known:
         return False
     change = cone.rows @ motion
     if cone.gap_c is not None:
-        change[:count][size**2 <= _FIRM * cone.gap_c] = 0.0
+        change[:count][size**2 <= _SURE * cone.gap_c] = 0.0
     either = float(np.square(change[count : count + held]).sum())
     change[count : count + held] = 0.0
     return all(

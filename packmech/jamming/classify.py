@@ -37,7 +37,7 @@ from packmech.scene import Scene
 SMALL_OVERLAP = 0.1
 
 
-def unrest(rest: RestCheck | None, touching: Touching) -> str:
+def out_of_balance(rest: RestCheck | None, touching: Touching) -> str:
     """Return why the packing is not at rest, or an empty string."""
     if rest is None or rest.at_rest:
         return ""
@@ -46,7 +46,7 @@ def unrest(rest: RestCheck | None, touching: Touching) -> str:
         f" above {rest.limit:.1e} (law: {rest.law})"
     )
     if rest.law.endswith("assumed"):
-        reason += "; a scene would tell its law"
+        reason += "; a scene would give its law"
     if touching.mean_overlap < LEAST_GAP:
         reason += f"; if overlaps of {touching.mean_overlap:.0e} are errors of hard particles: rest_tolerance=inf"
     return reason
@@ -68,7 +68,7 @@ def by_level(touching: Touching, judge: Callable[..., Judged]) -> Callable[[int]
     touching
         The pairs that touch; the level in the middle, 1, is at the tolerance.
     judge
-        As `judging.judge_network` with the contacts and, by name, their backbone left open.
+        As `judge_network` with the contacts and, by name, their backbone left open.
 
     """
 
@@ -100,10 +100,10 @@ def judged_by_fewest(
     within
         Gives the findings at a level.
     strain
-        As in `judging.judge_network`.
+        As in `judge_network`.
 
     """
-    if not off_plateau(touching) or unrest(rest, touching) or touching.backbone is None:
+    if not off_plateau(touching) or out_of_balance(rest, touching) or touching.backbone is None:
         return None
     d, (few, at, _) = packing.dimension, touching.levels
     if few.particles != at.particles or few.contacts == at.contacts or few.excess < d * (d + 1) // 2 - 1:
@@ -130,7 +130,7 @@ def settle(
         Gives all findings on the contacts at a level of the gap tolerance.
 
     """
-    reason = unrest(rest, touching)
+    reason = out_of_balance(rest, touching)
     if reason:
         return _left_open(collectively, reason), _left_open(strictly, reason)
     reason = off_plateau(touching)
@@ -186,7 +186,7 @@ def _may_stand(answer: Answer, touching: Touching) -> bool:
 
 
 def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]:
-    """Return the answers, a doubtful one settled where the other implies it: strictly jammed is collectively jammed."""
+    """Return the answers, an ambiguous one settled where the other implies it: strictly jammed is collectively so."""
     if strictly.verdict == JAMMED and collectively.verdict == AMBIGUOUS:
         reason = f"strictly jammed, so collectively; {strictly.reason}"
         collectively = replace(collectively, verdict=JAMMED, reason=reason)
@@ -335,17 +335,8 @@ def classify_jamming(
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain="isochoric", gap_tolerance=closed))
         collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
         collectively, strictly = settle(collectively, strictly, touching, rest, within)
-    held = len(judged.network) > 0
-    local, local_reason = (JAMMED, "every backbone particle is held") if held else (NOT_JAMMED, EMPTY)
-    emptied = len({level.contacts > 0 for level in touching.levels}) > 1
-    if not held and judged.jammed[0] is None:
-        local, local_reason = AMBIGUOUS, judged.collective[1].reason
-    doubt = unrest(rest, touching) or (off_plateau(touching) if emptied else "")
-    if doubt:
-        local, local_reason = AMBIGUOUS, doubt
     return Verdict(
-        local,
-        local_reason,
+        *_local(judged, touching, rest),
         collectively,
         strictly,
         rattlers,
@@ -358,9 +349,25 @@ def classify_jamming(
         time.process_time() - start,
         None if packing.links is None else packing.links.clusters(packing.particles),
         bound if method == "loads" else None,
-        scene is not None
-        and any(isinstance(effect, Friction) and effect.coefficient > 0.0 for effect in scene.effects),
+        scene is not None and _has_friction(scene),
     )
+
+
+def _has_friction(scene: Scene) -> bool:
+    return any(isinstance(effect, Friction) and effect.coefficient > 0.0 for effect in scene.effects)
+
+
+def _local(judged: Judged, touching: Touching, rest: RestCheck | None) -> tuple[str, str]:
+    """Return whether some particles hold each other in place one by one, and why."""
+    emptied = len({level.contacts > 0 for level in touching.levels}) > 1
+    reason = out_of_balance(rest, touching) or (off_plateau(touching) if emptied else "")
+    if reason:
+        return AMBIGUOUS, reason
+    if len(judged.network):
+        return JAMMED, "every backbone particle is held"
+    if judged.jammed[0] is None:
+        return AMBIGUOUS, judged.collective[1].reason
+    return NOT_JAMMED, EMPTY
 
 
 def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: str, gap_tolerance: float) -> bool:
@@ -374,7 +381,7 @@ def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: str, gap_tol
 
 
 def _emptied(answer: Answer, rounds: int) -> Answer:
-    """Return the answer, told that the source's rule to take out what moves, again and again, left nothing."""
+    """Return the answer, its reason that taking out what moves, again and again (the source's rule), left nothing."""
     if answer.verdict != NOT_JAMMED:
         return answer
     times = "once" if rounds == 1 else f"{rounds} times"
@@ -386,7 +393,7 @@ def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], c
     cone, finding = judged
     # without a backbone there is nothing to count
     independent = cone.unknowns - cone.dimension if count else 0
-    floppy = 0 if finding.jammed or not independent else cone.floppy_modes(loose=finding.loose)
+    floppy = 0 if finding.jammed or not independent else cone.floppy_modes(within_error=finding.within_error)
     states = count + cone.bound_rows - (independent - floppy) if count else 0
     return Answer(
         verdict=AMBIGUOUS if finding.jammed is None else JAMMED if finding.jammed else NOT_JAMMED,

@@ -418,8 +418,10 @@ _KICK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Vertex:
-    """A hard packing whose contacts balance: no small motion makes it denser. Lengths in units of the mean diameter.
+class HardPacking:
+    """A hard packing whose contacts balance, a vertex of the linear programs: no small motion makes it denser.
+
+    Lengths are in units of the mean diameter.
 
     Attributes
     ----------
@@ -557,7 +559,7 @@ def kicked(packing: Packing, basis_kdd: NDArray[np.float64], number: int) -> Pac
 
 def certify(
     state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64]
-) -> tuple[Vertex | None, str]:
+) -> tuple[HardPacking | None, str]:
     """Return the exact hard packing that the state has come close to, or None and what is missing.
 
     Accepted only if all contacts touch to 1e-11 and all other pairs are apart, every force is positive, and the
@@ -576,11 +578,11 @@ def certify(
     reason = "no pair bears a force"
     for touching in _touching_pairs(state):
         try:
-            vertex, reason = _accept(state, radius_n, basis_kdd, touching.copy())
+            hard, reason = _accept(state, radius_n, basis_kdd, touching.copy())
         except np.linalg.LinAlgError as failure:
-            vertex, reason = None, f"the network cannot be factored: {failure}"
-        if vertex is not None:
-            return vertex, ""
+            hard, reason = None, f"the network cannot be factored: {failure}"
+        if hard is not None:
+            return hard, ""
     return None, reason
 
 
@@ -603,7 +605,7 @@ def _room_for_rattlers(packing: Packing, state: HardState, live_n: NDArray[np.bo
 
 def _accept(
     state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64], touching: NDArray[np.bool_]
-) -> tuple[Vertex | None, str]:
+) -> tuple[HardPacking | None, str]:
     reason = "no pair bears a force"
     ratio = np.log(state.force_c) - np.log(np.maximum(state.slack_c, 1e-300))
     for _ in range(_CORRECTIONS):
@@ -641,5 +643,5 @@ def _accept(
         floppy = _floppy_modes(contacts, system, excess)
         patches = _patches(contacts, system, excess + floppy) if excess + floppy > 0 else ()
         error = max(gap_error, overlap)
-        return Vertex(packing, contacts, force, excess, floppy, error, imbalance, patches), ""
+        return HardPacking(packing, contacts, force, excess, floppy, error, imbalance, patches), ""
     return None, reason

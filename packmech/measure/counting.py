@@ -54,8 +54,8 @@ def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattler
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     if rattlers == "keep":
         return 2.0 * len(contacts) / packing.particles
-    loose = find_rattlers(packing, gap_tolerance=gap_tolerance)
-    kept = int((~loose).sum())
+    rattling = find_rattlers(packing, gap_tolerance=gap_tolerance)
+    kept = int((~rattling).sum())
     if not kept:
         return 0.0
-    return 2.0 * int((~loose[contacts.i_c] & ~loose[contacts.j_c]).sum()) / kept
+    return 2.0 * int((~rattling[contacts.i_c] & ~rattling[contacts.j_c]).sum()) / kept

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import finite_array, instance, one_of, positive, positive_array
 from packmech.constraints.basis import MEMORY_LIMIT, motion_basis
 from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import distinct_pairs
 from packmech.effects import ContactTerms, contact_terms
@@ -38,7 +39,6 @@ from packmech.measure.rattlers import remove_rattlers
 from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
 from packmech.mechanics.rattling import held_network
 from packmech.mechanics.rigidity import TOUCHING
-from packmech.packing import Packing
 from packmech.scene import Scene
 
 
@@ -287,11 +287,6 @@ def volume_curvature_term(
     return pressure_volume * (np.outer(trace, trace) - np.eye(len(trace)))
 
 
-def links_of(packing: Packing) -> ConstraintFactor | None:
-    """Return the gradients of a packing's links, None where there are none."""
-    return None if packing.links is None else ConstraintFactor(packing)
-
-
 def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
     """Check the names of a kind of Hessian, of what the box may do, and of the curvature of its volume."""
     one_of("kind", kind, KINDS)
@@ -353,7 +348,7 @@ def hessian(
     check_choices(kind, strain, volume_curvature)
     contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
     terms = closed_terms(scene, contacts)
-    links = links_of(scene.packing)
+    links = None if scene.packing.links is None else ConstraintFactor(scene.packing)
     sums = scene_sums(contacts, terms, kind, links)
     position = sums.position_matrix()
     position.eliminate_zeros()
@@ -420,7 +415,7 @@ def dynamical_matrix(
     check_choices(kind, strain, volume_curvature)
     positive("memory_limit", memory_limit)
     mass = checked_masses(mass_n, scene.packing.particles)
-    scale = checked_scale(strain_scale, scene)
+    scale = scale_of_strain(scene.packing, strain_scale)
     full = hessian(scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
     if scene.packing.links is not None:
@@ -444,13 +439,6 @@ def checked_masses(mass_n: ArrayLike | None, particles: int) -> NDArray[np.float
     if mass_n is None:
         return np.ones(particles)
     return positive_array("mass_n", mass_n, shape=(particles,))
-
-
-def checked_scale(strain_scale: float | None, scene: Scene) -> float:
-    """Return the length that a unit strain counts as, V^(1/d) where none was given."""
-    if strain_scale is None:
-        return float(scene.packing.box.volume ** (1.0 / scene.packing.dimension))
-    return positive("strain_scale", strain_scale)
 
 
 def perturbation_energy(

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
+from packmech.constraints.jacobian import scale_of_strain
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.hessian import (
     bordered,
     check_choices,
     checked_masses,
-    checked_scale,
     closed_terms,
     scene_sums,
     volume_curvature_term,
@@ -172,7 +172,7 @@ def normal_modes(
         count = integer("count", count, at_least=1)
     packing = scene.packing
     mass = checked_masses(mass_n, packing.particles)
-    scale = checked_scale(strain_scale, scene)
+    scale = scale_of_strain(packing, strain_scale)
     backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     contacts, index, links = backbone
     dimension, kept = packing.dimension, len(index)

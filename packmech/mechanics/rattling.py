@@ -54,7 +54,7 @@ class Rattling:
         (N,) particles that can move relative to the backbone. All of them if there is no backbone: then nothing is
         jammed.
     dangling_n
-        (N,) those of them that touch nothing: loose ends of clusters that are held elsewhere, and clusters that are
+        (N,) those of them that touch nothing: ends of clusters that are held elsewhere, and clusters that are
         held nowhere.
     cluster_n
         (N,) number of each particle's cluster; a single particle is one.
@@ -270,15 +270,15 @@ def _by_cluster(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
     offset, winding = image_offsets(packing.links, packing.particles)
     i, j, normal = _between(contacts.i_c, contacts.j_c, contacts.image_cd, contacts.normal_cd, cluster, offset)
     # a cluster that closes around the box resists its strain, touched or not
-    loose: NDArray[np.bool_] = rattling_bodies(i, j, normal, int(cluster.max()) + 1)[cluster] & ~winding
-    return loose
+    rattling: NDArray[np.bool_] = rattling_bodies(i, j, normal, int(cluster.max()) + 1)[cluster] & ~winding
+    return rattling
 
 
 def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "remove") -> Network:
     """Return the contacts within the gap tolerance, without those of rattlers unless these are to be kept.
 
     Linked particles go together: a cluster is taken out if it can be moved as a whole. One that can only turn stays,
-    and so do its loose ends: they are zero modes that carry no strain.
+    and so do its ends: they are zero modes that carry no strain.
 
     Parameters
     ----------

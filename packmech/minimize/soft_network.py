@@ -112,7 +112,7 @@ class SoftNetwork:
         basis_kdd = self.basis_kdd
         self.pairs = self.search(packing)
         self.system: BlockSystem | None = None
-        # of another length than any list: the first look lays out the system
+        # of another length than any list: the first measurement lays out the system
         self._touching = np.zeros(len(self.pairs.i_c) + 1, dtype=bool)
         self.trace_k = np.einsum("kaa->k", basis_kdd)
         self.measure(packing)
@@ -172,20 +172,20 @@ class SoftNetwork:
         one = self.contacts
         return Bonds(one.i_c, one.j_c, one.normal_cd, one.vector_cd, self.second_c, self.first_c / one.distance_c)
 
-    def factor(self, bonds: Bonds, tie: float) -> Factored:
-        """Return the factored system of the positions; `tie` is added to every particle's stiffness."""
+    def factor(self, bonds: Bonds, regularization: float) -> Factored:
+        """Return the factored system of the positions; `regularization` is added to every particle's stiffness."""
         assert self.system is not None
-        extra = np.where(self.contacts.count_n() == 0, 1.0, tie)
+        extra = np.where(self.contacts.count_n() == 0, 1.0, regularization)
         return self.system.factor(bonds.normal_cd, bonds.along_c, bonds.across_c, extra_n=extra)
 
     def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coupling of the positions to the strains with that of the system's other unknowns below."""
         return coupling
 
-    def direction(self, tie: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""
         bonds, packing = self.bonds(), self.packing
-        factored = self.factor(bonds, tie)
+        factored = self.factor(bonds, regularization)
         along, across = bonds.along_c, bonds.across_c
         strained_ckd = np.einsum("kab,cb->cka", self.basis_kdd, bonds.vector_cd)
         stretch_ck = np.einsum("ca,cka->ck", bonds.normal_cd, strained_ckd)
@@ -200,7 +200,7 @@ class SoftNetwork:
         coupling = self.border(coupling)
         corner = np.einsum("cka,cla->kl", strained_ckd, pushed_ckd)
         twice = np.outer(self.trace_k, self.trace_k) - np.einsum("kab,lab->kl", self.basis_kdd, self.basis_kdd)
-        corner += self.pressure * packing.box.volume * twice + tie * n * np.eye(k)
+        corner += self.pressure * packing.box.volume * twice + regularization * n * np.eye(k)
         right = np.zeros(len(coupling))
         right[: n * d] = -self.uphill_nd.ravel()
         rough = factored.solve(right)
@@ -263,7 +263,7 @@ class LinkedNetwork(SoftNetwork):
         )  # fmt: skip
         return Bonds(*(np.concatenate(both) for both in zip(super().bonds(), own, strict=True)))
 
-    def factor(self, bonds: Bonds, tie: float) -> Factored:
+    def factor(self, bonds: Bonds, regularization: float) -> Factored:
         """Return the factored system of positions and tensions; negative pivots beyond one a link are unstable."""
         packing = self.packing
         n, d, count = packing.particles, packing.dimension, len(self.links)
@@ -278,9 +278,9 @@ class LinkedNetwork(SoftNetwork):
         axis = np.arange(d)
         row = (rows[:, :, None, None] * d + axis[:, None]) + 0 * axis
         column = (columns[:, :, None, None] * d + axis) + 0 * axis[:, None]
-        # a cluster that nothing touches is held, all others tied a trace
+        # a cluster that nothing touches is held, all others hardly
         held = np.bincount(self._cluster_n, self.contacts.count_n(), minlength=n)[self._cluster_n] == 0
-        diagonal = np.repeat(np.where(held, unit, tie), d)
+        diagonal = np.repeat(np.where(held, unit, regularization), d)
         pinned = int(np.argmax(np.where(held, -1, self.contacts.count_n())))
         diagonal[pinned * d : pinned * d + d] += unit
         links = self.links

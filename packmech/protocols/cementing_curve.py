@@ -356,11 +356,11 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
 def _in_turn(tasks: list[Settings], orders: int, folder: Path | None, progress: Progress | None) -> Iterator[Trials]:
     for settings in tasks:
 
-        def tell(done: int, settings: Settings = settings) -> None:
+        def report(done: int, settings: Settings = settings) -> None:
             if progress is not None:
                 progress(settings.particles, settings.packing, done)
 
-        yield run_trials(settings, orders, folder, tell)
+        yield run_trials(settings, orders, folder, report)
 
 
 def _at_once(

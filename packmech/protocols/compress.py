@@ -16,7 +16,7 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.soft_network import isochoric_part
 from packmech.minimize.soft_newton import SoftState, descend, judge, newton
 from packmech.packing import Packing, no_own_images
-from packmech.protocols.hard_vertex import find_vertex
+from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
 from packmech.protocols.protocol import Protocol, finish
@@ -178,14 +178,14 @@ class _Ascent:
             if found is None:
                 return None
             return _Onset(found.state.packing, found.fraction, found.depth, _pairs_of(found.contacts))
-        vertex = find_vertex(protocol, protocol.scene.packing, self.iteration_limit)
-        if vertex is None:
+        hard = find_hard_packing(protocol, protocol.scene.packing, self.iteration_limit)
+        if hard is None:
             return None
         depth = min(_FIRST, 0.5 * self.nearest)
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
-        state = soften(vertex, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
+        state = soften(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
         onset = protocol.report["jamming_packing_fraction"]
-        return _Onset(state.packing, onset, depth, _pairs_of(vertex.contacts))
+        return _Onset(state.packing, onset, depth, _pairs_of(hard.contacts))
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""

@@ -11,7 +11,7 @@ from packmech.files.records import is_record
 from packmech.measure import packing_fraction
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import decompress, find_vertex, press
+from packmech.protocols.hard_vertex import decompress, find_hard_packing, press
 from packmech.protocols.linked_jam import decompress_linked
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
@@ -73,13 +73,13 @@ class Decompression:
         packing = decompress(
             protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps
         )  # fmt: skip
-        vertex = find_vertex(protocol, packing, self.iteration_limit)
-        if vertex is None:
+        hard = find_hard_packing(protocol, packing, self.iteration_limit)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure)
+        return press(protocol, hard, pressure)
 
 
-_VERTEX_ITERATIONS = 2000
+_HARD_ITERATIONS = 2000
 _HALVING_START = {2: 0.84, 3: 0.64}
 
 
@@ -176,7 +176,7 @@ class StepHalving:
     def _stabilized(self, protocol: Protocol, packing: Packing) -> tuple[Packing, Outcome]:
         """Return the packing with all strains free, at the pressure that was reached."""
         pressure = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).pressure
-        vertex = find_vertex(protocol, packing, _VERTEX_ITERATIONS)
-        if vertex is None:
+        hard = find_hard_packing(protocol, packing, _HARD_ITERATIONS)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure / protocol.scene.pressure_unit)
+        return press(protocol, hard, pressure / protocol.scene.pressure_unit)

@@ -11,7 +11,7 @@ from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
 from packmech.contacts.neighbors import candidate_pairs
 from packmech.contacts.network import pair_contacts
-from packmech.jamming.hard_packing import HardState, Vertex, kicked
+from packmech.jamming.hard_packing import HardPacking, HardState, kicked
 from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import START, certified, decompress, press
@@ -69,12 +69,12 @@ class ProgramChain:
         start = self.start_packing_fraction
         start = START[protocol.scene.packing.dimension] if start is None else start
         packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
-        vertex = self._chain(protocol, packing)
-        if vertex is None:
+        hard = self._chain(protocol, packing)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure)
+        return press(protocol, hard, pressure)
 
-    def _chain(self, protocol: Protocol, packing: Packing) -> Vertex | None:
+    def _chain(self, protocol: Protocol, packing: Packing) -> HardPacking | None:
         reduced = protocol.reduced(packing)
         radius = self.trust_radius
         for number in range(1, self.program_limit + 1):
@@ -90,11 +90,11 @@ class ProgramChain:
             protocol.loop.report("linear program", number=number, step=step)
             bounded = step > 0.95 * radius
             if step < 3e-3 and not bounded:
-                vertex = certified(protocol, state, reduced.radius_n)
-                if vertex is not None and not vertex.floppy_modes:
-                    return vertex
-                if vertex is not None:
-                    reduced, radius = kicked(vertex.packing, protocol.basis_kdd, number), self.trust_radius
+                hard = certified(protocol, state, reduced.radius_n)
+                if hard is not None and not hard.floppy_modes:
+                    return hard
+                if hard is not None:
+                    reduced, radius = kicked(hard.packing, protocol.basis_kdd, number), self.trust_radius
                     continue
             radius = min(0.1, 3.0 * radius) if bounded else float(np.clip(3.0 * step, 1e-5, 0.1))
         return None

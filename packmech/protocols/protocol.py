@@ -246,9 +246,9 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
         How many strains are free, the volume among them.
 
     """
-    loose = rattlers_of(contacts)
-    kept = int((~loose).sum())
-    number = int((~(loose[contacts.i_c] | loose[contacts.j_c])).sum())
+    rattling = rattlers_of(contacts)
+    kept = int((~rattling).sum())
+    number = int((~(rattling[contacts.i_c] | rattling[contacts.j_c])).sum())
     isostatic = contacts.dimension * (kept - 1) + strains if kept else 0
     return {
         "particles": contacts.particles,
@@ -263,7 +263,7 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
     """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
 
     The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
-    as a whole; free turns and loose ends of clusters that are held, `floppy_modes`, take as many contacts off.
+    as a whole; free turns and ends of clusters that are held, `floppy_modes`, take as many contacts off.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ def closing(cone: MotionCone, motion: NDArray[np.float64]) -> float:
 def certificate(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str) -> Told:
     """Return what rank and the force program say; the error is that of the smallest force, or of the motion."""
     softest, motion = cone.softest()
-    if softest**2 <= FLOPPY and (cone.is_floppy or cone.is_loose):
+    if softest**2 <= FLOPPY and (cone.is_floppy or cone.is_floppy_within_error):
         return Told(False, closing(cone, motion))
     stress = largest_smallest_force(cone, solver=solver, tolerance=tolerance)
     finding = proven(cone, softest, stress.weight, stress.motion, (stress.solve, stress.solve))

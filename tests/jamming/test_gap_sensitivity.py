@@ -192,7 +192,7 @@ def test_unit_of_energy_does_not_enter():
     assert [check.limit for check in checks] == pytest.approx([checks[1].limit] * 3, rel=1e-6)
 
 
-def test_rounding_overlaps_of_a_crystal_are_no_unrest():
+def test_rounding_overlaps_of_a_crystal_are_in_balance():
     crystal = pm.lattice_packing("kagome", (3, 3))
     check = check_rest(crystal, None, 1e-5)
     assert check.residual > 0.1
