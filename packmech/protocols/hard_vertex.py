@@ -22,6 +22,14 @@ from packmech.result import Outcome
 _ONSET, _ONSETS = 0.03, (0.001, 0.2)
 
 
+def check_quench(start: float | None, tolerance: float, steps: int, *, least_steps: int = 1) -> None:
+    """Check the settings of the quench that a method begins with."""
+    if start is not None:
+        positive("start_packing_fraction", start)
+    real("quench_tolerance", tolerance, above=0.0, below=1.0)
+    integer("quench_steps", steps, at_least=least_steps)
+
+
 def decompress(
     protocol: Protocol, start: float, stop_pressure: float | None, factor: float, tolerance: float, steps: int
 ) -> Packing:
@@ -117,12 +125,9 @@ class HardVertex:
     iteration_limit: int = 2000
 
     def __post_init__(self) -> None:
-        if self.start_packing_fraction is not None:
-            positive("start_packing_fraction", self.start_packing_fraction)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps, least_steps=0)
         if self.stop_pressure is not None:
             positive("stop_pressure", self.stop_pressure)
-        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
-        integer("quench_steps", self.quench_steps, at_least=0)
         integer("iteration_limit", self.iteration_limit, at_least=1)
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:

@@ -14,7 +14,7 @@ from packmech.contacts.network import pair_contacts
 from packmech.jamming.hard_packing import HardPacking, HardState, kicked
 from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import START, certified, decompress, press
+from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, press
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
 
@@ -55,11 +55,8 @@ class ProgramChain:
     program_limit: int = 200
 
     def __post_init__(self) -> None:
-        if self.start_packing_fraction is not None:
-            positive("start_packing_fraction", self.start_packing_fraction)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps)
         positive("stop_pressure", self.stop_pressure)
-        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
-        integer("quench_steps", self.quench_steps, at_least=1)
         one_of("solver", self.solver, ("clarabel", "highs"))
         real("trust_radius", self.trust_radius, above=0.0, at_most=0.2)
         integer("program_limit", self.program_limit, at_least=1)
