@@ -2,7 +2,14 @@
 """Links inside compiled loops: chosen by type, so that a scene without links has no code and no cost of them.
 
 `Space.joints` is None or a `Joints`, and every function here has a form for each; compiled loops hold only the one
-that they need.
+that they need. Minimizers move particles back to the links' lengths by the shortest way (`affix`). Time steps are
+RATTLE (`Rattle`): positions go back along the gradients at the old positions, x - W Omega_old lambda. Then a step is
+its own inverse when velocities are reversed, it is symplectic, and the method is of second order (H. C. Andersen,
+J. Comput. Phys. 52, 24, 1983; B. Leimkuhler and R. Skeel, ibid. 112, 117, 1994). W are the inverse masses. The impulses
+are internal and along the links, so momentum and angular momentum hold.
+
+Rows hold a position in the first columns; RATTLE takes velocities in arrays of their own. One thread does all of it, so
+that the number of threads changes no bit.
 """
 
 from __future__ import annotations
@@ -17,22 +24,29 @@ from numpy.typing import NDArray
 from packmech.constraints.link_system import (
     NEWTON,
     TIGHT,
+    Lengths,
     LinkSystem,
     make_link_system,
+    measure_lengths,
     project_force,
+    project_links,
     project_velocity,
     reaffix,
+    reaffix_links,
     refill,
+    refill_links,
+    set_multipliers,
+    solve_links,
 )
 from packmech.contacts.cells import PairTable
 from packmech.contacts.excluded import rigid_clusters
-from packmech.jit.compiled import compiled_form, device
+from packmech.jit.compiled import compiled_form, device, inner_lean
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
 # beyond this they are lost
 _LOST = 1e-10
-# places in Joints.number
+# places in Joints.number and Rattle.number
 ERROR, ITERATIONS, NUMBERS = 0, 1, 2
 
 
@@ -97,7 +111,7 @@ def make_joints(
     whole = packing.links
     assert whole is not None
     links, offset = row_links(whole, order_n, home_nd, change_dd)
-    firm, _ = row_links(workable, order_n, home_nd, change_dd)
+    independent, _ = row_links(workable, order_n, home_nd, change_dd)
     n, d = packing.particles, packing.dimension
     rigid = np.where(rigid_clusters(packing), whole.clusters(n), -1)[order_n]
     padded = np.zeros((len(links), 3), dtype=np.int64)
@@ -105,17 +119,17 @@ def make_joints(
     offsets = np.zeros((n, 3), dtype=np.int64)
     offsets[:, :d] = offset
     joints = Joints(
-        system=make_link_system(firm, n, d, mean_diameter=float(packing.diameter_n.mean())),
+        system=make_link_system(independent, n, d, mean_diameter=float(packing.diameter_n.mean())),
         start_n=np.searchsorted(links.i_l, np.arange(n + 1)).astype(np.int64),
         other_l=np.ascontiguousarray(links.j_l),
         image_ld=padded,
         rigid_n=rigid,
         offset_nd=offsets,
         spare_nd=np.zeros((n, d)),
-        multiplier_l=np.zeros(len(firm)),
+        multiplier_l=np.zeros(len(independent)),
         number=np.zeros(NUMBERS),
     )
-    return firm, joints
+    return independent, joints
 
 
 @device
@@ -285,3 +299,221 @@ def _choose_speeds(joints: Any, axes: Any, velocity_nd: Any, square: Any, most: 
     if has_links(joints):
         return lambda joints, axes, velocity_nd, square, most: _speeds(joints, axes, velocity_nd)
     return lambda joints, axes, velocity_nd, square, most: (square, most)
+
+
+# errors, over the larger of a link's length and the mean diameter, that are rounding where they no longer fall; links
+# with larger ones are lost
+_ROUNDING = 1e-13
+_MOST_TRIES = 200
+
+
+class LinkedPairs(NamedTuple):
+    """Which pairs of rows are no contacts, as linked or of one rigid cluster: the arrays of `Joints` that say so."""
+
+    start_n: NDArray[np.int64]
+    other_l: NDArray[np.int64]
+    image_ld: NDArray[np.int64]
+    rigid_n: NDArray[np.int64]
+    offset_nd: NDArray[np.int64]
+
+
+def linked_pairs(joints: Joints) -> LinkedPairs:
+    """Return which pairs of rows are no contacts."""
+    return LinkedPairs(joints.start_n, joints.other_l, joints.image_ld, joints.rigid_n, joints.offset_nd)
+
+
+class Rattle(NamedTuple):
+    """The links between rows as time steps take them, at the start of a step, factored, and their lengths at its end.
+
+    tension_l holds the tensions that were last measured, centripetal_l the part of them by which links turn. Errors of
+    links are over their scale: brought down to `tolerance`, lost above `lost`. `number` holds the largest at the end of
+    the last step, and the iterations so far.
+    """
+
+    here: LinkSystem
+    there: Lengths
+    impulse_r: NDArray[np.float64]
+    multiplier_l: NDArray[np.float64]
+    tension_l: NDArray[np.float64]
+    centripetal_l: NDArray[np.float64]
+    tolerance: float
+    lost: float
+    number: NDArray[np.float64]
+
+
+def make_rattle(joints: Joints, inverse_mass_n: NDArray[np.float64], resolution: float) -> Rattle:
+    """Return the links of rows as time steps take them; `affix_rows` or `refill_rattle` put the numbers in.
+
+    Parameters
+    ----------
+    joints
+        The links between the rows.
+    inverse_mass_n
+        (N,) inverse masses of the rows, zero for what is held.
+    resolution
+        Rounding of positions [length].
+
+    """
+    here = joints.system._replace(inverse_mass_n=inverse_mass_n)
+    there = Lengths(np.zeros_like(here.normal_rd), np.zeros_like(here.distance_r), np.zeros_like(here.error_r))
+    count = len(here.length_r)
+    tolerance = max(TIGHT, 2.0 * resolution / float(here.scale_r.min()))
+    return Rattle(
+        here,
+        there,
+        impulse_r=np.zeros(count),
+        multiplier_l=np.zeros(count),
+        tension_l=np.zeros(count),
+        centripetal_l=np.zeros(count),
+        tolerance=tolerance,
+        lost=max(_ROUNDING, 4.0 * tolerance),
+        number=np.zeros(NUMBERS),
+    )
+
+
+def affix_rows(rattle: Rattle | None, row: NDArray[np.float64], lattice: NDArray[np.float64]) -> None:
+    """Move rows, whose first columns are positions, back onto the links' lengths by the least displacement.
+
+    Raises
+    ------
+    ValueError
+        If that cannot be done.
+
+    """
+    if rattle is None:
+        return
+    _, error, _ = reaffix_links(rattle.here, row, lattice, rattle.tolerance, NEWTON)
+    if not error <= rattle.lost:
+        raise ValueError(f"scene.packing must have links that can be held at their lengths, got an error of {error:g}")
+    refill_rattle(rattle, row, lattice)
+    rattle.number[ERROR] = error
+
+
+def refill_rattle(rattle: Rattle, row: NDArray[np.float64], lattice: NDArray[np.float64]) -> None:
+    """Set the gradients of the links and their factor at the present rows."""
+    refill_links(rattle.here, row, lattice)
+
+
+def along_rattle(rattle: Rattle | None, velocity_nd: NDArray[np.float64]) -> int:
+    """Take what would stretch links out of the (N, d) velocities of rows; return how many links are independent."""
+    if rattle is None:
+        return 0
+    project_links(rattle.here, velocity_nd, velocity_nd, rattle.multiplier_l, False)
+    return int(np.count_nonzero(rattle.here.inverse_pivot_r))
+
+
+@device
+def _pull(system, value_r, factor, vector_nd):
+    """Take factor W Omega value from positions or velocities."""
+    normal, weight = system.normal_rd, system.inverse_mass_n
+    for r in range(value_r.shape[0]):
+        i, j = system.i_r[r], system.j_r[r]
+        for a in range(len(system.axes)):
+            impulse = factor * value_r[r] * normal[r, a]
+            vector_nd[j, a] -= weight[j] * impulse
+            vector_nd[i, a] += weight[i] * impulse
+
+
+@device
+def _hold(rattle, row, velocity_nd, lattice, dt):
+    here, there, impulse = rattle.here, rattle.there, rattle.impulse_r
+    value = here.multiplier_r
+    for r in range(impulse.shape[0]):
+        impulse[r] = 0.0
+    worst = measure_lengths(here, there, row, lattice)
+    tries = 0
+    # Newton's method with the matrix of the old positions: it differs from the right one by the turn of a step
+    while not worst <= rattle.tolerance and tries < _MOST_TRIES:
+        for r in range(impulse.shape[0]):
+            value[r] = there.error_r[r]
+        solve_links(here, value)
+        for r in range(impulse.shape[0]):
+            impulse[r] += value[r]
+        _pull(here, value, 1.0, row)
+        before = worst
+        worst = measure_lengths(here, there, row, lattice)
+        tries += 1
+        if worst <= rattle.lost and worst > 0.5 * before:
+            break
+    _pull(here, impulse, 1.0 / dt, velocity_nd)
+    refill(here, row, lattice)
+    rattle.number[ERROR] = worst
+    rattle.number[ITERATIONS] += tries
+    return worst <= rattle.lost
+
+
+@inner_lean
+def hold(rattle, axes, body, half_nd, lattice, dt, ahead, moved):
+    """Move rows that went dt v from good ones back to the links' lengths, the velocities half_nd with them.
+
+    The velocities in the rows are half + ahead (half - what they were before), and stay so. Returns the largest
+    displacement in the step, `moved` where nothing is linked, infinity where links are lost.
+    """
+    if rattle is None:
+        return moved
+    d = len(axes)
+    for i in range(body.shape[0]):
+        for a in range(d):
+            body[i, 4 + a] -= (1.0 + ahead) * half_nd[i, a]
+    good = _hold(rattle, body, half_nd, lattice, dt)
+    if ahead == 0.0:
+        # these are the velocities at the end of the step
+        project_velocity(rattle.here, half_nd, half_nd, rattle.multiplier_l)
+    largest = 0.0
+    for i in range(body.shape[0]):
+        square = 0.0
+        for a in range(d):
+            half = half_nd[i, a]
+            body[i, 4 + a] += (1.0 + ahead) * half
+            square += half * half
+        # written so that a speed that is not a number is the largest
+        if not square <= largest:
+            largest = square
+    return dt * math.sqrt(largest) if good else np.inf
+
+
+@inner_lean
+def project_rows(rattle, axes, body, half_nd):
+    """Project the velocities in rows onto those that change no link's length; half_nd is room for them."""
+    d = len(axes)
+    for i in range(body.shape[0]):
+        for a in range(d):
+            half_nd[i, a] = body[i, 4 + a]
+    project_velocity(rattle.here, half_nd, half_nd, rattle.multiplier_l)
+    for i in range(body.shape[0]):
+        for a in range(d):
+            body[i, 4 + a] = half_nd[i, a]
+
+
+@inner_lean
+def measure_tensions(rattle, axes, body, push):
+    """Set tension_l to the forces in the links, tension positive; return the largest net force with them.
+
+    A link's length does not accelerate: n.(a_j - a_i) = -w^2 / length with w the relative velocity across it, so
+    that (Omega^T W Omega) t = Omega^T W F + w^2 / length. push (N, >= d) are the forces F of everything else.
+    """
+    here, d = rattle.here, len(axes)
+    force, motion, turning = here.spare_nd, here.start_nd, rattle.multiplier_l
+    for i in range(body.shape[0]):
+        for a in range(d):
+            force[i, a] = push[i, a]
+    for r in range(here.i_r.shape[0]):
+        i, j = here.i_r[r], here.j_r[r]
+        along = square = 0.0
+        for a in range(d):
+            rate = body[j, 4 + a] - body[i, 4 + a]
+            along += rate * here.normal_rd[r, a]
+            square += rate * rate
+        turning[here.order_r[r]] = (square - along * along) / here.distance_r[r]
+    project_force(here, force, force, rattle.tension_l)
+    set_multipliers(here, turning, motion, rattle.centripetal_l)
+    for k in range(turning.shape[0]):
+        rattle.tension_l[k] += rattle.centripetal_l[k]
+    largest = 0.0
+    for i in range(body.shape[0]):
+        square = 0.0
+        for a in range(d):
+            net = force[i, a] - motion[i, a]
+            square += net * net
+        largest = max(largest, square)
+    return math.sqrt(largest)

@@ -29,7 +29,7 @@ from packmech.constraints.link_system import (
     refill_links,
 )
 from packmech.contacts import Contacts
-from packmech.jit.compiled import kernel
+from packmech.linalg.block_system import gather
 from packmech.linalg.mandel import (
     mandel_basis,
     normal_strains,
@@ -52,19 +52,6 @@ DEPENDENT = 1e-8
 _NEARLY_DEPENDENT = 5e-6
 # strains (of order 1) that links which depend on each other resist by more than this cannot be made
 STIFF = 1e-7
-
-
-@kernel
-def _pulled(i_c, j_c, normal_cd, pull_c, particles):  # type: ignore[no-untyped-def]
-    """Return (N, d) sums of pull times the gradient of each pair's distance."""
-    d = normal_cd.shape[1]
-    out = np.zeros((particles, d))
-    for c in range(i_c.shape[0]):
-        for a in range(d):
-            part = normal_cd[c, a] * pull_c[c]
-            out[j_c[c], a] += part
-            out[i_c[c], a] -= part
-    return out
 
 
 class Strains(NamedTuple):
@@ -202,7 +189,7 @@ class ConstraintFactor:
 
     def tension(self, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (L,) forces in the links that balance contacts with radial derivatives first_c."""
-        return self.multipliers(_pulled(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles))
+        return self.multipliers(gather(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles))
 
     def multipliers(self, push_x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (L,) multipliers m that make |push + gradient^T m| least, of smallest size where links depend."""

@@ -55,7 +55,7 @@ _LESS, _MORE = 0.05, 10.0
 TIGHT = 4e-15
 # most Newton steps back to the links' lengths
 NEWTON = 40
-# damped steps for each full one, and refused ones in a row that tell that no digits are left
+# damped steps for each full one, and refused ones in a row after which no digits are left
 DAMPED, _IN_A_ROW = 5, 8
 
 
@@ -872,12 +872,6 @@ def set_multipliers(system, rate_l, motion_nd, multiplier_l):
         for r in range(order.shape[0]):
             multiplier_l[order[r]] -= value[r]
         push(system, value, motion_nd, True)
-
-
-@kernel
-def move_links(system, rate_l, motion_nd, multiplier_l):
-    """Set motion = Omega multiplier, multiplier = A^-1 rate: for equal masses the shortest motion with these rates."""
-    set_multipliers(system, rate_l, motion_nd, multiplier_l)
 
 
 @device

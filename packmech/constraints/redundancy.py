@@ -190,7 +190,7 @@ def _in_cluster(
     shake = _SHAKE * length.mean() * np.random.default_rng(0).standard_normal((len(place_nd), d))
     moved = vector_ld + shake[links.j_l] - shake[links.i_l]
     generic = _dense(links, moved / np.sqrt((moved**2).sum(axis=1))[:, None], number, len(members))
-    # elsewhere a redundant link depends to rounding: a looser look would take a shake along the shape for none
+    # elsewhere a redundant link depends to rounding: a larger tolerance would take a shake along the shape for none
     also = set(_staged(generic, [np.array(kept, dtype=np.int64), dependent], min(tolerance, SINE))[len(kept) :])
     degenerate = []
     if len(kept) > _RESOLVED:

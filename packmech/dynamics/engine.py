@@ -11,8 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.constraints.compiled_links import make_joints
-from packmech.constraints.rattle import Rattle, affix_rows, along_rattle, linked_pairs, make_rattle, refill_rattle
+from packmech.constraints.compiled_links import (
+    Rattle,
+    affix_rows,
+    along_rattle,
+    linked_pairs,
+    make_joints,
+    make_rattle,
+    refill_rattle,
+)
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.bonds import bond_stretches, bond_table

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import literal_unroll
 
-from packmech.constraints.rattle import hold, project_rows
+from packmech.constraints.compiled_links import hold, project_rows
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.contact_forces import contacts_of_block
 from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, rates, turning

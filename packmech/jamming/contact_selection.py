@@ -13,7 +13,7 @@ from packmech.constraints.motion_rules import link_rules
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion, contact_terms
-from packmech.measure.counting import loose_in
+from packmech.measure.counting import rattling_particles
 from packmech.measure.stress import sum_forces
 from packmech.packing import Packing
 
@@ -91,8 +91,8 @@ class Touching:
 
 def backbone_contacts(contacts: Contacts) -> Contacts:
     """Return the contacts between particles that do not rattle."""
-    loose = rattlers_of(contacts)
-    return contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c])
+    rattling = rattlers_of(contacts)
+    return contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c])
 
 
 def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray[np.int64]]:
@@ -111,8 +111,8 @@ def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray
     if packing.links is None:
         network = backbone_contacts(contacts)
         return network, np.unique(np.concatenate([network.i_c, network.j_c]))
-    loose = loose_in(packing, contacts)
-    return contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c]), np.flatnonzero(~loose)
+    rattling = rattling_particles(packing, contacts)
+    return contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c]), np.flatnonzero(~rattling)
 
 
 def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:

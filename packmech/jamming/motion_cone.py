@@ -257,7 +257,7 @@ class MotionCone:
         return value**2 <= FLOPPY and self.changes_nothing(motion)
 
     @property
-    def is_loose(self) -> bool:
+    def is_floppy_within_error(self) -> bool:
         """Whether the softest motion changes no row by more than the contacts are known: it may be floppy."""
         value, motion = self._softest
         stretch = float(np.abs(self.rows @ motion).max(initial=0.0))
@@ -272,12 +272,12 @@ class MotionCone:
         basis, _ = np.linalg.qr(translations, mode="complete")
         return np.asarray(basis[:, d:])
 
-    def floppy_modes(self, *, loose: bool = False) -> int:
+    def floppy_modes(self, *, within_error: bool = False) -> int:
         """Return the number of independent motions, translations apart, that change no row.
 
         Parameters
         ----------
-        loose
+        within_error
             Whether those count that change rows by no more than the contacts are known.
 
         """
@@ -287,7 +287,7 @@ class MotionCone:
         if not self.rows.nnz:
             return self.unknowns - d
         count = eigenvalues_below(self._gram[d:, d:], FLOPPY * self.largest_eigenvalue)
-        return count if count and (self.is_floppy or loose) else 0
+        return count if count and (self.is_floppy or within_error) else 0
 
     def balanced(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nearest weights of the rows that balance: rows^T weight = 0 to rounding."""

@@ -21,6 +21,7 @@ from packmech.jamming.contact_selection import find_touching
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
+from packmech.linalg.linear_programs import Program, solve_clarabel
 from packmech.linalg.mandel import mandel_tensor, mandel_vector, strain_components, trace_vector
 from packmech.measure import energy, packing_fraction
 from packmech.mechanics.rigidity import strain_columns
@@ -208,8 +209,6 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
         How far anything may move; pairs that cannot meet by then are left out [length].
 
     """
-    import clarabel
-
     d, moving = packing.dimension, packing.position_nd.size
     strains = strain_components(d) if rules.box_moves else 0
     smallest = 2.0 * float(packing.radius_n.min())
@@ -236,20 +235,18 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     wanted = target.displacement_nd.ravel()
     if strains:
         wanted = np.concatenate([wanted, rules.scale * mandel_vector(target.strain_dd)])
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _SOLVER
-    counts = [sum(len(part) for part in side) for side in (equal_to, below_to)]
-    found = clarabel.DefaultSolver(
-        sp.csc_matrix(sp.eye_array(moving + strains)),
+    program = Program(
         -wanted / unit,
-        sp.csc_matrix(sp.vstack([*equal, *below])),
-        np.concatenate([*equal_to, *below_to]),
-        [clarabel.ZeroConeT(counts[0]), clarabel.NonnegativeConeT(counts[1])],
-        settings,
-    ).solve()
-    motion = unit * np.array(found.x)
+        sp.csr_array(sp.vstack(equal, format="csr")),
+        np.concatenate(equal_to),
+        sp.csr_array(sp.vstack(below, format="csr")),
+        np.concatenate(below_to),
+        np.full(moving + strains, -np.inf),
+        np.full(moving + strains, np.inf),
+        quadratic=1.0,
+        dimension=d,
+    )
+    motion = unit * solve_clarabel(program, _SOLVER, refine=True).x
     strain = mandel_tensor(motion[moving:] / rules.scale) if strains else np.zeros((d, d))
     return Direction(motion[:moving].reshape(-1, d), strain)
 

@@ -31,7 +31,7 @@ class Answer:
         "jammed", "not jammed" or "ambiguous", and one sentence why.
     first_order_jammed
         Whether the contacts admit no motion to first order; None when no solver could tell. The verdict is ambiguous,
-        and this is not, when the contacts themselves are in doubt. For discs and spheres a first-order motion unjams.
+        and this is not, when the contacts themselves are ambiguous. For discs and spheres a first-order motion unjams.
     isostatic_contacts
         The fewest contacts that can hold this many backbone particles: d N' - d + 1 in a fixed box, d N' - d + d(d+1)/2
         when it may deform; less one for each rigid link between them that does not depend on others.
@@ -383,9 +383,9 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
         _answer_row(numbers, "strict", f"box free to deform, strain {numbers['verdict_strain']}"),
     ]
     if numbers["mechanically_stable"] is not None:
-        firm, strained = numbers["mechanically_stable"], numbers["prestress_stable"]
+        stable, strained = numbers["mechanically_stable"], numbers["prestress_stable"]
         note = f"Hessian positive in the fixed box; with strains at fixed volume: {_yes(strained)}"
-        rows.append(("mechanically stable", _yes(firm), note))
+        rows.append(("mechanically stable", _yes(stable), note))
     rows.append(_gap_row(numbers))
     if numbers["rest"] is not None:
         rest = numbers["rest"]
@@ -407,12 +407,12 @@ def verdict_text(verdict: Verdict) -> str:
     numbers = verdict_numbers(verdict)
     particles = len(verdict.rattlers)
     rattlers = _counted(int(verdict.rattlers.sum()), "rattler")
-    loose = f"{_counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} touch nothing"
+    note = f"{_counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} touch nothing"
     if "rattling_clusters" in numbers:
-        loose += f", {_counted(numbers['rattling_clusters'], 'whole cluster')} among them"
+        note += f", {_counted(numbers['rattling_clusters'], 'whole cluster')} among them"
     rows = [
         *verdict_rows(numbers),
-        ("backbone", f"{numbers['backbone_particles']} of {particles}", loose),
+        ("backbone", f"{numbers['backbone_particles']} of {particles}", note),
         ("method", verdict.method, _solver(verdict)),
     ]
     wide = [max(len(row[k]) for row in rows) for k in range(2)]

@@ -79,26 +79,29 @@ def _assemble(i_c, j_c, slot_c, normal, along, across, extra_n, start, data):  #
 
 
 @kernel
-def gather(i_c, j_c, normal, weight, out):  # type: ignore[no-untyped-def]
-    """Write A^T weight: the sum over contacts of weight n on j, minus it on i."""
+def gather(i_c, j_c, normal, weight, particles):  # type: ignore[no-untyped-def]
+    """Return A^T weight, (N, d): the sum over contacts of weight n on j, minus it on i."""
     d = normal.shape[1]
-    out[:] = 0.0
+    out = np.zeros((particles, d))
     for c in range(i_c.shape[0]):
         for a in range(d):
             push = weight[c] * normal[c, a]
             out[j_c[c], a] += push
             out[i_c[c], a] -= push
+    return out
 
 
 @kernel
-def extensions(i_c, j_c, normal, displacement, out):  # type: ignore[no-untyped-def]
-    """Write A u: the growth of each contact's length under displacements of the particles."""
+def extensions(i_c, j_c, normal, displacement):  # type: ignore[no-untyped-def]
+    """Return A u, (C,): the growth of each contact's length under displacements of the particles."""
     d = normal.shape[1]
+    out = np.empty(i_c.shape[0])
     for c in range(i_c.shape[0]):
         total = 0.0
         for a in range(d):
             total += normal[c, a] * (displacement[j_c[c], a] - displacement[i_c[c], a])
         out[c] = total
+    return out
 
 
 class Factored(NamedTuple):

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.result import Outcome, Solve
-
-if TYPE_CHECKING:
-    import scipy.sparse as sp
 
 # measured: KKT systems of spheres in three dimensions fill in so much that the supernodal factorization wins early; for
 # discs it takes 1.4 times longer with 8,000 unknowns and is as fast with 33,000
@@ -55,7 +53,7 @@ class Solution:
     solve: Solve
 
 
-def solve_clarabel(program: Program, tolerance: float) -> Solution:
+def solve_clarabel(program: Program, tolerance: float, *, refine: bool = False) -> Solution:
     """Return the solution by Clarabel's interior-point method, on one thread.
 
     Parameters
@@ -64,10 +62,11 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
         The program.
     tolerance
         For the duality gap and the residuals, relative and absolute.
+    refine
+        Whether every system is solved with refinement, of a program with a quadratic term too.
 
     """
     import clarabel
-    import scipy.sparse as sp
 
     start = time.process_time()
     size, rows = len(program.cost), program.equal.shape[0]
@@ -87,9 +86,9 @@ def solve_clarabel(program: Program, tolerance: float) -> Solution:
     curvature = sp.csc_matrix(program.quadratic * unit) if program.quadratic else sp.csc_matrix((size, size))
     limit = np.concatenate(limits)
     # a quadratic term keeps the systems regular: without refinement a third less time and the same answer
-    settings.iterative_refinement_enable = not program.quadratic
+    settings.iterative_refinement_enable = refine or not program.quadratic
     found = clarabel.DefaultSolver(curvature, program.cost, matrix, limit, cones, settings).solve()
-    if program.quadratic and str(found.status) != "Solved":
+    if not settings.iterative_refinement_enable and str(found.status) != "Solved":
         settings.iterative_refinement_enable = True
         found = clarabel.DefaultSolver(curvature, program.cost, matrix, limit, cones, settings).solve()
     status = str(found.status)

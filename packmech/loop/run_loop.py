@@ -113,6 +113,10 @@ def run_settings(
     )
 
 
+class TimeUp(Exception):  # noqa: N818 - no error
+    """Raised within a piece of work where the time limit has passed; `RunLoop.run` then ends as INTERRUPTED."""
+
+
 class Task(Protocol):
     """What the loop steps: a minimization, a simulation, a strained run."""
 
@@ -160,6 +164,11 @@ class RunLoop:
     def time_left(self) -> float | None:
         """CPU time until the limit, above zero [s]; None without a limit."""
         return None if math.isinf(self.deadline) else max(self.deadline - time.process_time(), _SHORTEST)
+
+    def check_time(self) -> None:
+        """Raise TimeUp where time is up: for work that is no task, between two of its steps."""
+        if self.late:
+            raise TimeUp
 
     def report(self, stage: str, **figures: Any) -> None:
         """Call the progress callback, if there is one."""
@@ -253,7 +262,10 @@ class RunLoop:
         with safe_interrupts():
             try:
                 with compile_clock() as self.compiling:
-                    outcome = work()
+                    try:
+                        outcome = work()
+                    except TimeUp:
+                        outcome = Outcome.INTERRUPTED
                 if self._save is not None:
                     failure = self._write(self._save)
                 run = finished(outcome)

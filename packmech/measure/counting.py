@@ -22,7 +22,7 @@ from packmech.packing import Packing, no_own_images
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5
 _SWEEPS = 12
-# beads that random zero modes move by less than this part of their size are held
+# particles that random zero modes move by less than this part of their size are held
 _STILL = 1e-6
 # overlaps that balance to this part of their mean are forces of such a balance
 _BALANCED = 1e-6
@@ -30,10 +30,10 @@ _PROGRAM_TOLERANCE = 1e-9
 _METHODS = (("highs-ds", True), ("highs-ipm", True), ("highs-ds", False))
 
 
-def loose_beads(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
-    """Return, for each particle, whether contacts with particles that are not loose, and its links, leave it free.
+def rattling_by_links(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
+    """Return, for each particle, whether contacts with particles that do not rattle, and its links, leave it free.
 
-    Links to loose beads still count: what they admit, and no more, is a motion.
+    Links to rattlers still count: what they admit, and no more, is a motion.
 
     Parameters
     ----------
@@ -49,22 +49,22 @@ def loose_beads(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
     independent = sp.csr_array(gradients.gradient_lx[np.flatnonzero(~gradients.dependent_l)])
     cluster = links.clusters(packing.particles)
     offset, _ = image_offsets(links, packing.particles)
-    loose = np.zeros(packing.particles, dtype=bool)
-    while not loose.all():
-        left = contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c])
+    rattling = np.zeros(packing.particles, dtype=bool)
+    while not rattling.all():
+        left = contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c])
         rows, owner, overlap = _one_by_one(left, cluster, offset)
         pushed = _shown(rows, owner, overlap, gradients, cluster)
-        doubtful = np.unique(cluster[_moving(rows[np.flatnonzero(pushed)], independent, packing.dimension) & ~loose])
-        if not len(doubtful):
+        unsure = np.unique(cluster[_moving(rows[np.flatnonzero(pushed)], independent, packing.dimension) & ~rattling])
+        if not len(unsure):
             break
-        look = np.isin(owner, doubtful)
+        look = np.isin(owner, unsure)
         pushed |= look
-        pushed[look] = _pushing(rows[np.flatnonzero(look)], independent, np.isin(cluster, doubtful), packing.dimension)
-        found = _moving(rows[np.flatnonzero(pushed)], independent, packing.dimension) & np.isin(cluster, doubtful)
-        if not (found & ~loose).any():
+        pushed[look] = _pushing(rows[np.flatnonzero(look)], independent, np.isin(cluster, unsure), packing.dimension)
+        found = _moving(rows[np.flatnonzero(pushed)], independent, packing.dimension) & np.isin(cluster, unsure)
+        if not (found & ~rattling).any():
             break
-        loose |= found
-    return loose
+        rattling |= found
+    return rattling
 
 
 def _one_by_one(
@@ -161,13 +161,13 @@ def _moving(rows: sp.csr_array, links: sp.csr_array, dimension: int) -> NDArray[
     return moves
 
 
-def loose_in(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
+def rattling_particles(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
     """Return, for each particle, whether the contacts, and links if there are any, leave it free."""
     if packing.links is None:
         return rattlers_of(contacts)
 
     with single_thread():
-        return loose_beads(packing, contacts)
+        return rattling_by_links(packing, contacts)
 
 
 def find_rattlers(
@@ -177,7 +177,7 @@ def find_rattlers(
 
     A particle is held when its contact normals positively span the space. Particles in contact with none are rattlers.
     With rigid links it is held if no motion that its cluster's links admit moves it while its contacts stay closed:
-    a bead without contacts may be held by its links, and a loose end of a chain rattles while the rest is held.
+    a particle without contacts may be held by its links, and the end of a chain rattles while the rest is held.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def find_rattlers(
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     else:
         check_given(packing, contacts)
-    return loose_in(packing, contacts)
+    return rattling_particles(packing, contacts)
 
 
 def remove_rattlers(
@@ -242,32 +242,32 @@ def remove_rattlers(
     (True, [0, 1, 2, 3, 4, 5, 6, 7])
 
     """
-    loose = find_rattlers(packing, gap_tolerance=gap_tolerance, contacts=contacts)
-    if loose.all():
+    rattling = find_rattlers(packing, gap_tolerance=gap_tolerance, contacts=contacts)
+    if rattling.all():
         raise ValueError(f"packing must have particles that do not rattle, got {packing.particles} rattlers")
-    return without(packing, loose)
+    return without(packing, rattling)
 
 
-def without(packing: Packing, loose_n: NDArray[np.bool_]) -> tuple[Packing, NDArray[np.int64]]:
+def without(packing: Packing, rattling_n: NDArray[np.bool_]) -> tuple[Packing, NDArray[np.int64]]:
     """Return the packing without the named particles and their links, and the numbers that the others had before."""
-    kept = np.flatnonzero(~loose_n)
+    kept = np.flatnonzero(~rattling_n)
     links = None
     if packing.links is not None:
-        whole = _with_inner_links(packing, packing.links, loose_n)
-        if (~loose_n[whole.i_l] & ~loose_n[whole.j_l]).any():
-            links = whole.numbered(np.where(loose_n, -1, np.cumsum(~loose_n) - 1))
+        whole = _with_inner_links(packing, packing.links, rattling_n)
+        if (~rattling_n[whole.i_l] & ~rattling_n[whole.j_l]).any():
+            links = whole.numbered(np.where(rattling_n, -1, np.cumsum(~rattling_n) - 1))
     return packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept], links=links), kept
 
 
-def _with_inner_links(packing: Packing, links: Links, loose_n: NDArray[np.bool_]) -> Links:
+def _with_inner_links(packing: Packing, links: Links, rattling_n: NDArray[np.bool_]) -> Links:
     """Return the links, and shape links for the distances that held particles have by way of those taken out."""
     ends = np.stack([links.i_l, links.j_l], axis=1)
-    between = np.flatnonzero(loose_n[ends].all(axis=1))
+    between = np.flatnonzero(rattling_n[ends].all(axis=1))
     part = links.select(between).clusters(packing.particles) if len(between) else np.arange(packing.particles)
-    rim = np.flatnonzero(loose_n[ends].sum(axis=1) == 1)
+    rim = np.flatnonzero(rattling_n[ends].sum(axis=1) == 1)
     found: list[tuple[int, int, NDArray[np.int64]]] = []
-    for p in np.unique(part[ends[rim][loose_n[ends[rim]]]]):
-        inside = loose_n & (part == p)
+    for p in np.unique(part[ends[rim][rattling_n[ends[rim]]]]):
+        inside = rattling_n & (part == p)
         edge = ends[inside[ends].any(axis=1)].ravel()
         edge = np.unique(edge[~inside[edge]])
         if len(edge) > 1:
@@ -363,8 +363,8 @@ def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattler
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     if rattlers == "keep":
         return 2.0 * len(contacts) / packing.particles
-    loose = find_rattlers(packing, gap_tolerance=gap_tolerance)
-    kept = int((~loose).sum())
+    rattling = find_rattlers(packing, gap_tolerance=gap_tolerance)
+    kept = int((~rattling).sum())
     if not kept:
         return 0.0
-    return 2.0 * int((~loose[contacts.i_c] & ~loose[contacts.j_c]).sum()) / kept
+    return 2.0 * int((~rattling[contacts.i_c] & ~rattling[contacts.j_c]).sum()) / kept

@@ -24,10 +24,9 @@ from packmech.linalg.mandel import (
     trace_vector,
 )
 from packmech.measure import contact_stress, sum_forces
-from packmech.mechanics.hessian import KINDS, bordered, closed_terms
+from packmech.mechanics.hessian import KINDS, BondSums, bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, relax_linked, soft_shift
-from packmech.mechanics.network import held_network
-from packmech.mechanics.pair_stiffness import BondSums, bond_sums, prestressed
+from packmech.mechanics.rattling import held_network
 from packmech.mechanics.rigidity import TOUCHING
 from packmech.scene import Scene
 

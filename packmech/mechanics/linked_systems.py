@@ -118,7 +118,7 @@ def relax_linked(
     factor = factor_linked(system, dimension, -shift)
     negative = floppy = factor.inertia.negative - count
     if not negative:
-        answer, left = _refined(system.exact, factor, load, size)
+        answer, left = _refined(system.exact, factor, load, _BALANCED * size)
     if negative or not np.abs(left).max(initial=0.0) <= _BALANCED * size:
         # a soft or unstable motion, or one that hangs on the links: their slack must not decide
         lower, upper = (
@@ -127,18 +127,21 @@ def relax_linked(
         )  # fmt: skip
         negative = upper.inertia.negative - count
         floppy = lower.inertia.negative - count - negative
-        answer, left = _refined(system.exact, upper, load, size)
+        answer, left = _refined(system.exact, upper, load, _BALANCED * size)
     residual = float(np.abs(left).max(initial=0.0)) / push if push else 0.0
     return LinkedResponse(load.T @ answer + answer.T @ left, negative, floppy, residual)
 
 
 def _refined(
-    exact: sp.csr_array, factor: Factorization, load: NDArray[np.float64], size: float
+    exact: sp.csr_array, factor: Factorization, load: NDArray[np.float64], enough: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a solution of the exact system by refinement from a factorization of one nearby, and what it leaves."""
+    """Return a solution of the exact system by refinement from a factorization of one nearby, and what it leaves.
+
+    Refinement ends where no more than `enough` is left, or where it gains nothing.
+    """
     answer, left, reached = np.zeros_like(load), load, float(np.abs(load).max(initial=0.0))
     for _ in range(_REFINEMENTS):
-        if reached <= _BALANCED * size:
+        if reached <= enough:
             break
         better = answer + factor.solve(left)
         rest = load - exact @ better
@@ -215,18 +218,7 @@ class LinkedOperator:
 
         def solve(right: NDArray[np.float64]) -> NDArray[np.float64]:
             load = np.concatenate([right, np.zeros((self.rows.shape[0], *right.shape[1:]))])
-            found, rest = np.zeros_like(load), load
-            reached = goal = float(np.abs(load).max(initial=0.0))
-            for _ in range(_REFINEMENTS):
-                if reached <= 1e-15 * goal:
-                    break
-                better = found + factor.solve(rest)
-                rest = load - exact @ better
-                now = float(np.abs(rest).max(initial=0.0))
-                if not now < reached:
-                    break
-                found, reached = better, now
-            return found[: self.size]
+            return _refined(exact, factor, load, 1e-15 * float(np.abs(load).max(initial=0.0)))[0][: self.size]
 
         return solve
 

@@ -13,19 +13,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
+from packmech.constraints.jacobian import scale_of_strain
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.hessian import (
     bordered,
     check_choices,
     checked_masses,
-    checked_scale,
     closed_terms,
     scene_sums,
     volume_curvature_term,
 )
 from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
-from packmech.mechanics.network import held_network
+from packmech.mechanics.rattling import held_network
 from packmech.mechanics.rigidity import TOUCHING
 from packmech.scene import Scene
 
@@ -172,7 +172,7 @@ def normal_modes(
         count = integer("count", count, at_least=1)
     packing = scene.packing
     mass = checked_masses(mass_n, packing.particles)
-    scale = checked_scale(strain_scale, scene)
+    scale = scale_of_strain(packing, strain_scale)
     backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     contacts, index, links = backbone
     dimension, kept = packing.dimension, len(index)
@@ -213,7 +213,7 @@ def normal_modes(
         residual = operator.apply(vector) - vector * value
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
-    vector = _signed(vector)
+    vector = signed_columns(vector)
     displacement = np.zeros((wanted, packing.particles, dimension))
     displacement[:, index] = (vector[: kept * dimension] / root[:, None]).T.reshape(wanted, kept, dimension)
     return Modes(
@@ -244,7 +244,7 @@ def _choose(method: str, rows: int, wanted: int, count: int | None) -> str:
     return chosen
 
 
-def _signed(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def signed_columns(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the columns with the first of their nearly largest entries positive."""
     if not vector.size:
         return vector

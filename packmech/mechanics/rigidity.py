@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.jacobian import distance_gradients
+from packmech.constraints.jacobian import distance_gradients, scale_of_strain
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import check_contacts
 from packmech.linalg.mandel import STRAINS, normal_strains, strain_directions
@@ -124,14 +124,12 @@ def change_of_basis(
     instance("packing", packing, Packing)
     one_of("strain", strain, STRAINS)
     positive("memory_limit", memory_limit)
-    scale = packing.box.volume ** (1.0 / packing.dimension) if strain_scale is None else strain_scale
-    positive("strain_scale", scale)
     directions = None if strain == "none" else strain_directions(packing.dimension, strain)
     return motion_basis(
         ConstraintFactor(packing),
         directions,
         mass_n=np.ones(packing.particles),
-        strain_scale=scale,
+        strain_scale=scale_of_strain(packing, strain_scale),
         memory_limit=memory_limit,
     )
 

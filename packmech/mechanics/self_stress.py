@@ -21,8 +21,9 @@ from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
-from packmech.linalg.mandel import isochoric_basis
+from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
+from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import TOUCHING, contacts_of, strain_columns
 from packmech.packing import Packing
 
@@ -49,9 +50,9 @@ class SelfStress:
         Dimension N_dof of these motions, translations included: its columns.
     trivial
         Number of uniform translations, d.
-    force_kc
-        (count, C) orthonormal states on the contacts, links bearing the rest, positive for repulsion up to the sign of
-        the whole; None if they would not fit the limit.
+    force_ck
+        (C, count) orthonormal states in columns, on the contacts, links bearing the rest, positive for repulsion up to
+        the sign of the whole; None if they would not fit the limit.
     residual
         Largest unbalanced force component of a state of unit size [1].
     certain
@@ -68,7 +69,7 @@ class SelfStress:
     rank: int
     motions: int
     trivial: int
-    force_kc: NDArray[np.float64] | None
+    force_ck: NDArray[np.float64] | None
     residual: float
     certain: bool
     method: str
@@ -96,11 +97,9 @@ class FloppyModes:
         Columns (N_dof, the motions that rigid links admit) and rank of the rigidity matrix with the admitted strains.
     trivial
         Number of uniform translations, d; they are in no mode.
-    displacement_knd
-        (count, N, d) displacements with zero mean, or None if they would not fit the limit.
-    strain_ke
-        (count, s) Mandel strains of the modes times the strain scale of `residual`, or None. Zero when no strain is
-        admitted.
+    motion_xk
+        (N d + s, count) modes in columns: displacements with zero mean, then Mandel strains, zero where none are
+        admitted. None if they would not fit the limit.
     residual
         Largest change of contact distance of a mode of unit size [1].
     certain, method, seconds
@@ -112,8 +111,7 @@ class FloppyModes:
     columns: int
     rank: int
     trivial: int
-    displacement_knd: NDArray[np.float64] | None
-    strain_ke: NDArray[np.float64] | None
+    motion_xk: NDArray[np.float64] | None
     residual: float
     certain: bool
     method: str
@@ -144,10 +142,7 @@ class _Problem:
 def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
     dimension = packing.dimension
     position = distance_gradients(contacts)
-    components = dimension * (dimension + 1) // 2
-    admitted = {"none": np.zeros((components, 0)), "isochoric": isochoric_basis(dimension), "free": np.eye(components)}[
-        strain
-    ]
+    admitted = strain_directions(dimension, strain)
     side = strain_columns(contacts) @ admitted
     # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
     mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
@@ -218,16 +213,6 @@ def _sparse_right(problem: _Problem, tolerance: float, count: int) -> NDArray[np
     return motion
 
 
-def _signed(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rows with the first entry of nearly the largest size positive."""
-    if not rows.size:
-        return rows
-    size = np.abs(rows)
-    first = np.argmax(size > 0.999 * size.max(axis=1, keepdims=True), axis=1)
-    sign: NDArray[np.float64] = np.sign(rows[np.arange(len(rows)), first])
-    return rows * sign[:, None]
-
-
 def _prepare(
     packing: Packing,
     strain: str,
@@ -246,6 +231,29 @@ def _prepare(
     if method == "auto":
         method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
     return problem, method
+
+
+def _null_space(
+    problem: _Problem, method: str, tolerance: float, limit: float, *, left: bool
+) -> tuple[int, bool, int, NDArray[np.float64] | None]:
+    """Return rank, its certainty, and number and columns of the left or right null space; None beyond the limit."""
+    rows, columns = problem.matrix.shape
+    # the motions of the particle that is held are the translations
+    size, held = (rows, 0) if left else (columns, problem.contacts.dimension)
+    basis: NDArray[np.float64] | None = None
+    if not rows:
+        rank, certain, basis = 0, True, np.eye(size - held)
+    elif method == "dense":
+        rank, certain, *both = _dense_rank(problem, tolerance)
+        basis = both[0 if left else 1]
+    else:
+        rank, certain = _sparse_rank(problem, tolerance)
+    count = size - held - rank
+    if 8.0 * count * size > limit:
+        return rank, certain, count, None
+    if basis is None:
+        basis = (_sparse_left if left else _sparse_right)(problem, tolerance, count)
+    return rank, certain, count, basis
 
 
 def states_of_self_stress(
@@ -276,7 +284,7 @@ def states_of_self_stress(
     method
         "dense" or "sparse"; "auto" takes the dense one for matrices of at most 40 000 entries.
     basis_limit
-        Largest memory of the basis [bytes]; beyond it `force_kc` is None and only the counts are given.
+        Largest memory of the basis [bytes]; beyond it `force_ck` is None and only the counts are given.
 
     Raises
     ------
@@ -294,26 +302,14 @@ def states_of_self_stress(
     start = time.process_time()
     with single_thread():
         problem, method = _prepare(packing, strain, contacts, gap_tolerance, rank_tolerance, method, basis_limit)
-        rows = problem.matrix.shape[0]
-        basis: NDArray[np.float64] | None = None
-        if not rows:
-            rank, certain, basis = 0, True, np.zeros((0, 0))
-        elif method == "dense":
-            rank, certain, basis, _ = _dense_rank(problem, rank_tolerance)
-        else:
-            rank, certain = _sparse_rank(problem, rank_tolerance)
-        count = rows - rank
-        if 8.0 * count * rows > basis_limit:
-            basis = None
-        elif basis is None:
-            basis = _sparse_left(problem, rank_tolerance, count)
+        rank, certain, count, basis = _null_space(problem, method, rank_tolerance, basis_limit, left=True)
         if basis is not None and problem.links and count:
             # states of size 1 on the contacts, whatever the links bear
             _, right = np.linalg.qr(basis[: len(problem.contacts)])
             basis = np.linalg.solve(right.T, basis.T).T
         residual = float("nan") if basis is None else float(np.abs(problem.matrix.T @ basis).max(initial=0.0))
     found = len(problem.contacts)
-    force = None if basis is None else _signed(np.ascontiguousarray(basis[:found].T))
+    force = None if basis is None else np.ascontiguousarray(signed_columns(basis[:found]))
     return SelfStress(
         count, found, rank - problem.links, problem.matrix.shape[1] - problem.links, packing.dimension, force, residual,
         certain, method, time.process_time() - start,
@@ -360,29 +356,17 @@ def floppy_modes(
     with single_thread():
         problem, method = _prepare(packing, strain, contacts, gap_tolerance, rank_tolerance, method, basis_limit)
         columns, dimension, particles = problem.matrix.shape[1], packing.dimension, packing.particles
-        basis: NDArray[np.float64] | None = None
-        if not problem.matrix.shape[0]:
-            rank, certain, basis = 0, True, np.eye(columns - dimension)
-        elif method == "dense":
-            rank, certain, _, basis = _dense_rank(problem, rank_tolerance)
-        else:
-            rank, certain = _sparse_rank(problem, rank_tolerance)
-        count = columns - dimension - rank
-        if 8.0 * count * columns > basis_limit:
-            basis = None
-        elif basis is None:
-            basis = _sparse_right(problem, rank_tolerance, count)
-        displacement = strain_ke = None
-        residual = float("nan")
+        rank, certain, count, basis = _null_space(problem, method, rank_tolerance, basis_limit, left=False)
+        motion_xk, residual = None, float("nan")
         if basis is not None:
             motion = np.zeros((columns, count))
             motion[problem.kept] = basis
             free = motion[: particles * dimension].reshape(particles, dimension, count)
             free -= free.mean(axis=0)
-            motion = _signed(_orthonormal(motion).T)
-            residual = float(np.abs(problem.matrix @ motion.T).max(initial=0.0))
-            displacement = np.ascontiguousarray(motion[:, : particles * dimension].reshape(count, particles, dimension))
-            strain_ke = motion[:, particles * dimension :] @ problem.strain_map.T
+            motion = signed_columns(_orthonormal(motion))
+            residual = float(np.abs(problem.matrix @ motion).max(initial=0.0))
+            strain_ek = problem.strain_map @ motion[particles * dimension :]
+            motion_xk = np.concatenate([motion[: particles * dimension], strain_ek])
     seconds = time.process_time() - start
     columns, rank = columns - problem.links, rank - problem.links
-    return FloppyModes(count, columns, rank, dimension, displacement, strain_ke, residual, certain, method, seconds)
+    return FloppyModes(count, columns, rank, dimension, motion_xk, residual, certain, method, seconds)

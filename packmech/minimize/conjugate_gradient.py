@@ -9,9 +9,8 @@ from typing import NamedTuple
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import affix, along_links
 from packmech.jit.compiled import kernel
-from packmech.linalg.vectors import copy_to, dot, longest, read_places
 from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, settle, survey
-from packmech.minimize.line_search import line_search
+from packmech.minimize.line_search import copy_to, dot, line_search, longest, read_places
 from packmech.minimize.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
 

@@ -11,9 +11,8 @@ import numpy as np
 from packmech.check import integer, positive, real
 from packmech.constraints.compiled_links import affix, along_links
 from packmech.jit.compiled import device, kernel
-from packmech.linalg.vectors import add_to, copy_to, dot, longest, read_places
 from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, settle, survey
-from packmech.minimize.line_search import line_search
+from packmech.minimize.line_search import add_to, copy_to, dot, line_search, longest, read_places
 from packmech.minimize.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
 

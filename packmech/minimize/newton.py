@@ -19,11 +19,9 @@ from packmech.effects import contact_terms
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, factorize
 from packmech.measure import sum_forces
-from packmech.mechanics.pair_stiffness import bond_sums
-from packmech.minimize.descend import descend
-from packmech.minimize.energy_change import energy_change
-from packmech.minimize.soft_network import Units, length_unit
-from packmech.minimize.soft_newton import judge
+from packmech.mechanics.hessian import bond_sums
+from packmech.minimize.soft_network import Units, energy_change, length_unit
+from packmech.minimize.soft_newton import descend, judge
 from packmech.packing import Packing
 from packmech.result import NotConverged, Outcome, Run
 from packmech.scene import Scene
@@ -183,8 +181,8 @@ class _Curvature:
         return step
 
 
-def _curvature(state: _State, tie: float) -> _Curvature:
-    """Return the factored Hessian; `tie` [1] is added at least, in units of each coordinate's own stiffness."""
+def _curvature(state: _State, regularization: float) -> _Curvature:
+    """Return the factored Hessian; `regularization` [1] in units of each coordinate's own stiffness is added."""
     touching = state.touching
     count = touching.count_n()
     free = count > 0
@@ -193,30 +191,30 @@ def _curvature(state: _State, tie: float) -> _Curvature:
     _, cluster_n = connected_components(links, directed=False)
     order = np.lexsort((-count, cluster_n))
     free[order[np.concatenate([[True], np.diff(cluster_n[order]) > 0])]] = False
-    loose = rattlers_of(touching)
-    weak = loose[touching.i_c] | loose[touching.j_c]
-    # contacts that hold nobody bend sideways under their own force: leave that out, and tie the particle a little
+    rattling = rattlers_of(touching)
+    weak = rattling[touching.i_c] | rattling[touching.j_c]
+    # contacts that hold nobody bend sideways under their own force: leave that out, and regularize it
     first = np.where(weak, 0.0, state.first_c)
     matrix = bond_sums(touching, first, state.second_c).position_matrix(free)
     if not matrix.shape[0]:
         return _Curvature(factorize(matrix), free, 0, False)
     diagonal = np.abs(matrix.diagonal())
     diagonal = np.maximum(diagonal, 1e-3 * diagonal.mean())
-    held = np.repeat(~loose[free], touching.dimension)
-    ties = np.where(held, tie, max(tie, 1e-3)) * diagonal
+    held = np.repeat(~rattling[free], touching.dimension)
+    added = np.where(held, regularization, max(regularization, 1e-3)) * diagonal
     negative = -1
     while True:
         try:
-            whole = matrix + sp.diags_array(ties, format="csr") if ties.any() else matrix
+            whole = matrix + sp.diags_array(added, format="csr") if added.any() else matrix
             factor = factorize(whole, kind="symmetric")
             unstable = factor.inertia.negative
             negative = unstable if negative < 0 else negative
             if factor.inertia.positive == matrix.shape[0]:
-                return _Curvature(factor, free, negative, bool((ties > 0.0)[held].any()))
+                return _Curvature(factor, free, negative, bool((added > 0.0)[held].any()))
         except NotDefinite:
             negative = max(negative, 0)
-        tie = max(10.0 * tie, 1e-8)
-        ties = np.maximum(ties, tie * diagonal)
+        regularization = max(10.0 * regularization, 1e-8)
+        added = np.maximum(added, regularization * diagonal)
 
 
 def polish(
@@ -228,7 +226,7 @@ def polish(
     method: Newton | None = None,
     deadline: float = math.inf,
 ) -> Polished:
-    """Return the packing after Newton steps in its box; a failure to converge is told by `outcome` only.
+    """Return the packing after Newton steps in its box; a failure to converge is said by `outcome` only.
 
     Parameters
     ----------
@@ -269,7 +267,7 @@ def polish(
     with single_thread():
         state = best = landscape.at(packing.position_nd)
         steps = regularized = negative = 0
-        tie = 0.0
+        regularization = 0.0
         while True:
             floor = landscape.floor(state)
             if state.mean_force <= floor:
@@ -286,7 +284,7 @@ def polish(
             if time.process_time() > deadline:
                 outcome = Outcome.INTERRUPTED
                 break
-            curvature = _curvature(state, tie)
+            curvature = _curvature(state, regularization)
             step = curvature.step(state.net_nd)
             step *= min(1.0, longest / max(float(np.sqrt((step**2).sum(axis=1)).max()), 1e-300))
             reached = _descend(landscape, state, step)

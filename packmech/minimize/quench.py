@@ -268,24 +268,30 @@ class _Descent:
         )
 
 
+def find_crossings(packing: Packing) -> set[tuple[int, ...]] | None:
+    """Return the pairs of links that cross, by (link, link, image), in two dimensions; None where nobody can tell."""
+    try:
+        found = crossing_links(packing)
+    except ValueError:
+        # links much longer than the box pass over more images than can be listed
+        return None
+    return {tuple(row) for row in np.column_stack([found.first_c, found.second_c, found.image_cd]).tolist()}
+
+
+def pairs_crossing(crossings: set[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
+    """Return the pairs of links among crossings, each once, in order."""
+    return tuple(sorted({one[:2] for one in crossings}))
+
+
 def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
     """Return which links cross at the end, and which of them did not at the start; nothing but in two dimensions."""
     if end.links is None or end.dimension != 2:
         return {}
-    try:
-        found = [crossing_links(one) for one in (start, end)]
-    except ValueError:
-        # links much longer than the box pass over more images than can be listed
-        return {"crossing_links": None, "crossed_links": None}
     # the lists stand in one order, and images are those of the positions as they are in both
-    before, after = (
-        {(a, b, *z) for a, b, z in zip(one.first_c.tolist(), one.second_c.tolist(), one.image_cd.tolist(), strict=True)}
-        for one in found
-    )
-    return {
-        "crossing_links": tuple(sorted({key[:2] for key in after})),
-        "crossed_links": tuple(sorted({key[:2] for key in after - before})),
-    }
+    before, after = find_crossings(start), find_crossings(end)
+    if before is None or after is None:
+        return {"crossing_links": None, "crossed_links": None}
+    return {"crossing_links": pairs_crossing(after), "crossed_links": pairs_crossing(after - before)}
 
 
 class _TraceBuilder:

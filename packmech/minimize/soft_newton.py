@@ -3,17 +3,23 @@
 Unknowns are displacements and the free strains; the enthalpy U + p V is stationary where forces balance and the
 stress is -p on every free strain. Prestress is included: without it Newton's method stalls at a residual of 1e-2 near
 jamming. A packing with links keeps them: their tensions are unknowns too.
+
+`newton` goes to the stationary point nearby. `descend` only goes down, for packings whose contacts change or that must
+leave a saddle: where the Hessian has unstable directions every coordinate is regularized until it has none, and steps
+are halved until the enthalpy falls.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts.network import pair_contacts
-from packmech.minimize.soft_network import REACH, LinkedNetwork, SoftNetwork, Units
+from packmech.contacts.network import Contacts, pair_contacts
+from packmech.minimize.soft_network import REACH, LinkedNetwork, SoftNetwork, Units, energy_change
 from packmech.packing import Packing
 from packmech.result import Outcome
 
@@ -26,7 +32,7 @@ class SoftState:
 
     `stress_error` is the largest missing stress on a free strain over the pressure; `negative` counts unstable
     directions; `reached` is the depth of the overlaps over that asked for; `floor` the residual that rounding of
-    positions alone can cause; `mean_force` is in reduced units; `evaluations` counts looks at the forces.
+    positions alone can cause; `mean_force` is in reduced units; `evaluations` counts force evaluations.
     """
 
     packing: Packing
@@ -87,16 +93,16 @@ def newton(
     best = network.packing, network.merit, network.residual, network.stress_error
     negative = 0
     used = idle = 0
-    looks = 1
+    evaluations = 1
     travelled = 0.0
     for _ in range(iterations):
         used += 1
         start, merit = network.packing, network.merit
         if not np.isfinite(merit):
             break
-        tie = 1e-10 * float(np.abs(network.second_c).mean())
+        regularization = 1e-10 * float(np.abs(network.second_c).mean())
         try:
-            u_nd, strain_k, negative = network.direction(tie)
+            u_nd, strain_k, negative = network.direction(regularization)
         except (np.linalg.LinAlgError, RuntimeError, ValueError):
             break
         size = 1.0
@@ -110,7 +116,7 @@ def newton(
             travelled = size * longest
         for _ in range(8):
             network.packing = start
-            looks += 1
+            evaluations += 1
             network.measure(network.moved(size * u_nd, size * strain_k))
             # a contact that opens or closes may raise the merit once before it falls
             if network.merit < (4.0 if merit > 1e-4 else 1e3) * merit:
@@ -128,7 +134,7 @@ def newton(
         negative = _unstable_directions(best[0], units, network.basis_kdd, network.pressure)
     network.measure(best[0])
     mean = float(np.abs(network.first_c).mean()) if len(network.contacts) else 0.0
-    return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, looks)
+    return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, evaluations)
 
 
 def rounding_floor(network: SoftNetwork) -> float:
@@ -171,3 +177,135 @@ def judge(state: SoftState, tolerance: float) -> Outcome:
     if state.balanced(tolerance):
         return Outcome.CONVERGED
     return Outcome.ROUNDING_FLOOR if state.sound(tolerance) else Outcome.STALLED
+
+
+_ARMIJO = 1e-4
+_HALVINGS = 3
+# regularization of every coordinate, in units of the mean stiffness of a contact: a trace always, more where unstable
+_TRACE, _FIRST, _MOST = 1e-10, 1e-9, 1e3
+# after a good step there is less of it, after a bad one more
+_LOOSER, _TIGHTER = 0.3, 10.0
+# falling back onto the floor of a valley: regularization of what is soft, and how often
+_STIFF, _CORRECTIONS = 1e-2, 3
+# Newton's method without safeguards goes on from here
+_NEAR = 1e-7
+
+
+class _Step(NamedTuple):
+    u_nd: NDArray[np.float64]
+    strain_k: NDArray[np.float64]
+    slope: float
+
+
+def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volume: float) -> float:
+    """Return the enthalpy of the packing less that of the one in which `near` lists touching and near pairs.
+
+    Parameters
+    ----------
+    network
+        The pairs, units and pressure.
+    near
+        All pairs of the network where the step started.
+    packing
+        Where it ended.
+    volume
+        Volume where it started.
+
+    """
+    after = pair_contacts(packing, *network.pairs)
+    total = energy_change(
+        near.vector_cd,
+        after.vector_cd - near.vector_cd,
+        near.contact_distance_c,
+        lambda distance, sigma: network.units.derivatives(distance, sigma)[0],
+    )
+    return total + (network.pressure * (packing.box.volume - volume) if network.volume is None else 0.0)
+
+
+def descend(
+    packing: Packing,
+    units: Units,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | None,
+    *,
+    iterations: int = 200,
+    watch: Callable[[Packing], None] | None = None,
+) -> SoftState:
+    """Return the packing at the bottom that Newton's method reaches going down, in reduced units.
+
+    Parameters
+    ----------
+    packing, units, basis_kdd, pressure
+        As in `newton`.
+    iterations
+        Most iterations, those of the last digits not counted.
+    watch
+        Called with the packing after each accepted step.
+
+    """
+    network = network_of(packing, units, basis_kdd, pressure)
+    regularization, used, evaluations = _TRACE, 0, 1
+    travelled = 0.0
+    while used < iterations and np.isfinite(network.merit) and network.merit > max(_NEAR, rounding_floor(network)):
+        used += 1
+        found = _downhill(network, regularization)
+        if found is None:
+            break
+        step, regularization = found
+        start, merit = network.packing, network.merit
+        longest = float(np.abs(step.u_nd).max()) + float(np.abs(step.strain_k).max(initial=0.0))
+        size = min(1.0, 0.5 * REACH / max(longest, 1e-300))
+        travelled += size * longest
+        if travelled > 0.8 * REACH:
+            network = network_of(start, units, basis_kdd, pressure)
+            travelled = size * longest
+        near = pair_contacts(start, *network.pairs)
+        volume = start.box.volume
+        for halving in range(_HALVINGS):
+            network.packing = start
+            network.measure(network.moved(size * step.u_nd, size * step.strain_k))
+            evaluations += 1
+            fall = _ARMIJO * size * step.slope
+            lower = enthalpy_change(network, near, network.packing, volume) <= fall
+            for _ in range(0 if lower else _CORRECTIONS):
+                # a long way along a soft valley leaves its floor by the square of the way: let what is stiff fall back
+                back = _downhill(network, _STIFF)
+                if back is None:
+                    break
+                network.measure(network.moved(back[0].u_nd, back[0].strain_k))
+                evaluations += 1
+                lower = enthalpy_change(network, near, network.packing, volume) <= fall
+                if lower:
+                    break
+            if lower:
+                regularization = regularization if halving else max(_LOOSER * regularization, _TRACE)
+                break
+            if network.merit < 0.3 * merit and merit < 1e-3:
+                break
+            size *= 0.5
+        else:
+            network.measure(start)
+            regularization = max(_TIGHTER * regularization, _FIRST)
+            if regularization > _MOST:
+                break
+            continue
+        if watch is not None:
+            watch(network.packing)
+    end = newton(network.packing, units, basis_kdd, pressure)
+    return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
+
+
+def _downhill(network: SoftNetwork, regularization: float) -> tuple[_Step, float] | None:
+    """Return Newton's step with as much regularization as makes it go down, and how much."""
+    mean = float(np.abs(network.second_c).mean()) if len(network.second_c) else 0.0
+    while regularization <= _MOST and mean > 0.0:
+        try:
+            u_nd, strain_k, negative = network.direction(regularization * mean)
+        except np.linalg.LinAlgError:
+            negative = 1
+        if negative == 0:
+            slope = float((network.uphill_nd * u_nd).sum() + network.uphill_k @ strain_k)
+            if slope < 0.0 and np.isfinite(slope):
+                return _Step(u_nd, strain_k, slope), regularization
+        regularization = max(10.0 * regularization, _FIRST)
+    return None

@@ -19,6 +19,7 @@ from packmech.minimize.fire import Fire, steer
 from packmech.minimize.program import Evaluation, Program
 from packmech.minimize.soft_network import isochoric_part
 from packmech.packing import Packing
+from packmech.result import Outcome
 
 # strains make steps uphill costlier than they are for particles alone
 _FIRE = Fire(dt_max=0.5, shrink=0.5)
@@ -42,17 +43,8 @@ class StrainRelaxation:
         return max(self.residual, self.stress_error)
 
 
-def relax_strained(
-    program: Program,
-    packing: Packing,
-    basis_kdd: NDArray[np.float64],
-    pressure: float | None,
-    *,
-    tolerance: float,
-    step_limit: int,
-    watch: Callable[[Packing], None] | None = None,
-) -> StrainRelaxation:
-    """Return the packing relaxed in positions and strains.
+class StrainedFire:
+    """FIRE in positions and strains, as the run loop steps it.
 
     Parameters
     ----------
@@ -72,55 +64,109 @@ def relax_strained(
         Called with the packing every few steps.
 
     """
-    d, n = packing.dimension, packing.particles
-    volume = packing.box.volume
-    scale = float(np.sqrt(n) * packing.diameter_n.mean())
-    basis = isochoric_part(basis_kdd, d) if pressure is None else basis_kdd
-    position, box = packing.position_nd.copy(), packing.box
-    constraints = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
-    if constraints is not None:
-        position = constraints.reaffixed(packing).position_nd
-    velocity, rate = np.zeros_like(position), np.zeros((d, d))
-    dt, mixing, downhill, mobility = _FIRE.dt, _FIRE.mixing, 0.0, 1.0
-    furthest = _FIRE.largest_step * float(packing.diameter_n.min())
-    step = 0
-    while True:
-        now = program.evaluate(position, box.lattice_dd)
-        pull = _stress_pull(now, basis, box.volume, pressure)
-        errors = _errors(now, basis, pressure)
-        if max(errors) <= tolerance or step >= step_limit:
-            return StrainRelaxation(packing.replace(position_nd=position, box=box), *errors, now.pressure, step)
-        if watch is not None and step and step % _WATCHED == 0:
-            watch(packing.replace(position_nd=position, box=box))
-        if step % 64 == 0:
-            stiffness = now.force_floor / program.space.resolution
-            mobility = 5.0 / stiffness if stiffness > 0.0 else mobility
-        step += 1
-        strain_force = pull / scale
+
+    def __init__(
+        self,
+        program: Program,
+        packing: Packing,
+        basis_kdd: NDArray[np.float64],
+        pressure: float | None,
+        *,
+        tolerance: float,
+        step_limit: int,
+        watch: Callable[[Packing], None] | None = None,
+    ) -> None:
+        self.program, self.start, self.pressure, self.tolerance = program, packing, pressure, tolerance
+        self.step_limit, self.watch = step_limit, watch
+        self.basis_kdd = isochoric_part(basis_kdd, packing.dimension) if pressure is None else basis_kdd
+        self.position_nd, self.box = packing.position_nd.copy(), packing.box
+        self.constraints = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
+        if self.constraints is not None:
+            self.position_nd = self.constraints.reaffixed(packing).position_nd
+        self._velocity_nd, self._rate_dd = np.zeros_like(self.position_nd), np.zeros((packing.dimension,) * 2)
+        self._dt, self._mixing, self._downhill, self._mobility = _FIRE.dt, _FIRE.mixing, 0.0, 1.0
+        # length that a unit strain counts as
+        self._scale = float(np.sqrt(packing.particles) * packing.diameter_n.mean())
+        self._farthest = _FIRE.largest_step * float(packing.diameter_n.min())
+        self.steps = 0
+        self._evaluate()
+
+    @property
+    def packing(self) -> Packing:
+        """The packing as it is now."""
+        return self.start.replace(position_nd=self.position_nd, box=self.box)
+
+    def relaxation(self) -> StrainRelaxation:
+        """Return what was arrived at."""
+        return StrainRelaxation(self.packing, *self.errors, self.now.pressure, self.steps)
+
+    def next_stop(self) -> int | Outcome:
+        """Return the step at which the packing is due to be watched next, or how it ended."""
+        if max(self.errors) <= self.tolerance:
+            return Outcome.CONVERGED
+        if self.steps >= self.step_limit:
+            return Outcome.STEP_LIMIT
+        return min(self.steps + _WATCHED - self.steps % _WATCHED, self.step_limit)
+
+    def advance(self, steps: int) -> Outcome | None:
+        """Take up to so many steps; return CONVERGED where forces and stress balance."""
+        for _ in range(steps):
+            self._step()
+            if max(self.errors) <= self.tolerance:
+                return Outcome.CONVERGED
+        return None
+
+    def observe(self) -> Outcome | None:
+        """Pass the packing on to whoever watches."""
+        if self.watch is not None and self.steps % _WATCHED == 0:
+            self.watch(self.packing)
+        return None
+
+    def figures(self) -> None:
+        """Return nothing: `watch` is called instead of the progress callback."""
+        return None
+
+    def _evaluate(self) -> None:
+        self.now = self.program.evaluate(self.position_nd, self.box.lattice_dd)
+        self.errors = _errors(self.now, self.basis_kdd, self.pressure)
+
+    def _step(self) -> None:
+        now, position, velocity, rate = self.now, self.position_nd, self._velocity_nd, self._rate_dd
+        if self.steps % 64 == 0:
+            stiffness = now.force_floor / self.program.space.resolution
+            self._mobility = 5.0 / stiffness if stiffness > 0.0 else self._mobility
+        self.steps += 1
+        strain_force = _stress_pull(now, self.basis_kdd, self.box.volume, self.pressure) / self._scale
         power = float((now.force_nd * velocity).sum() + (strain_force * rate).sum())
         if power > 0.0:
             speed = float(np.sqrt((velocity**2).sum() + (rate**2).sum()))
             force = float(np.sqrt((now.force_nd**2).sum() + (strain_force**2).sum()))
-            velocity = (1.0 - mixing) * velocity + mixing * speed / force * now.force_nd
-            rate = (1.0 - mixing) * rate + mixing * speed / force * strain_force
+            velocity = (1.0 - self._mixing) * velocity + self._mixing * speed / force * now.force_nd
+            rate = (1.0 - self._mixing) * rate + self._mixing * speed / force * strain_force
         else:
             velocity, rate = np.zeros_like(velocity), np.zeros_like(rate)
-        dt, mixing, downhill = steer(_FIRE, power <= 0.0, dt, mixing, downhill)  # type: ignore[no-untyped-call]
-        velocity = velocity + dt * mobility * now.force_nd
-        rate = rate + dt * mobility * strain_force
+        self._dt, self._mixing, self._downhill = steer(  # type: ignore[no-untyped-call]
+            _FIRE, power <= 0.0, self._dt, self._mixing, self._downhill
+        )
+        dt = self._dt
+        velocity = velocity + dt * self._mobility * now.force_nd
+        rate = rate + dt * self._mobility * strain_force
         reach = dt * max(float(np.sqrt((velocity**2).sum(axis=1).max())), float(np.abs(rate).max()))
-        if reach > furthest:
-            velocity, rate = velocity * (furthest / reach), rate * (furthest / reach)
-        strain = dt * rate / scale
+        if reach > self._farthest:
+            velocity, rate = velocity * (self._farthest / reach), rate * (self._farthest / reach)
+        strain = dt * rate / self._scale
         position = position + dt * velocity + position @ strain.T
-        box = box.strained(strain)
-        if pressure is None:
-            factor = (volume / box.volume) ** (1.0 / d)
+        box = self.box.strained(strain)
+        if self.pressure is None:
+            factor = (self.start.box.volume / box.volume) ** (1.0 / self.start.dimension)
             position, box = position * factor, box.scaled(factor)
-        if constraints is not None:
-            constraints = constraints.at(constraints.reaffixed(packing.replace(position_nd=position, box=box)))
-            position = constraints.packing.position_nd
-            velocity, _, _ = constraints.project(velocity)
+        if self.constraints is not None:
+            moved = self.start.replace(position_nd=position, box=box)
+            self.constraints = self.constraints.at(self.constraints.reaffixed(moved))
+            position = self.constraints.packing.position_nd
+            velocity, _, _ = self.constraints.project(velocity)
+        self.position_nd, self.box, self._velocity_nd, self._rate_dd = position, box, velocity, rate
+        self._evaluate()
 
 
 def _stress_pull(

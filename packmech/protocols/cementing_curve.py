@@ -22,8 +22,7 @@ from packmech.jit.blas import single_thread
 from packmech.loop.checkpoint import read_results, write_checkpoint
 from packmech.mechanics.rigidity import TOUCHING
 from packmech.packing import Packing
-from packmech.protocols.cement import Cementing, cement_backbone, step_end
-from packmech.protocols.held_compliance import FREEZE, backbone_of
+from packmech.protocols.cement import FREEZE, Cementing, backbone_of, cement_backbone, step_end
 from packmech.protocols.jam import jam
 from packmech.result import NotConverged
 from packmech.scene import Scene
@@ -357,11 +356,11 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
 def _in_turn(tasks: list[Settings], orders: int, folder: Path | None, progress: Progress | None) -> Iterator[Trials]:
     for settings in tasks:
 
-        def tell(done: int, settings: Settings = settings) -> None:
+        def report(done: int, settings: Settings = settings) -> None:
             if progress is not None:
                 progress(settings.particles, settings.packing, done)
 
-        yield run_trials(settings, orders, folder, tell)
+        yield run_trials(settings, orders, folder, report)
 
 
 def _at_once(

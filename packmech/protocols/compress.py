@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, positive_array
-from packmech.contacts import find_contacts
+from packmech.contacts import Contacts, find_contacts
 from packmech.jit.blas import single_thread
-from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.minimize.descend import descend
 from packmech.minimize.soft_network import isochoric_part
-from packmech.minimize.soft_newton import SoftState, judge, newton
-from packmech.minimize.strain_fire import relax_strained
+from packmech.minimize.soft_newton import SoftState, descend, judge, newton
 from packmech.packing import Packing, no_own_images
-from packmech.protocols.hard_vertex import find_vertex
+from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
-from packmech.protocols.jam_report import finish
 from packmech.protocols.linked_jam import find_onset
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish
 from packmech.protocols.soft import soften
-from packmech.result import NotConverged, Outcome, Run
+from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 # first distance above the onset, and the largest ratio of successive ones
@@ -39,6 +36,7 @@ def compress(
     strain: str = "isotropic",
     force_tolerance: float = 1e-9,
     iteration_limit: int = 2000,
+    time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
 ) -> tuple[Run, ...]:
@@ -67,6 +65,8 @@ def compress(
         rounding also counts.
     iteration_limit
         Most interior-point iterations for the onset.
+    time_limit
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
     progress
         Called as progress(stage, figures).
     check
@@ -84,6 +84,8 @@ def compress(
         If an argument is not what it must be.
     NotConverged
         If the onset is not found, or a packing does not come to rest, and `check` is set.
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
 
     Examples
     --------
@@ -103,79 +105,87 @@ def compress(
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
-    loop = RunLoop(run_settings(progress=progress, check=check))
-    with safe_interrupts(), single_thread():
-        return tuple(_Ascent(scene, strain, tolerance, loop).climb(goals, limit, check))
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    began = time.process_time()
+    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    ascent, runs = _Ascent(protocol, float(goals[0]), limit), list[Run]()
 
+    def finished(outcome: Outcome) -> Run:
+        return finish(protocol, protocol.last, outcome, 0.0, "compress", began)
 
-class _Ascent:
-    """One packing followed upward from its onset."""
-
-    def __init__(self, scene: Scene, strain: str, tolerance: float, loop: RunLoop) -> None:
-        self.began = time.process_time()
-        self.protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
-        self.tolerance = tolerance
-        self.shears = isochoric_part(self.protocol.basis_kdd, scene.packing.dimension)
-        self.rearrangements = 0
-        self.iterations = 0
-
-    def climb(self, goals: NDArray[np.float64], limit: int, check: bool) -> list[Run]:
-        protocol = self.protocol
-        runs: list[Run] = []
-        start = self._start(float(goals[0]), limit)
-        if start is None:
-            run = finish(protocol, protocol.last, Outcome.NOT_JAMMED, 0.0, "compress", self.began)
-            if check:
-                raise NotConverged(run)
-            return [run]
-        packing, onset, depth, network = start
+    with single_thread():
         try:
-            for goal in goals:
-                self.rearrangements = self.iterations = 0
-                with protocol.stage("compression") as figures:
-                    state = self._advance(packing, onset, depth, float(goal))
-                    packing, depth = state.packing, float(goal)
-                    protocol.last = protocol.restored(packing)
-                    figures.residual, figures.steps = state.residual, self.iterations
-                    figures.force_evaluations = self.iterations
-                    figures.note = f"{self.rearrangements} rearrangements"
-                now = find_contacts(protocol.last)
-                pairs = _pairs_of(now.i_c, now.j_c, now.image_cd)
-                protocol.report.update(
-                    distance=float(goal),
-                    onset=onset,
-                    rearrangements=self.rearrangements,
-                    contacts_closed=len(pairs - network),
-                    contacts_opened=len(network - pairs),
-                )
-                network = pairs
-                outcome = judge(state, self.tolerance)
-                runs.append(finish(protocol, protocol.last, outcome, 0.0, "compress", self.began))
-                if check and not outcome.ok:
-                    raise NotConverged(runs[-1])
-                protocol.stages, self.began = [], time.process_time()
+            for goal in goals.tolist():
+                runs.append(loop.run(functools.partial(ascent.climb, goal), finished))
+                if runs[-1].outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+                    break
+                protocol.stages, began = [], time.process_time()
         except KeyboardInterrupt as stop:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
-        return runs
+    return tuple(runs)
 
-    def _start(self, goal: float, limit: int) -> tuple[Packing, float, float, set[tuple[int, ...]]] | None:
-        """Return a packing just above the onset, the onset, how far above, and the pairs that touch at the onset."""
+
+class _Onset(NamedTuple):
+    """A packing just above its onset, that packing fraction, how far above, and the pairs that touch at the onset."""
+
+    packing: Packing
+    fraction: float
+    depth: float
+    pairs: set[tuple[int, ...]]
+
+
+class _Ascent:
+    """One packing followed upward from its onset, which is looked for when the first distance is asked for."""
+
+    def __init__(self, protocol: Protocol, nearest: float, iteration_limit: int) -> None:
+        self.protocol, self.nearest, self.iteration_limit = protocol, nearest, iteration_limit
+        self.tolerance = protocol.force_tolerance
+        self.shears = isochoric_part(protocol.basis_kdd, protocol.scene.packing.dimension)
+        self.place: _Onset | None = None
+        self.rearrangements = 0
+        self.iterations = 0
+
+    def climb(self, goal: float) -> Outcome:
+        """Go on to the distance; return how that ended."""
+        protocol = self.protocol
+        place = self._start() if self.place is None else self.place
+        if place is None:
+            return Outcome.NOT_JAMMED
+        self.rearrangements = self.iterations = 0
+        with protocol.stage("compression") as figures:
+            state = self._advance(place.packing, place.fraction, place.depth, goal)
+            protocol.last = protocol.restored(state.packing)
+            figures.residual, figures.steps = state.residual, self.iterations
+            figures.force_evaluations = self.iterations
+            figures.note = f"{self.rearrangements} rearrangements"
+        now = find_contacts(protocol.last)
+        pairs = _pairs_of(now)
+        protocol.report.update(
+            distance=goal,
+            onset=place.fraction,
+            rearrangements=self.rearrangements,
+            contacts_closed=len(pairs - place.pairs),
+            contacts_opened=len(place.pairs - pairs),
+        )
+        self.place = _Onset(state.packing, place.fraction, goal, pairs)
+        return judge(state, self.tolerance)
+
+    def _start(self) -> _Onset | None:
         protocol = self.protocol
         if protocol.scene.packing.links is not None:
-            found = find_onset(protocol, goal)
+            found = find_onset(protocol, self.nearest)
             if found is None:
                 return None
-            pairs = _pairs_of(found.contacts.i_c, found.contacts.j_c, found.contacts.image_cd)
-            return found.state.packing, found.fraction, found.depth, pairs
-        vertex = find_vertex(protocol, protocol.scene.packing, limit)
-        if vertex is None:
+            return _Onset(found.state.packing, found.fraction, found.depth, _pairs_of(found.contacts))
+        hard = find_hard_packing(protocol, protocol.scene.packing, self.iteration_limit)
+        if hard is None:
             return None
-        depth = min(_FIRST, 0.5 * goal)
+        depth = min(_FIRST, 0.5 * self.nearest)
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
-        state = soften(vertex, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
-        pairs = _pairs_of(vertex.contacts.i_c, vertex.contacts.j_c, vertex.contacts.image_cd)
-        return state.packing, protocol.report["jamming_packing_fraction"], depth, pairs
+        state = soften(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
+        onset = protocol.report["jamming_packing_fraction"]
+        return _Onset(state.packing, onset, depth, _pairs_of(hard.contacts))
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""
@@ -202,13 +212,11 @@ class _Ascent:
 
     def _rearranged(self, packing: Packing) -> SoftState:
         """Return the packing that FIRE finds at this volume, polished by Newton's method."""
-        protocol, tolerance = self.protocol, _FIRE_TOLERANCE
+        protocol, tolerance, limit = self.protocol, _FIRE_TOLERANCE, _FIRE_STEPS // 10
         here = protocol.restored(packing)
         for _ in range(_FIRE_ROUNDS):
             if len(self.shears):
-                here = relax_strained(
-                    protocol.program, here, self.shears, None, tolerance=tolerance, step_limit=_FIRE_STEPS // 10
-                ).packing
+                here = protocol.relax_strained(here, None, tolerance, limit, basis_kdd=self.shears).packing
             else:
                 here, done = protocol.relax(here, tolerance, _FIRE_STEPS)
                 self.iterations += done.steps
@@ -221,5 +229,5 @@ class _Ascent:
         return state
 
 
-def _pairs_of(i_c: NDArray[np.int64], j_c: NDArray[np.int64], image_cd: NDArray[np.int64]) -> set[tuple[int, ...]]:
-    return {tuple(row) for row in np.column_stack([i_c, j_c, image_cd]).tolist()}
+def _pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:
+    return {tuple(row) for row in np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd]).tolist()}

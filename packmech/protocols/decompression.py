@@ -11,7 +11,7 @@ from packmech.files.records import is_record
 from packmech.measure import packing_fraction
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import decompress, find_vertex, press
+from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
 from packmech.protocols.linked_jam import decompress_linked
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
@@ -56,12 +56,9 @@ class Decompression:
     iteration_limit: int = 2000
 
     def __post_init__(self) -> None:
-        if self.start_packing_fraction is not None:
-            positive("start_packing_fraction", self.start_packing_fraction)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps)
         positive("stop_pressure", self.stop_pressure)
         real("factor", self.factor, above=0.0, below=1.0)
-        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
-        integer("quench_steps", self.quench_steps, at_least=1)
         integer("iteration_limit", self.iteration_limit, at_least=1)
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
@@ -73,13 +70,13 @@ class Decompression:
         packing = decompress(
             protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps
         )  # fmt: skip
-        vertex = find_vertex(protocol, packing, self.iteration_limit)
-        if vertex is None:
+        hard = find_hard_packing(protocol, packing, self.iteration_limit)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure)
+        return press(protocol, hard, pressure)
 
 
-_VERTEX_ITERATIONS = 2000
+_HARD_ITERATIONS = 2000
 _HALVING_START = {2: 0.84, 3: 0.64}
 
 
@@ -118,14 +115,11 @@ class StepHalving:
     step_limit: int = 10_000
 
     def __post_init__(self) -> None:
-        if self.start_packing_fraction is not None:
-            positive("start_packing_fraction", self.start_packing_fraction)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps)
         real("increment", self.increment, above=0.0, at_most=0.1)
         positive("energy_tolerance", self.energy_tolerance)
         if self.minimizer is not None and not hasattr(self.minimizer, "advance"):
             raise TypeError(f"minimizer must be a minimizer such as Fire() or LBFGS(), got {self.minimizer!r}")
-        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
-        integer("quench_steps", self.quench_steps, at_least=1)
         integer("step_limit", self.step_limit, at_least=1)
         if self.minimizer is not None and not is_record(self.minimizer):
             raise TypeError(f"minimizer must be a minimizer such as Fire() or None, got {self.minimizer!r}")
@@ -176,7 +170,7 @@ class StepHalving:
     def _stabilized(self, protocol: Protocol, packing: Packing) -> tuple[Packing, Outcome]:
         """Return the packing with all strains free, at the pressure that was reached."""
         pressure = protocol.program.evaluate(packing.position_nd, packing.box.lattice_dd).pressure
-        vertex = find_vertex(protocol, packing, _VERTEX_ITERATIONS)
-        if vertex is None:
+        hard = find_hard_packing(protocol, packing, _HARD_ITERATIONS)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure / protocol.scene.pressure_unit)
+        return press(protocol, hard, pressure / protocol.scene.pressure_unit)

@@ -6,11 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
-from packmech.jamming.hard_packing import Vertex, certify, kicked
-from packmech.jamming.interior_point import HardState, densify, start_state
+from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, kicked, start_state
 from packmech.measure import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing
@@ -20,6 +20,14 @@ from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
 _ONSET, _ONSETS = 0.03, (0.001, 0.2)
+
+
+def check_quench(start: float | None, tolerance: float, steps: int, *, least_steps: int = 1) -> None:
+    """Check the settings of the quench that a method begins with."""
+    if start is not None:
+        positive("start_packing_fraction", start)
+    real("quench_tolerance", tolerance, above=0.0, below=1.0)
+    integer("quench_steps", steps, at_least=least_steps)
 
 
 def decompress(
@@ -117,12 +125,9 @@ class HardVertex:
     iteration_limit: int = 2000
 
     def __post_init__(self) -> None:
-        if self.start_packing_fraction is not None:
-            positive("start_packing_fraction", self.start_packing_fraction)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps, least_steps=0)
         if self.stop_pressure is not None:
             positive("stop_pressure", self.stop_pressure)
-        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
-        integer("quench_steps", self.quench_steps, at_least=0)
         integer("iteration_limit", self.iteration_limit, at_least=1)
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
@@ -133,13 +138,13 @@ class HardVertex:
             else self.start_packing_fraction
         )
         packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
-        vertex = find_vertex(protocol, packing, self.iteration_limit)
-        if vertex is None:
+        hard = find_hard_packing(protocol, packing, self.iteration_limit)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure)
+        return press(protocol, hard, pressure)
 
 
-def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> Vertex | None:
+def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int) -> HardPacking | None:
     """Return the exact hard packing nearby, in reduced units, or None when none could be certified.
 
     Parameters
@@ -158,6 +163,7 @@ def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> V
     state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
 
     def watch(now: HardState) -> None:
+        protocol.loop.check_time()
         if now.iterations % 10 == 0:
             protocol.loop.report("hard packing", iteration=now.iterations, barrier=now.barrier, overlap=now.violation)
 
@@ -171,68 +177,76 @@ def find_vertex(protocol: Protocol, packing: Packing, iteration_limit: int) -> V
             figures.residual, figures.steps = state.barrier, state.iterations - before
             figures.note = f"interior point, {figures.steps} factorizations; residual is the barrier"
             protocol.last = protocol.restored(Packing(state.position_nd, reduced.radius_n, Box(state.lattice_dd)))
-        with protocol.stage("certificate") as figures:
-            vertex, reason = certify(state, reduced.radius_n, basis)
-            if vertex is not None:
-                figures.residual = vertex.force_imbalance
-                figures.note = (
-                    f"{len(vertex.contacts)} contacts, {vertex.excess} more than needed for one state of self stress"
-                )
-                report_vertex(protocol, vertex)
-                if not vertex.floppy_modes:
-                    return vertex
-                reason = f"a saddle: {vertex.floppy_modes} motions that open contacts"
-            figures.note = f"not accepted: {reason}"
-            protocol.report["not_certified"] = reason
+        hard = certified(protocol, state, reduced.radius_n)
+        if hard is not None and not hard.floppy_modes:
+            return hard
         if state.iterations >= iteration_limit:
             return None
-        if vertex is not None and kicks < _KICKS:
+        if hard is not None and kicks < _KICKS:
             kicks, rung = kicks + 1, 0
-            reduced = kicked(vertex.packing, basis, kicks)
+            reduced = kicked(hard.packing, basis, kicks)
             used = state.iterations
             state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
             state = dataclasses.replace(state, iterations=used)
-        elif vertex is None and rung < len(_BARRIERS) - 1:
+        elif hard is None and rung < len(_BARRIERS) - 1:
             rung += 1
         else:
             return None
 
 
-def report_vertex(protocol: Protocol, vertex: Vertex) -> None:
-    """Put the figures of the hard packing into the report.
+def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64]) -> HardPacking | None:
+    """Return the exact hard packing that a search has come close to, at a saddle perhaps; None where there is none.
 
     Parameters
     ----------
     protocol
-        The protocol.
-    vertex
-        The hard packing.
+        The protocol; a stage is added to it, and the figures of the hard packing to its report.
+    state
+        The end of a search.
+    radius_n
+        (N,) radii in the state's units.
 
     """
-    hard = protocol.restored(vertex.packing)
-    protocol.last = hard
+    with protocol.stage("certificate") as figures:
+        hard, reason = certify(state, radius_n, protocol.basis_kdd)
+        if hard is not None:
+            figures.residual = hard.force_imbalance
+            figures.note = f"{len(hard.contacts)} contacts, {hard.excess} more than needed for one state of self stress"
+            _report_hard_packing(protocol, hard)
+            if not hard.floppy_modes:
+                return hard
+            reason = f"a saddle: {hard.floppy_modes} motions that open contacts"
+        figures.note = f"not accepted: {reason}"
+        protocol.report["not_certified"] = reason
+    return hard
+
+
+def _report_hard_packing(protocol: Protocol, hard: HardPacking) -> None:
+    """Put the figures of the hard packing into the report."""
+    restored = protocol.restored(hard.packing)
+    protocol.last = restored
     protocol.report.pop("not_certified", None)
     protocol.report.update(
-        jamming_packing_fraction=packing_fraction(hard),
-        hard_packing=hard,
-        hard_contacts=len(vertex.contacts),
-        hard_excess_contacts=vertex.excess,
-        floppy_modes=vertex.floppy_modes,
-        gap_error=vertex.gap_error,
-        force_imbalance=vertex.force_imbalance,
-        smallest_force=float(vertex.force_c.min() / vertex.force_c.mean()),
-        patches=vertex.patches,
+        jamming_packing_fraction=packing_fraction(restored),
+        hard_packing=restored,
+        hard_contacts=len(hard.contacts),
+        hard_excess_contacts=hard.excess,
+        floppy_modes=hard.floppy_modes,
+        gap_error=hard.gap_error,
+        force_imbalance=hard.force_imbalance,
+        smallest_force=float(hard.force_c.min() / hard.force_c.mean()),
+        patches=hard.patches,
     )
 
 
-def press(protocol: Protocol, vertex: Vertex, pressure: float) -> tuple[Packing, Outcome]:
+def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packing, Outcome]:
     """Return the soft packing at the pressure [energy_scale / diameter^d], and how it ended.
 
     Parameters
     ----------
     protocol
         The protocol; a stage is added to it.
-    vertex
+    hard
         The hard packing.
     pressure
         Pressure to reach.
@@ -241,7 +255,7 @@ def press(protocol: Protocol, vertex: Vertex, pressure: float) -> tuple[Packing,
     goal = protocol.reduced_pressure(pressure)
     tolerance = protocol.force_tolerance
     with protocol.stage("soft packing") as figures:
-        state = soften(vertex, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
+        state = soften(hard, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)

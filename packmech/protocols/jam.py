@@ -13,9 +13,8 @@ from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
-from packmech.protocols.jam_report import finish
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -45,6 +44,7 @@ def jam(
     method: JamMethod | None = None,
     energy_tolerance: float | None = None,
     force_tolerance: float = 1e-5,
+    time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
 ) -> Run:
@@ -70,6 +70,8 @@ def jam(
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress
         Called as progress(stage, figures) while the protocol works; figures holds "packing" where a stage has ended.
     check
@@ -108,7 +110,7 @@ def jam(
     asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
-    loop = RunLoop(run_settings(progress=progress, check=check))
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     if energy_tolerance is not None:
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")

@@ -9,9 +9,7 @@ import numpy as np
 from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
 from packmech.measure import packing_fraction, pressure
-from packmech.minimize.descend import descend
-from packmech.minimize.soft_newton import SoftState, judge
-from packmech.minimize.strain_fire import relax_strained
+from packmech.minimize.soft_newton import SoftState, descend, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
@@ -99,7 +97,7 @@ _FIRST, _BOLDEST, _TIMID = 0.3, 0.03, 0.97
 _FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
 _FIRE_STEPS = 20_000
 # crystals of molecules lie in valleys whose walls are contacts that just touch: steps of Newton's method are no longer
-# than those overlaps. Give up after so many searches, or looks at the forces that led to no balance
+# than those overlaps. Give up after so many searches, or force evaluations that led to no balance
 _SEARCHES, _VAIN = 6, 1000
 
 
@@ -192,12 +190,12 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
         return packing, Outcome.UNJAMMED
     with protocol.stage("shear stabilization") as figures:
         state = _descended(protocol, protocol.reduced(packing), None, "shear stabilization")
-        looks = state.evaluations
+        evaluations = state.evaluations
         if not (_is_unjammed(state) or state.sound(protocol.force_tolerance)):
             found, more = _searched(protocol, packing, None, "shear stabilization")
-            state, looks = found or state, looks + more
+            state, evaluations = found or state, evaluations + more
         protocol.last = protocol.restored(state.packing)
-        figures.steps, figures.force_evaluations = state.iterations, looks
+        figures.steps, figures.force_evaluations = state.iterations, evaluations
         figures.residual, figures.note = state.residual, "Newton's method, going down"
     if _is_unjammed(state):
         return protocol.last, Outcome.UNJAMMED
@@ -237,11 +235,11 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
             figures.steps += trial.iterations
             figures.force_evaluations += trial.evaluations
             if not trial.sound(protocol.force_tolerance):
-                found, looks = _searched(protocol, protocol.restored(state.packing), ahead, name)
-                figures.force_evaluations += looks
+                found, evaluations = _searched(protocol, protocol.restored(state.packing), ahead, name)
+                figures.force_evaluations += evaluations
                 searched += 1
                 if found is None:
-                    vain += trial.evaluations + looks
+                    vain += trial.evaluations + evaluations
                     factor = float(np.sqrt(factor))
                     if factor > _TIMID or searched >= _SEARCHES or vain >= _VAIN:
                         break
@@ -283,22 +281,19 @@ def _at(protocol: Protocol, packing: Packing, pressure: float, stage: str) -> So
 
 
 def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stage: str) -> tuple[SoftState | None, int]:
-    """Return the packing that FIRE with the box and then Newton's method find, if any, and how many looks that took."""
-    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
-    looks = 0
+    """Return the packing that FIRE with the box and then Newton's method find, if any, and their force evaluations."""
+    evaluations = 0
     watch = protocol.watcher(stage, reduced=False)
     for tolerance in _FIRE_TOLERANCES:
-        done = relax_strained(
-            protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=_FIRE_STEPS, watch=watch
-        )
+        done = protocol.relax_strained(packing, pressure, tolerance, _FIRE_STEPS, watch)
         packing = done.packing
         state = _descended(protocol, protocol.reduced(packing), pressure, stage)
-        looks += state.evaluations
+        evaluations += state.evaluations
         if state.sound(protocol.force_tolerance):
-            return state, looks
-        if done.merit > tolerance or looks > _VAIN:
+            return state, evaluations
+        if done.merit > tolerance or evaluations > _VAIN:
             break
-    return None, looks
+    return None, evaluations
 
 
 def _depth(packing: Packing) -> tuple[float, float]:

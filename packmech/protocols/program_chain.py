@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
 from packmech.contacts.network import candidate_pairs, pair_contacts
-from packmech.jamming.hard_packing import Vertex, certify, kicked
-from packmech.jamming.interior_point import HardState
+from packmech.jamming.hard_packing import HardPacking, HardState, kicked
 from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import START, decompress, press, report_vertex
+from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, press
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
 
@@ -55,11 +54,8 @@ class ProgramChain:
     program_limit: int = 200
 
     def __post_init__(self) -> None:
-        if self.start_packing_fraction is not None:
-            positive("start_packing_fraction", self.start_packing_fraction)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps)
         positive("stop_pressure", self.stop_pressure)
-        real("quench_tolerance", self.quench_tolerance, above=0.0, below=1.0)
-        integer("quench_steps", self.quench_steps, at_least=1)
         one_of("solver", self.solver, ("clarabel", "highs"))
         real("trust_radius", self.trust_radius, above=0.0, at_most=0.2)
         integer("program_limit", self.program_limit, at_least=1)
@@ -69,12 +65,12 @@ class ProgramChain:
         start = self.start_packing_fraction
         start = START[protocol.scene.packing.dimension] if start is None else start
         packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
-        vertex = self._chain(protocol, packing)
-        if vertex is None:
+        hard = self._chain(protocol, packing)
+        if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, vertex, pressure)
+        return press(protocol, hard, pressure)
 
-    def _chain(self, protocol: Protocol, packing: Packing) -> Vertex | None:
+    def _chain(self, protocol: Protocol, packing: Packing) -> HardPacking | None:
         reduced = protocol.reduced(packing)
         radius = self.trust_radius
         for number in range(1, self.program_limit + 1):
@@ -90,18 +86,11 @@ class ProgramChain:
             protocol.loop.report("linear program", number=number, step=step)
             bounded = step > 0.95 * radius
             if step < 3e-3 and not bounded:
-                with protocol.stage("certificate") as figures:
-                    vertex, reason = certify(state, reduced.radius_n, protocol.basis_kdd)
-                    if vertex is not None:
-                        figures.residual = vertex.force_imbalance
-                        figures.note = f"{len(vertex.contacts)} contacts, {vertex.excess} more than needed"
-                        report_vertex(protocol, vertex)
-                        if not vertex.floppy_modes:
-                            return vertex
-                        reason = f"a saddle: {vertex.floppy_modes} motions that open contacts"
-                    protocol.report["not_certified"] = figures.note = reason
-                if vertex is not None:
-                    reduced, radius = kicked(vertex.packing, protocol.basis_kdd, number), self.trust_radius
+                hard = certified(protocol, state, reduced.radius_n)
+                if hard is not None and not hard.floppy_modes:
+                    return hard
+                if hard is not None:
+                    reduced, radius = kicked(hard.packing, protocol.basis_kdd, number), self.trust_radius
                     continue
             radius = min(0.1, 3.0 * radius) if bounded else float(np.clip(3.0 * step, 1e-5, 0.1))
         return None
@@ -155,8 +144,5 @@ class ProgramChain:
         live = np.zeros(n, dtype=bool)
         live[near.i_c[bearing]] = live[near.j_c[bearing]] = True
         step = max(float(np.abs(u_nd[live]).max(initial=0.0)), float(np.abs(strain).max()))
-        state = HardState(
-            moved.position_nd, moved.box.lattice_dd, near.i_c, near.j_c, near.image_cd, near.contact_distance_c,
-            slack, force, tolerance, 0.0,
-        )  # fmt: skip
+        state = HardState(moved.position_nd, moved.box.lattice_dd, pairs, slack, force, tolerance, 0.0)
         return state, step, solution

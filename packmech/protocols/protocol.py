@@ -1,25 +1,38 @@
-"""What every jamming protocol works with: the compiled scene, reduced units, stages, and relaxation in a given box."""
+"""What every jamming protocol works with, and the run that it ends with.
+
+Compiled scene, reduced units, stages, relaxation in a given box; figures recomputed from the packing at the end.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
+from packmech.constraints.redundancy import workable_links
+from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.rattlers import rattlers_of
+from packmech.effects import contact_terms
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.loop.run_loop import RunLoop
-from packmech.measure import packing_fraction
+from packmech.loop.run_loop import RunLoop, TimeUp
+from packmech.measure import packing_fraction, stress_tensor, sum_forces
+from packmech.mechanics.rattling import find_rattling_clusters
+from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
+from packmech.minimize.quench import find_crossings, pairs_crossing
 from packmech.minimize.soft_network import Units, length_unit
+from packmech.minimize.strain_fire import StrainedFire, StrainRelaxation
 from packmech.packing import Packing
-from packmech.result import Stage
+from packmech.result import Outcome, Run, Stage
 from packmech.scene import Scene
 
 # numbers times steps of a relaxation between two packings that an interrupt leaves, and steps where someone watches
@@ -83,18 +96,22 @@ class Protocol:
         return self._program
 
     def watcher(self, stage: str, *, reduced: bool) -> Callable[[Packing], None] | None:
-        """Return what passes packings on to whoever watches a stage, in reduced lengths or not; None if nobody does."""
-        if self.loop.settings.progress is None:
+        """Return what reports packings of a stage, in reduced lengths or not, and minds the time; None if needless."""
+        settings = self.loop.settings
+        if settings.progress is None and np.isinf(settings.time_limit):
             return None
 
         def watch(packing: Packing) -> None:
-            self.loop.report(stage, packing=self.restored(packing) if reduced else packing)
+            if settings.progress is not None:
+                self.loop.report(stage, packing=self.restored(packing) if reduced else packing)
+            self.loop.check_time()
 
         return watch
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Figures]:
         """Time one part of the protocol and keep what it achieved."""
+        self.loop.check_time()
         figures = Figures()
         began = time.process_time()
         self.loop.report(name)
@@ -103,7 +120,7 @@ class Protocol:
             with compile_clock() as clock:
                 yield figures
                 compiling = clock()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, TimeUp):
             figures.note = figures.note or "interrupted"
             raise
         finally:
@@ -173,4 +190,187 @@ class Protocol:
         )
         done = task.relaxation(self.loop.advance(task))
         self.last = packing.replace(position_nd=done.position_nd)
+        if done.outcome is Outcome.INTERRUPTED:
+            raise TimeUp
         return self.last, done
+
+    def relax_strained(
+        self,
+        packing: Packing,
+        pressure: float | None,
+        tolerance: float,
+        step_limit: int,
+        watch: Callable[[Packing], None] | None = None,
+        *,
+        basis_kdd: NDArray[np.float64] | None = None,
+    ) -> StrainRelaxation:
+        """Return the packing that FIRE relaxes to in positions and free strains.
+
+        Parameters
+        ----------
+        packing
+            Where to start.
+        pressure
+            Pressure to hold [energy_scale / reference diameter^d], or None to hold the volume.
+        tolerance, step_limit
+            When to stop.
+        watch
+            Called with the packing every few steps.
+        basis_kdd
+            (k, d, d) free strains; those of the protocol unless given.
+
+        """
+        task = StrainedFire(
+            self.program,
+            packing,
+            self.basis_kdd if basis_kdd is None else basis_kdd,
+            None if pressure is None else pressure * self.scene.pressure_unit,
+            tolerance=tolerance,
+            step_limit=step_limit,
+            watch=watch,
+        )
+        if self.loop.advance(task) is Outcome.INTERRUPTED:
+            self.last = task.packing
+            raise TimeUp
+        return task.relaxation()
+
+
+def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
+    """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains.
+
+    Parameters
+    ----------
+    contacts
+        The touching pairs.
+    strains
+        How many strains are free, the volume among them.
+
+    """
+    rattling = rattlers_of(contacts)
+    kept = int((~rattling).sum())
+    number = int((~(rattling[contacts.i_c] | rattling[contacts.j_c])).sum())
+    isostatic = contacts.dimension * (kept - 1) + strains if kept else 0
+    return {
+        "particles": contacts.particles,
+        "rattlers": contacts.particles - kept,
+        "contacts": number,
+        "isostatic_contacts": isostatic,
+        "excess_contacts": number - isostatic,
+    }
+
+
+def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str, int]:
+    """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
+
+    The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
+    as a whole; free turns and ends of clusters that are held, `floppy_modes`, take as many contacts off.
+
+    Parameters
+    ----------
+    packing
+        The packing, with links.
+    contacts
+        Its touching pairs.
+    strain
+        "isotropic" or "free".
+
+    """
+    rattling = find_rattling_clusters(packing, contacts=contacts)
+    none = {"particles": packing.particles, "rattlers": int(rattling.rattling_n.sum())}
+    if rattling.empty:
+        return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
+    held = ~rattling.loose_n
+    number = np.where(held, np.cumsum(held) - 1, -1)
+    links = packing.links
+    assert links is not None
+    # links may all be between particles that rattle
+    kept = links.numbered(number) if (held[links.i_l] & held[links.j_l]).any() else None
+    part = packing.replace(position_nd=packing.position_nd[held], radius_n=packing.radius_n[held], links=kept)
+    bearing = contacts.select(rattling.backbone_c)
+    inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
+    states = states_of_self_stress(
+        part, "none" if strain == "isotropic" else "isochoric", contacts=inner, basis_limit=1.0
+    )
+    floppy = states.motions - states.trivial - states.rank
+    isostatic = states.isostatic_contact_count - floppy
+    return {
+        **none,
+        "contacts": len(inner),
+        "isostatic_contacts": isostatic,
+        "excess_contacts": len(inner) - isostatic,
+        "floppy_modes": floppy,
+        "states_of_self_stress": states.count,
+    }
+
+
+def locked_links(packing: Packing) -> dict[str, Any]:
+    """Return the pairs of links that cross, in two dimensions: they are locked, and press whatever the pressure is."""
+    if packing.links is None or packing.dimension != 2:
+        return {}
+    crossings = find_crossings(packing)
+    return {"crossing_links": None if crossings is None else pairs_crossing(crossings)}
+
+
+def finish(
+    protocol: Protocol, packing: Packing, outcome: Outcome, asked: float | None, method: str, began: float
+) -> Run:
+    """Return the run of a protocol that ended with the packing.
+
+    Parameters
+    ----------
+    protocol
+        The protocol.
+    packing, outcome
+        The packing it ended with, and how.
+    asked
+        The pressure asked for [energy_scale / diameter^d]; None where none was.
+    method
+        Its name.
+    began
+        CPU time of the start [s].
+
+    """
+    scene = protocol.scene.replace(packing=packing)
+    contacts = find_contacts(packing)
+    first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    stress = stress_tensor(scene)
+    d = packing.dimension
+    pressure = (0.0 - float(np.trace(stress))) / d
+    residual = 0.0
+    # forces that are no more than rounding have no balance
+    if first_c.any() and outcome is not Outcome.UNJAMMED:
+        net = sum_forces(contacts, -first_c)
+        if packing.links is not None:
+            net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(net)
+        residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
+    report: dict[str, Any] = {
+        "method": method,
+        "strain": protocol.strain,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure / scene.pressure_unit,
+        "pressure_asked": asked,
+        **(
+            contact_count(contacts, len(protocol.basis_kdd))
+            if packing.links is None
+            else linked_count(packing, contacts, protocol.strain)
+        ),
+        "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
+        "patches": (),
+        **locked_links(packing),
+        **protocol.report,
+    }
+    if packing.links is None:
+        carried = report["contacts"] > 0
+        free = report.get("floppy_modes", 0)
+        report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
+    return Run(
+        packing=packing,
+        outcome=outcome,
+        residual=residual,
+        steps=sum(stage.steps for stage in protocol.stages),
+        force_evaluations=sum(stage.force_evaluations for stage in protocol.stages),
+        seconds=time.process_time() - began,
+        build_seconds=protocol.build_seconds,
+        stages=tuple(protocol.stages),
+        report=report,
+    )

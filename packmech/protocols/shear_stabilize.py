@@ -9,11 +9,9 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.soft_newton import SoftState, judge, newton
-from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing
-from packmech.protocols.jam_report import finish
 from packmech.protocols.linked_jam import stabilize_linked
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -27,6 +25,7 @@ def shear_stabilize(
     pressure: float | None = None,
     force_tolerance: float = 1e-10,
     step_limit: int = 200_000,
+    time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
 ) -> Run:
@@ -46,6 +45,8 @@ def shear_stabilize(
         counts.
     step_limit
         Most FIRE steps.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress
         Called as progress(stage, figures).
     check
@@ -76,7 +77,7 @@ def shear_stabilize(
     tolerance = positive("force_tolerance", force_tolerance)
     asked = None if pressure is None else positive("pressure", pressure)
     limit = integer("step_limit", step_limit, at_least=0)
-    loop = RunLoop(run_settings(progress=progress, check=check))
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     protocol = Protocol(scene, mandel_basis(scene.packing.dimension).copy(), "free", tolerance, loop)
     stabilized = _stabilized if scene.packing.links is None else stabilize_linked
@@ -93,15 +94,12 @@ def shear_stabilize(
 
 
 def _stabilized(protocol: Protocol, pressure: float | None, step_limit: int) -> tuple[Packing, Outcome]:
-    raw = None if pressure is None else pressure * protocol.scene.pressure_unit
     goal = None if pressure is None else protocol.reduced_pressure(pressure)
     packing, left, tolerance = protocol.scene.packing, step_limit, _FIRST_TOLERANCE
     best: SoftState | None = None
     with protocol.stage("shear stabilization") as figures:
         while True:
-            done = relax_strained(
-                protocol.program, packing, protocol.basis_kdd, raw, tolerance=tolerance, step_limit=left
-            )
+            done = protocol.relax_strained(packing, pressure, tolerance, left)
             figures.steps += done.steps
             figures.residual, figures.force_evaluations = done.residual, figures.steps
             packing = protocol.last = done.packing

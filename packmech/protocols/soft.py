@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
-from packmech.jamming.hard_packing import Backbone, Vertex
+from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
 from packmech.minimize.soft_network import Units
 from packmech.minimize.soft_newton import SoftState, newton
-from packmech.minimize.strain_fire import relax_strained
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 
@@ -39,12 +38,10 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftStat
     best: SoftState | None = None
     with protocol.stage("soft packing, searched") as figures:
         figures.note = "unstable on the way up: FIRE with the box, then Newton's method"
-        asked = goal / protocol.reduced_pressure(1.0) * protocol.scene.pressure_unit
+        asked = goal / protocol.reduced_pressure(1.0)
         packing, tolerance = protocol.restored(start), _FIRST_TOLERANCE
         for _ in range(_SEARCH_ROUNDS):
-            done = relax_strained(
-                protocol.program, packing, protocol.basis_kdd, asked, tolerance=tolerance, step_limit=_FIRE_STEPS
-            )
+            done = protocol.relax_strained(packing, asked, tolerance, _FIRE_STEPS)
             figures.steps += done.steps
             packing = protocol.last = done.packing
             best = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
@@ -68,7 +65,7 @@ _ROUNDS, _TURN = 8, 1e-3
 _LEAST_DEPTH = 1e-11
 
 
-def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
+def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
     """Return the packing in which the contacts of the hard one overlap as its forces ask for, to first order.
 
     The forces, scaled to the pressure, give each contact its overlap and so its secant stiffness. Contacts that would
@@ -77,29 +74,29 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
 
     Parameters
     ----------
-    vertex
+    hard
         The hard packing.
     units, basis_kdd, pressure
         As in `newton`.
 
     """
-    packing, bearing = vertex.packing, vertex.contacts
+    packing, bearing = hard.packing, hard.contacts
     scale = pressure * packing.box.volume / packing.particles
     sigma = bearing.contact_distance_c
-    secant = vertex.force_c * scale / (units.overlap_of(vertex.force_c * scale, sigma) * sigma)
+    secant = hard.force_c * scale / (units.overlap_of(hard.force_c * scale, sigma) * sigma)
     unit = float(secant.mean())
     load_k = np.einsum("kaa->k", basis_kdd) * (packing.particles * scale / unit)
     # pairs that all but touch may close under the load: soft motions are thousands of times larger than overlaps
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
     contacts = pair_contacts(packing, *pairs)
-    hard = _listed(bearing, contacts)
-    gap = np.where(hard, 0.0, np.maximum(contacts.gap_c, 0.0))
+    bears = _listed(bearing, contacts)
+    gap = np.where(bears, 0.0, np.maximum(contacts.gap_c, 0.0))
     stiffness = np.ones(len(contacts))
-    stiffness[hard] = secant / unit
-    depth = float((vertex.force_c * scale / secant).mean())
-    closed = hard
+    stiffness[bears] = secant / unit
+    depth = float((hard.force_c * scale / secant).mean())
+    closed = bears
     for _ in range(_ROUNDS):
-        network = Backbone(contacts, basis_kdd, live_n=bearing.count_n() > 0)
+        network = contact_system(contacts, basis_kdd, bearing.count_n() > 0)
         u_nd, strain_k, closed = _one_sided(network, gap, stiffness, load_k, closed)
         packing = network.moved(packing, u_nd, strain_k)
         # contacts turn by u / r, which changes lengths by u^2 / r: linearize again while that matters
@@ -111,7 +108,7 @@ def first_soft(vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pre
 
 
 def _one_sided(
-    network: Backbone,
+    network: ContactSystem,
     gap: NDArray[np.float64],
     stiffness: NDArray[np.float64],
     load_k: NDArray[np.float64],
@@ -124,7 +121,7 @@ def _one_sided(
         push = stiffness * np.maximum(-extension - gap, 0.0)
         try:
             # open contacts keep a trace of stiffness: with too few closed ones the system would be singular
-            network.factor(np.where(closed, stiffness, _OPEN * stiffness))
+            network.prepare(np.where(closed, stiffness, _OPEN * stiffness))
             du_nd, dstrain_k = network.solve(network.gather(push), network.stretch_ck.T @ push - load_k)
         except np.linalg.LinAlgError:
             break
@@ -171,7 +168,7 @@ def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:
 
 
 def soften(
-    vertex: Vertex, units: Units, basis_kdd: NDArray[np.float64], pressure: float, *, tolerance: float = 1e-5
+    hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float, *, tolerance: float = 1e-5
 ) -> SoftState:
     """Return the soft packing at the pressure, followed from the exact hard one.
 
@@ -180,7 +177,7 @@ def soften(
 
     Parameters
     ----------
-    vertex
+    hard
         The hard packing.
     units, basis_kdd, pressure
         As in `newton`.
@@ -188,27 +185,27 @@ def soften(
         Net force over mean contact force, and relative error of the stress, that count as balance on the way [1].
 
     """
-    sigma = vertex.contacts.contact_distance_c
-    volume, particles = vertex.packing.box.volume, vertex.packing.particles
+    sigma = hard.contacts.contact_distance_c
+    volume, particles = hard.packing.box.volume, hard.packing.particles
 
     def depth_at(at: float) -> float:
-        return float(units.overlap_of(vertex.force_c * (at * volume / particles), sigma).mean())
+        return float(units.overlap_of(hard.force_c * (at * volume / particles), sigma).mean())
 
     def pressure_at(depth: float) -> float:
         force = -units.derivatives(sigma * (1.0 - depth), sigma)[0]
-        return float((force * sigma).sum()) / (vertex.packing.dimension * volume)
+        return float((force * sigma).sum()) / (hard.packing.dimension * volume)
 
     goal = depth_at(pressure)
     depth = min(goal, _FIRST_DEPTH)
     now = pressure if depth == goal else pressure_at(depth)
-    state = newton(first_soft(vertex, units, basis_kdd, now), units, basis_kdd, now)
+    state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
     used = state.iterations
     while not state.sound(tolerance) and depth > _LEAST_DEPTH:
         depth *= 0.25
         now = pressure_at(depth)
-        state = newton(first_soft(vertex, units, basis_kdd, now), units, basis_kdd, now)
+        state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
         used += state.iterations
-    before, before_depth = vertex.packing, 0.0
+    before, before_depth = hard.packing, 0.0
     factor = 4.0
     while depth < goal and factor > 1.02:
         further = min(goal, depth * factor)

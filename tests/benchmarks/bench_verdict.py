@@ -18,8 +18,8 @@ import numpy as np
 from calibration import REFERENCE_NS, calibrate, cpu_seconds
 
 import packmech as pm
+from packmech.jamming.certificates import yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts, backbone_of, check_rest, find_touching
-from packmech.jamming.loads import yield_to_loads
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import largest_smallest_force
 

@@ -101,8 +101,24 @@ class _InColumns:
         return value.T if name == "null_basis" else value
 
 
+def _states_in_columns(found: Any) -> dict[str, Any]:
+    """Return a record of states of self stress or of floppy modes with its bases in columns."""
+    record = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)}
+    if "force_kc" in record:
+        force = record.pop("force_kc")
+        return record | {"force_ck": None if force is None else force.T}
+    moved, strain = record.pop("displacement_knd"), record.pop("strain_ke")
+    motion = None if moved is None else np.hstack([moved.reshape(len(moved), -1), strain]).T
+    return record | {"motion_xk": motion}
+
+
 # call -> function from what the tag returns to what the head does: another orientation or unit
-RESULTS: dict[str, Callable[[Any], Any]] = {"change_of_basis": np.transpose, "constraint_basis": _InColumns}
+RESULTS: dict[str, Callable[[Any], Any]] = {
+    "change_of_basis": np.transpose,
+    "constraint_basis": _InColumns,
+    "states_of_self_stress": _states_in_columns,
+    "floppy_modes": _states_in_columns,
+}
 
 # ending of names in results at the tag -> the head's: fields of records, keys of reports and of JSON files
 NAMES: dict[str, str] = {

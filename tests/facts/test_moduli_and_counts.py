@@ -27,7 +27,7 @@ def test_a_jammed_packing_has_one_state_of_self_stress_and_its_rattlers_are_all_
     strains = 0 if strain == "isotropic" else dimension * (dimension + 1) // 2 - 1
     assert selves.contacts == backbone.position_nd.size - dimension + strains + 1
     # the one state is what the particles press with: of one sign
-    force = selves.force_kc[0]
+    force = selves.force_ck[:, 0]
     assert force.min() > 0 or force.max() < 0
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import packmech as pm
 from packmech.contacts.network import candidate_pairs, pair_contacts
-from packmech.jamming.interior_point import densify, start_state
+from packmech.jamming.hard_packing import densify, start_state
 from packmech.linalg.block_system import BlockSystem, extensions, gather
 from packmech.linalg.mandel import mandel_basis
 
@@ -75,9 +75,8 @@ def test_gathering_forces_is_the_transpose_of_extension():
     contacts = network(25, 3, seed=3)
     rng = np.random.default_rng(1)
     force, motion = rng.standard_normal(len(contacts)), rng.standard_normal((25, 3))
-    net, growth = np.empty((25, 3)), np.empty(len(contacts))
-    gather(contacts.i_c, contacts.j_c, contacts.normal_cd, force, net)
-    extensions(contacts.i_c, contacts.j_c, contacts.normal_cd, motion, growth)
+    net = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, force, 25)
+    growth = extensions(contacts.i_c, contacts.j_c, contacts.normal_cd, motion)
     assert float((net * motion).sum()) == pytest.approx(float(force @ growth), rel=1e-12)
 
 
@@ -103,9 +102,8 @@ def test_the_multipliers_balance_on_every_particle_and_carry_an_isotropic_stress
     rest = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-3).packing
     state = search(rest, mandel_basis(2))
     end = pm.Packing(state.position_nd, packing.radius_n, pm.Box(state.lattice_dd))
-    contacts = pair_contacts(end, state.i_c, state.j_c, state.image_cd)
-    net = np.empty((24, 2))
-    gather(contacts.i_c, contacts.j_c, contacts.normal_cd, state.force_c, net)
+    contacts = pair_contacts(end, *state.pairs)
+    net = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, state.force_c, 24)
     virial = np.einsum("c,ca,cb->ab", state.force_c * contacts.distance_c, contacts.normal_cd, contacts.normal_cd)
     assert np.abs(net).max() < 1e-5
     assert np.abs(virial - 24 * np.eye(2)).max() < 1e-5

@@ -12,7 +12,7 @@ import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.constraints.motion_rules import link_rules
-from packmech.jamming.gap_sensitivity import undecided
+from packmech.jamming.classify import undecided
 from packmech.jamming.motion_cone import motion_cone
 
 YES, NO = "jammed", "not jammed"

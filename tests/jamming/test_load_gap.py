@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.jamming.certificates import EARLY, borne, turned_round, yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts
-from packmech.jamming.loads import EARLY, borne, turned_round, yield_to_loads
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import load_gap, yield_to_load
 from packmech.linalg import linear_programs

@@ -8,9 +8,8 @@ import pytest
 import packmech as pm
 from packmech.generate.lattices import open_contact
 from packmech.jamming import certificates
-from packmech.jamming.certificates import certify, closes_nothing, force_error, kept_open
+from packmech.jamming.certificates import certify, closes_nothing, force_error, kept_open, yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts
-from packmech.jamming.loads import yield_to_loads
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import largest_smallest_force, open_all, yield_to_load
 from packmech.linalg import linear_programs

@@ -13,8 +13,8 @@ from scipy.optimize import linprog
 import packmech as pm
 from packmech.contacts.rattlers import _is_free
 from packmech.jamming.backbone import _largest_group
+from packmech.jamming.classify import settle
 from packmech.jamming.contact_selection import check_rest
-from packmech.jamming.gap_sensitivity import settle
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import open_all
 from packmech.jamming.verdict import verdict_numbers

@@ -5,7 +5,7 @@ import pytest
 
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
-from packmech.mechanics.stability import is_stable
+from packmech.mechanics.hessian import is_stable
 
 AT_REST = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]
 

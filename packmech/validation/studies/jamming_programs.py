@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.jamming.certificates import Finding, proven
+from packmech.jamming.certificates import Finding, proven, yield_to_loads
 from packmech.jamming.contact_selection import backbone_of, find_touching
-from packmech.jamming.loads import yield_to_loads
 from packmech.jamming.motion_cone import FLOPPY, MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, load_program, open_all
 from packmech.linalg.linear_programs import Program
@@ -83,7 +82,7 @@ def closing(cone: MotionCone, motion: NDArray[np.float64]) -> float:
 def certificate(cone: MotionCone, smallest_force: float | None, tolerance: float, *, solver: str) -> Claim:
     """Return what rank and the force program say; the error is that of the smallest force, or of the motion."""
     softest, motion = cone.softest()
-    if softest**2 <= FLOPPY and (cone.is_floppy or cone.is_loose):
+    if softest**2 <= FLOPPY and (cone.is_floppy or cone.is_floppy_within_error):
         return Claim(False, closing(cone, motion))
     stress = largest_smallest_force(cone, solver=solver, tolerance=tolerance)
     finding = proven(cone, softest, stress.weight, stress.motion, (stress.solve, stress.solve))

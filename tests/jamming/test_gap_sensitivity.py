@@ -10,8 +10,8 @@ import pytest
 import packmech as pm
 from packmech.jamming import classify as jamming
 from packmech.jamming.backbone import judge_network
+from packmech.jamming.classify import judged_by_fewest
 from packmech.jamming.contact_selection import check_rest, find_touching
-from packmech.jamming.gap_sensitivity import judged_by_fewest
 from packmech.linalg import linear_programs
 from packmech.result import Outcome, Solve
 
@@ -192,7 +192,7 @@ def test_unit_of_energy_does_not_enter():
     assert [check.limit for check in checks] == pytest.approx([checks[1].limit] * 3, rel=1e-6)
 
 
-def test_rounding_overlaps_of_a_crystal_are_no_unrest():
+def test_rounding_overlaps_of_a_crystal_are_in_balance():
     crystal = pm.lattice_packing("kagome", (3, 3))
     check = check_rest(crystal, None, 1e-5)
     assert check.residual > 0.1
