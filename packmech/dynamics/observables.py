@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import ERROR, measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
 from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, with_flow
-from packmech.dynamics.friction import Contact, Slip, rotated, slip_in_space, uncapped_force
+from packmech.dynamics.friction import Contact, rotated, slip_in_space, uncapped_force
 from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import device, inlined, lean
 
@@ -48,11 +48,10 @@ def dyad(axes, sums, fx, fy, fz, dx, dy, dz):
 
 
 @inlined
-def moment(axes, sums, arms, contact, fx, fy, fz):
+def moment(axes, sums, ai, aj, nx, ny, nz, fx, fy, fz):
     """Return three sums of torques with those of a tangential force added."""
     mx, my, mz = sums
-    nx, ny, nz = contact.nx, contact.ny, contact.nz
-    arm = arms[0] + arms[1]
+    arm = ai + aj
     mz += arm * (nx * fy - ny * fx)
     if len(axes) == 3:
         mx += arm * (ny * fz - nz * fy)
@@ -135,24 +134,24 @@ def measure_motion(axes, state, flowing, out):
 
 
 @device
-def stretch_now(axes, stretch_pk, p, slip, after):
+def stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after):
     """Return the stretch at this time, from the one that a pass has taken half a step ahead."""
     if len(axes) == 2:
-        return stretch_pk[p, 0] - after * slip.sx, 0.0, 0.0
-    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], slip.ox, slip.oy, slip.oz, -after)
-    return x - after * slip.sx, y - after * slip.sy, z - after * slip.sz
+        return stretch_pk[p, 0] - after * sx, 0.0, 0.0
+    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], ox, oy, oz, -after)
+    return x - after * sx, y - after * sy, z - after * sz
 
 
 @device
-def slip_of(axes, body, contact):
-    """Return the slip; its first number in a plane."""
+def slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
+    """Return arms, the slip (its first number in a plane), and how fast the contact turns."""
     if len(axes) == 2:
-        i, j, nx, ny, _, ux, uy, _, r, sigma = contact
         ai = body[i, 3] * r / sigma
         aj = body[j, 3] * r / sigma
         slip = ux * -ny + uy * nx - ai * body[i, 6] - aj * body[j, 6]
-        return Slip(ai, aj, slip, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return slip_in_space(body, contact)
+        return ai, aj, slip, 0.0, 0.0, 0.0, 0.0, 0.0
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, Contact(i, j, nx, ny, nz, ux, uy, uz, r, sigma))
+    return ai, aj, sx, sy, sz, ox, oy, oz
 
 
 @device
@@ -164,19 +163,20 @@ def along_contact(axes, nx, ny, x, y, z):
 
 
 @inlined
-def measure_friction(friction, axes, body, stretch_pk, p, contact, normal, pace):
+def measure_friction(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
     """Return energy of a tangential spring, whether it slides, its force on i, and arms; zeros without friction."""
     if friction is None:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    slip = slip_of(axes, body, contact)
-    x, y, z = stretch_now(axes, stretch_pk, p, slip, pace.after)
+    # numbers one by one: records here would round some sums in another way
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+    x, y, z = stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, pace.after)
     cap = friction.coefficient * normal
-    fx, fy, fz = uncapped_force(friction, x, slip.sx), 0.0, 0.0
     if len(axes) == 2:
+        fx, fy, fz = uncapped_force(friction, x, sx), 0.0, 0.0
         size = abs(fx)
         square = x * x
     else:
-        fy, fz = uncapped_force(friction, y, slip.sy), uncapped_force(friction, z, slip.sz)
+        fx, fy, fz = uncapped_force(friction, x, sx), uncapped_force(friction, y, sy), uncapped_force(friction, z, sz)
         size = math.sqrt(fx * fx + fy * fy + fz * fz)
         square = x * x + y * y + z * z
     # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
@@ -184,8 +184,8 @@ def measure_friction(friction, axes, body, stretch_pk, p, contact, normal, pace)
     if size > cap:
         scale = cap / size
         fx, fy, fz = fx * scale, fy * scale, fz * scale
-    fx, fy, fz = along_contact(axes, contact.nx, contact.ny, fx, fy, fz)
-    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz, slip.ai, slip.aj
+    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
+    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz, ai, aj
 
 
 @device
@@ -196,31 +196,27 @@ def is_touching(body, i, j, dx, dy, dz):
 
 
 @inlined
-def contact_of(flowing, axes, body, i, j, dx, dy, dz):
-    """Return the contact of two rows; without a direction where they coincide."""
+def measure_pair(effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
+    """Return what a touching pair does: two energies, whether it slides, elastic force, force on i, n, and arms."""
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     sigma = body[i, 3] + body[j, 3]
     # coincident centers have an energy, but no branch vector and so no stress
     inverse = 1.0 / r if r > 0.0 else 0.0
+    nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
     ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-    return Contact(i, j, dx * inverse, dy * inverse, dz * inverse, ux, uy, uz, r, sigma)
-
-
-@inlined
-def measure_pair(effects, friction, axes, body, stretch_pk, p, contact, pace):
-    """Return what a touching pair does: two energies, whether it slides, elastic force, two forces on i, and arms."""
-    nx, ny, nz = contact.nx, contact.ny, contact.nz
-    rate = contact.ux * nx + contact.uy * ny + contact.uz * nz
+    rate = ux * nx + uy * ny + uz * nz
     energy = 0.0
     first = 0.0
     elastic = 0.0
     for one in literal_unroll(effects):
-        energy += pair_energy(one, contact.r, contact.sigma)
-        first += pair_first(one, contact.r, contact.sigma, rate)
-        elastic += pair_elastic(one, contact.r, contact.sigma)
+        energy += pair_energy(one, r, sigma)
+        first += pair_first(one, r, sigma, rate)
+        elastic += pair_elastic(one, r, sigma)
     normal = abs(elastic)
-    spring, sliding, fx, fy, fz, ai, aj = measure_friction(friction, axes, body, stretch_pk, p, contact, normal, pace)
-    return energy, spring, sliding, normal, (first * nx, first * ny, first * nz), (fx, fy, fz), (ai, aj)
+    spring, sliding, fx, fy, fz, ai, aj = measure_friction(
+        friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace
+    )
+    return energy, spring, sliding, normal, (first * nx, first * ny, first * nz), (fx, fy, fz), (nx, ny, nz), (ai, aj)
 
 
 @inlined
@@ -245,9 +241,8 @@ def measure_pairs(effects, friction, flowing, axes, body, pairs, stretch_pk, pac
                 if len(axes) == 3:
                     dz += shift_kd[k, 2]
             if is_touching(body, i, j, dx, dy, dz):
-                contact = contact_of(flowing, axes, body, i, j, dx, dy, dz)
-                energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), arms = measure_pair(
-                    effects, friction, axes, body, stretch_pk, p, contact, pace
+                energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = measure_pair(
+                    effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
                 )
                 potential += energy
                 tangential += spring
@@ -255,7 +250,7 @@ def measure_pairs(effects, friction, flowing, axes, body, pairs, stretch_pk, pac
                 slides += sliding
                 total += normal
                 force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
-                torque = moment(axes, torque, arms, contact, fx, fy, fz)
+                torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
     out[POTENTIAL] = potential
     out[TANGENTIAL] = tangential
     out[CONTACTS] = contacts
@@ -267,7 +262,7 @@ def measure_pairs(effects, friction, flowing, axes, body, pairs, stretch_pk, pac
 
 @inlined
 def bond_forces(bonds, flowing, axes, body, pace, b, branch):
-    """Return energies of a bond's two springs, its force on i along the bond and across it, its contact, and arms."""
+    """Return energies of a bond's two springs, its force on i along the bond and across it, n, and arms."""
     i, j = bonds.i_b[b], bonds.j_b[b]
     dx, dy, dz = branch
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -276,13 +271,13 @@ def bond_forces(bonds, flowing, axes, body, pace, b, branch):
     rest = bonds.rest_b[b]
     first = bond_first(bonds.compression, bonds.tension, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
     energy = law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
-    contact = Contact(i, j, nx, ny, nz, ux, uy, uz, r, body[i, 3] + body[j, 3])
-    slip = slip_of(axes, body, contact)
-    x, y, z = stretch_now(axes, bonds.stretch_bk, b, slip, pace.after)
+    sigma = body[i, 3] + body[j, 3]
+    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
+    x, y, z = stretch_now(axes, bonds.stretch_bk, b, sx, sy, sz, ox, oy, oz, pace.after)
     k, c = bonds.tangential_stiffness, bonds.tangential_damping
     spring = 0.5 * k * (x * x + y * y + z * z)
-    across = along_contact(axes, nx, ny, k * x + c * slip.sx, k * y + c * slip.sy, k * z + c * slip.sz)
-    return energy, spring, (first * nx, first * ny, first * nz), across, contact, (slip.ai, slip.aj)
+    across = along_contact(axes, nx, ny, k * x + c * sx, k * y + c * sy, k * z + c * sz)
+    return energy, spring, (first * nx, first * ny, first * nz), across, (nx, ny, nz), (ai, aj)
 
 
 @device
@@ -298,13 +293,13 @@ def measure_bonds(bonds, flowing, axes, body, lattice, pace, out):
         dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
         if dx * dx + dy * dy + dz * dz == 0.0:
             continue
-        energy, spring, (gx, gy, gz), (fx, fy, fz), contact, arms = bond_forces(
+        energy, spring, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = bond_forces(
             bonds, flowing, axes, body, pace, b, (dx, dy, dz)
         )
         potential += energy
         tangential += spring
         force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
-        torque = moment(axes, torque, arms, contact, fx, fy, fz)
+        torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
     out[POTENTIAL] += potential
     out[TANGENTIAL] += tangential
     for k in range(9):

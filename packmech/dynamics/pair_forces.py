@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from packmech.dynamics.bonds import bond_vector
 from packmech.dynamics.deformation import rates
 from packmech.dynamics.engine import Engine
-from packmech.dynamics.observables import bond_forces, contact_of, is_touching, measure_pair
+from packmech.dynamics.observables import bond_forces, is_touching, measure_pair
 from packmech.dynamics.pair_lists import listed_pairs
 from packmech.jit.compiled import device, kernel, lean
 
@@ -98,9 +98,8 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, pair_list):
             # coincident centers push along no branch vector
             if square == 0.0 or not is_touching(body, i, j, dx, dy, dz):
                 continue
-            contact = contact_of(flowing, axes, body, i, j, dx, dy, dz)
-            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _ = measure_pair(
-                acting.pairs, acting.friction, axes, body, stretch_pk, p, contact, pace
+            _, _, _, _, (gx, gy, gz), (fx, fy, fz), _, _ = measure_pair(
+                acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
             )
             _write(pair_list, count, i, j, (gx + fx, gy + fy, gz + fz), (dx, dy, dz))
             count += 1
@@ -161,9 +160,8 @@ def _measure_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, stre
         seen_p[p] = is_touching(body, i, j, dx, dy, dz)
         if not seen_p[p]:
             continue
-        contact = contact_of(flowing, axes, body, i, j, dx, dy, dz)
-        _, _, sliding, normal, (gx, gy, gz), (fx, fy, fz), _ = measure_pair(
-            acting.pairs, acting.friction, axes, body, stretch_pk, p, contact, pace
+        _, _, sliding, normal, (gx, gy, gz), (fx, fy, fz), _, _ = measure_pair(
+            acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
         )
         figure_pk[p, 0] = normal
         figure_pk[p, 1] = sliding
