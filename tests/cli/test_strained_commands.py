@@ -30,8 +30,8 @@ rate = 0.5
 """
 DRIVES = {
     "sine": 'kind = "oscillatory-shear"\namplitude = 0.01\nfrequency = 0.05\nperiods = 3\nsamples_per_period = 20\n',
-    "flow": 'kind = "steady-shear"\nrates = [0.1, 0.2]\nstrain = 0.4\nskip_strain = 0.2\nsamples = 40\n',
-    "squeeze": 'kind = "ramp-strain"\nrate = -0.01\nstrain = 0.05\nmode = "isotropic"\nsamples = 20\n',
+    "flow": 'kind = "steady-shear"\nrates = [0.1, 0.2]\napplied_strain = 0.4\nskip_strain = 0.2\nsamples = 40\n',
+    "squeeze": 'kind = "ramp-strain"\nrate = -0.01\napplied_strain = 0.05\nmode = "isotropic"\nsamples = 20\n',
     "creep": 'kind = "creep"\nstress = 0.002\nduration = 80.0\nhold = 40.0\n',
 }
 
