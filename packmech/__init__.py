@@ -61,6 +61,7 @@ _PUBLIC = {
     "write_scene": "packmech.scenes.scene_file",
     "BackgroundDamping": "packmech.effects",
     "Bonds": "packmech.effects",
+    "bond_contacts": "packmech.effects.bonds",
     "ContactDamping": "packmech.effects",
     "Friction": "packmech.effects",
     "Gravity": "packmech.effects",
@@ -158,7 +159,6 @@ _PUBLIC = {
     "quench": "packmech.minimize.quench",
     "QuenchBatch": "packmech.minimize.batch",
     # dynamics
-    "bond_contacts": "packmech.dynamics.bonds",
     "Equilibration": "packmech.rheology.equilibrate",
     "MaterialConstants": "packmech.dynamics.material",
     "equilibrate": "packmech.rheology.equilibrate",

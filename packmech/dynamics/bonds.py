@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Bonds in time steps, and bonds made of the contacts of a packing."""
+"""Bonds in time steps."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of
-from packmech.contacts import find_contacts
 from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import (
     Contact,
@@ -25,10 +23,8 @@ from packmech.dynamics.friction import (
     with_moment,
 )
 from packmech.dynamics.pair_lists import NO_SLOT, Slots, blocks_of, collect
-from packmech.effects import Bonds, LinearSpring, law_first
-from packmech.effects.laws import Law
+from packmech.effects import Bonds, law_first
 from packmech.jit.compiled import compiled_form, device, inlined
-from packmech.packing import Packing, without_links
 
 
 class BondTable(NamedTuple):
@@ -260,64 +256,4 @@ def _slots(i_b: NDArray[np.int64], j_b: NDArray[np.int64], n: int, width: int) -
     first = np.searchsorted(other[away], np.arange(len(row))).astype(np.int64)
     return slot, Slots(
         np.zeros((len(away), width)), j_b[away].astype(np.uint32), first, np.zeros(len(row) - 1, dtype=np.int64)
-    )
-
-
-REST = ("contact", "distance")
-
-
-def bond_contacts(
-    packing: Packing,
-    *,
-    compression: Law | None = None,
-    tension: Law | None = None,
-    tangential_stiffness: float = 1.0,
-    damping: float = 0.0,
-    tangential_damping: float = 0.0,
-    rest: str = "contact",
-    gap_tolerance: float = 0.0,
-) -> Bonds:
-    """Return bonds between all particles that touch.
-
-    Parameters
-    ----------
-    packing
-        The packing.
-    compression, tension
-        Laws of the normal springs; LinearSpring() unless given.
-    tangential_stiffness, damping, tangential_damping
-        As of `Bonds`.
-    rest
-        Lengths at which the normal springs are slack: "contact", the sums of the radii, so that bonds made in a
-        compressed packing push; "distance", the distances as they are, so that they do not.
-    gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Naming the argument that is wrong.
-
-    Examples
-    --------
-    >>> import packmech as pm
-    >>> bonds = bond_contacts(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01))
-    >>> len(bonds), float(bonds.rest_length_b[0])
-    (27, 1.0)
-
-    """
-    instance("packing", packing, Packing)
-    without_links("packing", packing)
-    one_of("rest", rest, REST)
-    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
-    return Bonds(
-        contacts.i_c,
-        contacts.j_c,
-        contacts.image_cd,
-        contacts.contact_distance_c if rest == "contact" else contacts.distance_c,
-        LinearSpring() if compression is None else compression,
-        LinearSpring() if tension is None else tension,
-        tangential_stiffness,
-        damping,
-        tangential_damping,
     )

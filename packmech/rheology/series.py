@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import function, instance, integer, one_of, positive, real
-from packmech.dynamics.bonds import bond_contacts
 from packmech.effects import Bonds, Friction
+from packmech.effects.bonds import bond_contacts
 from packmech.loop.checkpoint import read_results, scene_fingerprints, write_checkpoint
 from packmech.loop.run_loop import Progress
 from packmech.measure import mean_with_error, softening_strain, yield_strain

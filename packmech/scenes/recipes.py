@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import function, one_of
-from packmech.dynamics.bonds import bond_contacts
 from packmech.effects import Bonds, Harmonic, LinearSpring, Repulsion
+from packmech.effects.bonds import bond_contacts
 from packmech.effects.laws import Law
 from packmech.files.packings import read_packing
 from packmech.files.records import kind_of, kinds_of, to_table

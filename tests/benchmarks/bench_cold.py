@@ -40,8 +40,9 @@ ROWS = {
     "oscillatory shear with friction and bonds": Row(
         f"""
 packing = {_DISCS.format(0.95)}
-effects = (pm.Repulsion(law=pm.LinearSpring()), pm.ContactDamping(0.3), pm.Friction(), pm.bond_contacts(packing))
-pm.oscillatory_shear(pm.Scene(packing, effects), amplitude=0.02, frequency=0.05, periods=1.0)
+effects = (pm.Repulsion(law=pm.LinearSpring()), pm.ContactDamping(coefficient=0.3), pm.Friction())
+scene = pm.Scene(packing, (*effects, pm.bond_contacts(packing)))
+pm.oscillatory_shear(scene, amplitude=0.02, frequency=0.05, periods=1.0)
 """,
         0.75,
     ),
