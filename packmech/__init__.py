@@ -55,6 +55,7 @@ _PUBLIC = {
     "rough_plates": "packmech.rheology.walls",
     "Scene": "packmech.scene",
     "list_scenes": "packmech.scenes.scene_file",
+    "run": "packmech.scenes",
     "drive": "packmech.scene",
     "packing_kind": "packmech.scenes.recipes",
     "read_scene": "packmech.scenes.scene_file",

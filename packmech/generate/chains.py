@@ -20,9 +20,6 @@ from packmech.links import Links
 from packmech.packing import Packing
 
 Point = tuple[float, ...]
-# what links of a plane may do
-CROSSING = ("avoided", "allowed")
-
 # what becomes of bonds that would cross, in two dimensions
 CROSSING = ("avoided", "allowed")
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from packmech.check import instance
+from packmech.check import function, instance, integer
 from packmech.scene import Scene, drive_code
 
 
@@ -41,21 +41,24 @@ def run(
     Raises
     ------
     TypeError, ValueError
-        If the scene has no drive, or its drive takes no checkpoint.
+        If the scene has no drive, its drive takes no checkpoint, or an argument is of the wrong kind.
 
     Examples
     --------
     >>> import packmech as pm
     >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=1e-3)
-    >>> run(pm.Scene(crystal, (pm.Repulsion(),), pm.QuenchDrive())).outcome.name
+    >>> pm.run(pm.Scene(crystal, (pm.Repulsion(),), pm.QuenchDrive())).outcome.name
     'CONVERGED'
 
     """
     instance("scene", scene, Scene)
     if scene.drive is None:
         raise ValueError("scene must have a drive to be run, got none")
+    integer("frames", frames, at_least=0)
+    if progress is not None:
+        function("progress", progress)
     if checkpoint is not None and not takes_checkpoint(scene):
-        raise ValueError(f"checkpoint must be left out for a scene that is not strained, got {os.fspath(checkpoint)!r}")
+        raise ValueError(f"checkpoint must be left out for a scene that is not strained, got {checkpoint!r}")
     wanted = {
         "frames": frames,
         "progress": progress,

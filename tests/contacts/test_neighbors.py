@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.contacts import candidate_pairs, cells, neighbors
+from packmech.contacts import candidate_pairs, cells, network
 
 
 @settings(max_examples=150, deadline=None)
@@ -48,7 +48,7 @@ def pairs_tried(packing, monkeypatch):
         return first, start, counters[-1], placed
 
     with monkeypatch.context() as patch:
-        patch.setattr(neighbors, "_pairs_as_given", neighbors._pairs_as_given.py_func)
+        patch.setattr(network, "_pairs_as_given", network._pairs_as_given.py_func)
         patch.setattr(cells, "_fill", counting_fill)
         found = candidate_pairs(packing.position_nd, packing.radius_n, packing.box)
     return max(counter.reads for counter in counters), len(found.i_c)
