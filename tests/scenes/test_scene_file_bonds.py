@@ -250,7 +250,7 @@ def test_the_command_prints_stresses_and_moduli_and_writes_them(tmp_path, capsys
 def test_the_command_prints_a_flow_curve_and_writes_it(tmp_path, capsys):
     drag = '[[effects]]\nkind = "background-damping"\nrate = 0.5\n'
     drive = '[drive]\nkind = "steady-shear"\nrates = [0.1, 0.2]\n'
-    drive += 'applied_strain = 0.4\nskip_strain = 0.2\nsamples = 40\n'
+    drive += "applied_strain = 0.4\nskip_strain = 0.2\nsamples = 40\n"
     (tmp_path / "flow.toml").write_text(CRYSTAL + drag + drive)
     arguments = ["run", str(tmp_path / "flow.toml"), "--json", str(tmp_path / "a.json")]
     assert execute(arguments) == 0
