@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -11,7 +12,7 @@ from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.effects import SIGNED, energy_scale_of, is_bound, is_effect, is_law
+from packmech.effects import SIGNED, check_effect, check_law, energy_scale_of, is_bound, is_effect, is_law
 from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
 
@@ -487,6 +488,13 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
     fault = record.fault() if hasattr(record, "fault") else ""
     if fault:
         raise ValueError(f"{where}.{fault}")
+    _check_derivatives(record)
+
+
+@functools.lru_cache(maxsize=256)
+def _check_derivatives(record: Any) -> None:
+    """Check the hooks of a law or an effect with its numbers, once for each."""
+    check_law(record) if is_law(record) else check_effect(record)
 
 
 def _check_bound(where: str, record: Any) -> None:

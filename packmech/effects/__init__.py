@@ -16,6 +16,7 @@ from packmech.effects.laws import (
     LinearSpring,
     PowerLaw,
     RepulsiveLennardJones,
+    check_law,
     is_law,
     law,
     law_energy,
@@ -26,6 +27,7 @@ from packmech.effects.laws import (
 )
 from packmech.effects.pair import (
     ContactTerms,
+    check_effect,
     contact_terms,
     effect,
     is_bound,
@@ -60,6 +62,8 @@ __all__ = [
     "Walls",
     "body_energy",
     "body_force",
+    "check_effect",
+    "check_law",
     "contact_terms",
     "effect",
     "energy_scale_of",

@@ -23,7 +23,9 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+from packmech.effects.derivatives import check_derivatives, default_record
 from packmech.jit.compiled import compiled_form, compiled_methods, own_name, tell_apart
+from packmech.jit.source_key import written_name
 
 
 class Law(Protocol):
@@ -63,6 +65,9 @@ def law(cls: L) -> L:
     ------
     TypeError
         If the class is not such a NamedTuple; the message names what is missing.
+    ValueError
+        If `first` is not the derivative of `energy`, or `second` not that of `first`: looked at by differences, with
+        the numbers that stand where none are given; scenes look again with their own.
 
     Examples
     --------
@@ -93,8 +98,16 @@ def law(cls: L) -> L:
         raise TypeError(f"law {cls.__name__} must have a field energy_scale or stiffness, got {cls._fields}")
     own_name("law", cls, _COMPILED)
     tell_apart(cls)
+    example = default_record(cls)
+    if example is not None:
+        check_law(example)
     _COMPILED[cls] = compiled_methods("law", cls, {name: vars(cls)[name] for name in _METHODS})
     return cls
+
+
+def check_law(law: Any) -> None:
+    """Refuse a law whose derivatives, with its numbers, are not derivatives of each other."""
+    check_derivatives(f"law {written_name(type(law))}", _METHODS, (law.energy, law.first, law.second))
 
 
 def is_law(value: object) -> bool:

@@ -27,7 +27,9 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
+from packmech.effects.derivatives import check_derivatives, default_record
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
+from packmech.jit.source_key import written_name
 
 E = TypeVar("E", bound=type)
 
@@ -55,6 +57,9 @@ def effect(cls: E) -> E:
     ------
     TypeError
         If it is not, or if a hook takes the wrong number of arguments.
+    ValueError
+        If `pair_first` at rate zero is not the derivative of `pair_energy`, or `pair_second` not that of `pair_first`:
+        looked at by differences, with the numbers that stand where none are given; scenes look again with their own.
 
     Examples
     --------
@@ -63,9 +68,13 @@ def effect(cls: E) -> E:
     ...     strength: float = 1.0
     ...     def pair_energy(self, distance, contact_distance):
     ...         return self.strength * (1.0 - distance / contact_distance) ** 4
+    ...     def pair_first(self, distance, contact_distance, rate):
+    ...         return -4.0 * self.strength * (1.0 - distance / contact_distance) ** 3 / contact_distance
+    ...     def pair_second(self, distance, contact_distance):
+    ...         return 12.0 * self.strength * (1.0 - distance / contact_distance) ** 2 / contact_distance**2
     >>> terms = contact_terms((Quartic(2.0),), np.array([0.5]), np.array([1.0]))
     >>> terms.energy_c.tolist(), terms.first_c.tolist()
-    ([0.125], [0.0])
+    ([0.125], [-1.0])
 
     """
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
@@ -78,8 +87,21 @@ def effect(cls: E) -> E:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
     own_name("effect", cls, _COMPILED)
     tell_apart(cls)
+    example = default_record(cls)
+    if example is not None:
+        check_effect(example)
     _COMPILED[cls] = compiled_methods("effect", cls, hooks)
     return cls
+
+
+def check_effect(effect: Any) -> None:
+    """Refuse an effect whose hooks for pairs, at rate zero, are not derivatives of each other; one it lacks is zero."""
+    hooks = (
+        lambda distance, contact_distance: pair_energy(effect, distance, contact_distance),
+        lambda distance, contact_distance: pair_elastic(effect, distance, contact_distance),
+        lambda distance, contact_distance: pair_second(effect, distance, contact_distance),
+    )
+    check_derivatives(f"effect {written_name(type(effect))}", ("pair_energy", "pair_first", "pair_second"), hooks)
 
 
 def bound_effect(cls: E) -> E:
