@@ -1,0 +1,172 @@
+"""Every guard of a verdict, against a solver that lies: what passes no check is no answer, and the reason says why.
+
+Each lie fails one guard only; with that guard taken out it would be believed.
+"""
+
+import pathlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import packmech as pm
+from packmech.jamming.certificates import BALANCE, ROUNDING, closes_nothing, force_error, kept_open, proven
+from packmech.jamming.contact_selection import backbone_contacts
+from packmech.jamming.loads import borne, turned_round
+from packmech.jamming.motion_cone import MotionCone, motion_cone
+from packmech.jamming.programs import largest_smallest_force, open_all
+
+HARD = np.load(pathlib.Path(__file__).parents[1] / "golden" / "hard_packings.npz")
+NAME = "2d-32-shape-free-2"
+
+
+def cone_of(without=None):
+    position, radius, lattice = (HARD[f"{NAME}/{part}"] for part in ("position_nd", "radius_n", "lattice_dd"))
+    packing = pm.Packing(position, radius, pm.Box(lattice))
+    network = backbone_contacts(pm.find_contacts(packing, gap_tolerance=1e-9))
+    if without is not None:
+        network = network.select(np.arange(len(network)) != without)
+    return motion_cone(packing, network, strain="free")
+
+
+@pytest.fixture(scope="module")
+def cone():
+    return cone_of()
+
+
+@pytest.fixture(scope="module")
+def true_weight(cone):
+    """Contact forces and the volume's multiplier that balance, the forces' mean 1."""
+    weight = cone.balanced(largest_smallest_force(cone).weight)
+    return weight / weight[: cone.opening.shape[0]].mean()
+
+
+@pytest.fixture(scope="module")
+def floppy():
+    """The same without one of its contacts, and a motion that closes none of the others."""
+    found = cone_of(without=0)
+    return found, kept_open(found, open_all(found).motion)
+
+
+def believed(cone, weight, motion=None):
+    return proven(cone, cone.softest()[0], weight, motion, ())
+
+
+@pytest.fixture
+def without_balancing(monkeypatch):
+    """Forces are taken as they come, as if what balances them were broken."""
+    monkeypatch.setattr(MotionCone, "balanced", lambda self, weight: weight.copy())
+
+
+def test_the_truth_is_believed(cone, true_weight):
+    finding = believed(cone, true_weight)
+    assert finding.jammed
+    assert finding.balance < BALANCE < 1e-8
+
+
+def test_forces_out_of_balance_prove_nothing(cone, true_weight, without_balancing):
+    push = np.zeros(cone.unknowns)
+    push[0], push[2] = 1.0, -1.0
+    # forces that two particles would need from outside, small enough that no force's sign is in doubt
+    off = cone.bearing(np.zeros(len(true_weight)), push) * (20.0 * BALANCE)
+    lie = true_weight + off
+    lie /= lie[: cone.opening.shape[0]].mean()
+    smallest = lie[: cone.opening.shape[0]].min()
+    assert BALANCE < np.abs(cone.rows.T @ lie).max() < 100.0 * BALANCE
+    assert smallest > 100.0 * force_error(cone, cone.softest()[0], lie)
+    finding = believed(cone, lie)
+    assert finding.jammed is None
+    assert finding.weight is None
+    assert finding.reason.startswith("neither forces nor a motion passed the check")
+
+
+@pytest.mark.parametrize("k", [0, 7, -1])
+def test_a_balance_in_which_a_contact_pulls_proves_nothing(cone, true_weight, k):
+    sign = np.ones(cone.opening.shape[0])
+    sign[k] = -1.0
+    # the same rows, but one contact would open where the other closes: forces balance if it pulls
+    turned = replace(cone, opening=sp.csr_array(sp.diags_array(sign) @ cone.opening))
+    lie = true_weight.copy()
+    lie[: len(sign)] *= sign
+    assert np.abs(turned.rows.T @ lie).max() < BALANCE
+    assert believed(turned, lie).jammed is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_forces_that_are_no_numbers_prove_nothing(cone, true_weight, value):
+    lie = true_weight.copy()
+    lie[3] = value
+    with np.errstate(invalid="ignore"):
+        finding = believed(cone, lie)
+    assert finding.jammed is None
+
+
+def test_no_forces_prove_nothing(cone, true_weight):
+    assert believed(cone, np.zeros_like(true_weight)).jammed is None
+    assert believed(cone, -true_weight).jammed is None
+
+
+def test_a_force_that_rounding_could_make_proves_nothing(cone, true_weight):
+    smallest = true_weight[: cone.opening.shape[0]].min()
+    # rows so nearly dependent that the forces are not known better than to their smallest
+    softest = cone.softest()[0] * force_error(cone, cone.softest()[0], true_weight) / (2.0 * smallest)
+    finding = proven(cone, softest, true_weight, None, ())
+    assert finding.jammed is None
+    assert "not known better than" in finding.reason
+
+
+def test_a_volume_that_pulls_proves_nothing(cone, true_weight):
+    assert cone.one_sided.shape[0] == 1
+    turned = replace(cone, one_sided=sp.csr_array(-cone.one_sided))
+    lie = np.append(true_weight[:-1], -true_weight[-1])
+    assert np.abs(turned.rows.T @ lie).max() < BALANCE
+    assert believed(turned, lie).jammed is None
+
+
+@pytest.mark.parametrize("by", [1e-3, 1e-6, 100.0])
+def test_a_motion_that_closes_one_contact_of_many_is_none(floppy, by):
+    cone, motion = floppy
+    closing = np.zeros(cone.opening.shape[0])
+    closing[3] = -1.0
+    step = np.linalg.lstsq(cone.rows.toarray(), np.append(closing, 0.0), rcond=None)[0]
+    by = by if by < 1.0 else by * cone.rounding * np.abs(motion).max()
+    stretch = cone.opening @ motion
+    lie = motion + (by + stretch[3]) * step
+    assert (cone.opening @ lie).mean() > 0.5 * stretch.mean()
+    assert not closes_nothing(cone, lie)
+
+
+def test_a_motion_that_closes_a_contact_proves_nothing(floppy):
+    cone, motion = floppy
+    assert closes_nothing(cone, motion)
+    row = cone.opening[[int(np.argmax(cone.opening @ motion))]]
+    turned = -motion
+    weight = np.full(cone.rows.shape[0], np.nan)
+    for lie in (turned, motion - 1e-3 * np.asarray(row.T.toarray()).ravel(), np.full_like(motion, np.nan)):
+        assert kept_open(cone, lie) is None or closes_nothing(cone, kept_open(cone, lie))
+    assert kept_open(cone, turned) is None
+    with np.errstate(invalid="ignore"):
+        assert believed(cone, weight, turned).jammed is None
+        assert believed(cone, weight, motion).jammed is False
+
+
+def test_a_translation_and_an_opening_of_rounding_prove_nothing(cone, floppy):
+    here = np.zeros(cone.unknowns)
+    here[0 : 2 * len(cone.kept_n) : 2] = 1.0
+    assert kept_open(cone, here) is None
+    loose, motion = floppy
+    drifting = np.zeros(loose.unknowns)
+    drifting[0 : 2 * len(loose.kept_n) : 2] = 1.0
+    assert not closes_nothing(loose, drifting + 0.1 * ROUNDING * motion)
+
+
+@pytest.mark.parametrize("lie", ["nan", "pulling", "idle"])
+def test_multipliers_that_bear_no_load_prove_nothing(cone, lie):
+    load = cone.without_translations(np.random.default_rng(0).standard_normal(cone.unknowns))
+    load /= np.linalg.norm(load)
+    weight = cone.bearing(np.zeros(cone.rows.shape[0]), load)
+    wrong = {"nan": np.full_like(weight, np.nan), "pulling": weight - 1e3 * np.abs(weight), "idle": 0.0 * weight}[lie]
+    assert borne(cone, load, wrong) is None
+    if lie == "pulling":
+        assert turned_round(cone, load, wrong) is None
