@@ -12,7 +12,16 @@ from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.effects import SIGNED, check_effect, check_law, energy_scale_of, is_bound, is_effect, is_law
+from packmech.effects import (
+    SIGNED,
+    check_effect,
+    check_law,
+    energy_scale_of,
+    is_bound,
+    is_effect,
+    is_law,
+    registered_effects,
+)
 from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
 
@@ -575,3 +584,29 @@ class Scene:
     def replace(self, **changes: Any) -> Scene:
         """Return a scene with the named fields exchanged."""
         return dataclasses.replace(self, **changes)
+
+    def without(self, *kinds: type) -> Scene:
+        """Return the scene without its effects of these kinds.
+
+        Parameters
+        ----------
+        kinds
+            Classes of effects, such as pm.Friction; the scene need not hold any.
+
+        Raises
+        ------
+        TypeError
+            If one is no class of effects.
+
+        Examples
+        --------
+        >>> import packmech as pm
+        >>> rough = pm.Scene(pm.lattice_packing("square"), (pm.Repulsion(), pm.Friction(0.5)))
+        >>> rough.without(pm.Friction).effects
+        (Repulsion(law=Harmonic(energy_scale=1.0)),)
+
+        """
+        for k, kind in enumerate(kinds):
+            if kind not in registered_effects():
+                raise TypeError(f"kinds[{k}] must be a class of effects such as Friction, got {kind!r}")
+        return self.replace(effects=tuple(one for one in self.effects if type(one) not in kinds))

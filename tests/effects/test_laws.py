@@ -326,8 +326,8 @@ def test_an_effect_that_does_not_compile_is_told_in_one_line():
         contact_terms((cls(1.0),), np.array([0.5]), np.array([1.0]))
 
 
-def wrong_law(**changes):
-    """Return the methods of a harmonic law, some of them changed."""
+def harmony(**changes):
+    """Return a harmonic law's methods, some of them changed."""
     methods = {
         "energy": lambda self, r, sigma: 0.5 * self.energy_scale * (1.0 - r / sigma) ** 2,
         "first": lambda self, r, sigma: -self.energy_scale * (1.0 - r / sigma) / sigma,
@@ -336,33 +336,37 @@ def wrong_law(**changes):
     return {**methods, **changes}
 
 
-def as_law(methods, **defaults):
-    """Return a class of laws with these methods, not registered."""
-    base = NamedTuple("base", [("energy_scale", float)])
-    base.__new__.__defaults__ = tuple(defaults.values())
-    base._field_defaults = defaults
-    return type("Harmony", (base,), methods)
+def turned(self, r, sigma):
+    return self.energy_scale * (1.0 - r / sigma) / sigma
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"first": lambda self, r, sigma: self.energy_scale * (1.0 - r / sigma) / sigma}, r"law Harmony.first must be"),
+        ({"first": turned}, r"law Harmony\.first must be the derivative of energy with respect to distance: at "),
         ({"first": lambda self, r, sigma: -self.energy_scale * (1.0 - r / sigma)}, r"contact distance 1\.7"),
-        ({"first": lambda self, r, sigma: -1.01 * self.energy_scale * (1.0 - r / sigma) / sigma}, "law Harmony.first"),
-        ({"second": lambda self, r, sigma: -self.energy_scale / sigma**2}, r"law Harmony.second must be the derivative"),
+        ({"first": lambda self, r, sigma: -1.01 * self.energy_scale * (1.0 - r / sigma) / sigma}, "Harmony.first"),
+        ({"second": lambda self, r, sigma: -self.energy_scale / sigma**2}, r"Harmony\.second must be the derivative"),
         ({"second": lambda self, r, sigma: 0.0}, r"differences give 1, got 0"),
     ],
 )
 def test_a_law_with_a_wrong_derivative_is_refused_where_it_is_registered(changes, message):
-    made = as_law(wrong_law(**changes), energy_scale=1.0)
+    cls = named_tuple("Harmony", **harmony(**changes))
+    cls._field_defaults["energy_scale"] = 1.0
+    cls.__new__.__defaults__ = (1.0,)
     with pytest.raises(ValueError, match=message):
-        pm.law(made)
+        pm.law(cls)
 
 
 def test_a_law_without_defaults_is_checked_by_scenes_with_its_own_numbers():
-    wrong = {"first": lambda self, r, sigma: self.energy_scale * (1.0 - r / sigma) / sigma}
-    cls = pm.law(as_law(wrong_law(**wrong)))
+    cls = pm.law(named_tuple("Harmony", **harmony(first=turned)))
     packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
-    with pytest.raises(ValueError, match=r"law Harmony.first must be the derivative of energy .* give -0\.0408\d+, got 0\.0408"):
+    with pytest.raises(ValueError, match=r"law Harmony\.first must be .* give -0\.0408\d+, got 0\.0408"):
         pm.Scene(packing, (pm.Repulsion(law=cls(3.3)),))
+
+
+def test_an_effect_whose_force_is_not_that_of_its_energy_is_refused():
+    energy_only = named_tuple("Odd", "strength", pair_energy=lambda self, r, sigma: self.strength * (1.0 - r / sigma))
+    with pytest.raises(ValueError, match=r"effect Odd\.pair_first must be the derivative of pair_energy"):
+        packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+        pm.Scene(packing, (pm.effect(energy_only)(1.0),))
