@@ -11,9 +11,17 @@ import pytest
 import scipy.sparse as sp
 
 import packmech as pm
-from packmech.jamming.certificates import BALANCE, ROUNDING, closes_nothing, force_error, kept_open, proven
+from packmech.jamming.certificates import (
+    BALANCE,
+    ROUNDING,
+    borne,
+    closes_nothing,
+    force_error,
+    kept_open,
+    proven,
+    turned_round,
+)
 from packmech.jamming.contact_selection import backbone_contacts
-from packmech.jamming.loads import borne, turned_round
 from packmech.jamming.motion_cone import MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, open_all
 
