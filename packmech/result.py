@@ -49,7 +49,8 @@ class Outcome(Enum):
     DEGENERATE = "Links lose rank here: Newton's method converges only linearly and link forces are not determined."
     FINISHED = "The time that was asked for has been simulated."
     STEP_TOO_LONG = (
-        "The time step is too long: links were lost or energy came from nowhere; the state is the last good one."
+        "The time step is too long: links were lost or energy grew by more than work explains; "
+        "the state is the last good one."
     )
     INTERRUPTED = "Stopped from outside; the packing is the last one that was finished."
 

@@ -288,7 +288,7 @@ class QuenchDrive:
 class JamDrive:
     """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d].
 
-    `packmech run` and `packmech jam` do so; pm.jam is told the same by its arguments, and reads no drive. `strain` says
+    `packmech run` and `packmech jam` do so; pm.jam takes the same as arguments, and reads no drive. `strain` says
     whether the box keeps its shape ("isotropic") or every strain is free. `pressure` and `method` are what
     pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
     """

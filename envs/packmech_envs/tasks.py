@@ -103,8 +103,6 @@ def budget(name: str, value: Any) -> int | None:
     return None if value is None else count(name, value, "None or an integer at least 1")
 
 
-__all__ = ["bonds_for_links", "quenchable", "scene_of", "shearable"]
-
 LINKS = ("refuse", "bonds")
 BONDS = ("refuse", "leave out")
 

@@ -221,7 +221,7 @@ class RowWatch:
         self.checked = 0
 
     def is_calm(self, row_tk: NDArray[np.float64]) -> bool:
-        """Whether no row that came since the last call, of all so far, holds energy from nowhere."""
+        """Whether no row that came since the last call, of all so far, holds more energy than work explains."""
         good = True
         for now in moments_of(row_tk[self.checked :], self.direction_dd):
             if self.start is None or self.last is None:

@@ -499,7 +499,7 @@ class SimulationTask:
         return None if self.engine.advance(steps) == RUNNING else Outcome.STEP_TOO_LONG
 
     def observe(self) -> Outcome | None:
-        """Keep what is to be kept of this step; end the run where energy came from nowhere."""
+        """Keep what is to be kept of this step; end the run where energy grew by more than work explains."""
         now = self.engine.observe()
         last, start = self._moment(self.last), self._moment(self.start)
         if not self.watch.is_calm(self._moment(now), last, start, self.engine.steps):

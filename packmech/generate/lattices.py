@@ -14,7 +14,7 @@ from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import find_contacts
 from packmech.packing import Packing, without_links
 
-_ROOT_2, _ROOT_3, _ROOT_7 = math.sqrt(2.0), math.sqrt(3.0), math.sqrt(7.0)
+_ROOT_2, _ROOT_3 = math.sqrt(2.0), math.sqrt(3.0)
 Columns = tuple[tuple[float, ...], ...]
 Integers = tuple[tuple[int, ...], ...]
 

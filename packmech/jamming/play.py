@@ -21,7 +21,7 @@ from packmech.jamming.contact_selection import find_touching
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
-from packmech.linalg.linear_programs import Program, solve_clarabel
+from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
 from packmech.linalg.mandel import mandel_tensor, mandel_vector, strain_components, trace_vector
 from packmech.measure import energy, packing_fraction
 from packmech.mechanics.rigidity import strain_columns
@@ -235,7 +235,7 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     wanted = target.displacement_nd.ravel()
     if strains:
         wanted = np.concatenate([wanted, rules.scale * mandel_vector(target.strain_dd)])
-    program = Program(
+    program = LinearProgram(
         -wanted / unit,
         sp.csr_array(sp.vstack(equal, format="csr")),
         np.concatenate(equal_to),

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.jamming.motion_cone import MotionCone
-from packmech.linalg.linear_programs import SOLVE, Program, Solution
+from packmech.linalg.linear_programs import SOLVE, LinearProgram, Solution
 from packmech.result import Outcome, Solve
 
 _OUTCOMES = {"optimal": Outcome.CONVERGED, "infeasible": Outcome.INFEASIBLE}
@@ -208,7 +208,7 @@ def largest_smallest_force(cone: MotionCone, *, solver: str = "clarabel", tolera
     cost = np.zeros(count + extra + 1)
     cost[-1] = -1.0
     size = len(cost)
-    program = Program(
+    program = LinearProgram(
         cost,
         equal,
         np.concatenate([np.zeros(balance.shape[0]), [1.0]]),
@@ -280,7 +280,7 @@ def open_all(cone: MotionCone, *, solver: str = "clarabel", tolerance: float = 1
         format="csr",
     )
     equal = sp.csr_array(sp.hstack([cone.held[:, d:], sp.csr_array((cone.held.shape[0], count))], format="csr"))
-    program = Program(
+    program = LinearProgram(
         np.concatenate([np.zeros(free), -np.ones(count)]),
         equal,
         np.zeros(cone.held.shape[0]),
@@ -370,7 +370,7 @@ def yield_to_load(
     return Yielding(motion, replace(found.solve, gap=load_gap(cone, load, motion, weight, bound)), weight)
 
 
-def load_program(cone: MotionCone, load: NDArray[np.float64], bound: str) -> Program:
+def load_program(cone: MotionCone, load: NDArray[np.float64], bound: str) -> LinearProgram:
     """Return the load program in a box, or for a ball the projection of minus the load on the cone of motions.
 
     Parameters
@@ -387,7 +387,7 @@ def load_program(cone: MotionCone, load: NDArray[np.float64], bound: str) -> Pro
         mean = sp.hstack([sp.kron(np.ones((1, particles)), sp.eye_array(d)), sp.csr_array((d, n - particles * d))])
         equal, limit = sp.csr_array(sp.vstack([cone.held, mean], format="csr")), 1.0
     below = -sp.csr_array(sp.vstack([cone.opening, cone.one_sided], format="csr"))
-    return Program(
+    return LinearProgram(
         load,
         equal,
         np.zeros(equal.shape[0]),

@@ -250,19 +250,6 @@ def inlined(function: F) -> F:
     return register_jitable(**OPTIONS, forceinline=True)(function)  # type: ignore[no-any-return]
 
 
-def inlined_form(target: Callable[..., Any]) -> Callable[[F], F]:
-    """Return a decorator as `compiled_form` does, whose code is written into the callers.
-
-    Records of arrays are handed to a function word by word: lists and state alone take longer than a hundred contacts.
-    """
-
-    def register(chooser: F) -> F:
-        overload(target, jit_options={**OPTIONS, "forceinline": True}, strict=False)(chooser)
-        return chooser
-
-    return register
-
-
 @contextlib.contextmanager
 def compile_clock() -> Iterator[Callable[[], float]]:
     """Give a function that tells how many seconds of the time since were spent compiling [s]; 0 with a warm cache."""

@@ -51,8 +51,9 @@ def code_of(text: str) -> str:
 def _text(path: pathlib.Path) -> str | None:
     """Return the code in a file; None where it cannot be read or has changed since packmech was imported."""
     try:
-        found = os.stat(path)
         text = path.read_text(encoding="utf-8")
+        # after it was read: an edit in between is seen
+        found = os.stat(path)
     except (OSError, ValueError):
         return None
     changed = found.st_mtime if os.name == "nt" else found.st_ctime  # the other there tells when it was made

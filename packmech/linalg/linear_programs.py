@@ -25,7 +25,7 @@ _SUPERNODAL_ROWS = {2: 33000, 3: 4000}
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class LinearProgram:
     """A linear program, or with a positive `quadratic` a projection: the x nearest to -cost / quadratic.
 
     `dimension` is that of the packing that it is about, by which solvers choose how to factor.
@@ -53,7 +53,7 @@ class Solution:
     solve: Solve
 
 
-def solve_clarabel(program: Program, tolerance: float, *, refine: bool = False) -> Solution:
+def solve_clarabel(program: LinearProgram, tolerance: float, *, refine: bool = False) -> Solution:
     """Return the solution by Clarabel's interior-point method, on one thread.
 
     Parameters
@@ -111,7 +111,7 @@ def solve_clarabel(program: Program, tolerance: float, *, refine: bool = False) 
     )
 
 
-def solve_highs(program: Program, tolerance: float) -> Solution:
+def solve_highs(program: LinearProgram, tolerance: float) -> Solution:
     """Return the solution by HiGHS' dual simplex method: a vertex, exact to rounding, but slow for many unknowns.
 
     Parameters

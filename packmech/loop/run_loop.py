@@ -69,14 +69,13 @@ def run_settings(
     *,
     time_limit: Any = None,
     step_limit: Any = _ENDLESS,
-    least_steps: int = 0,
     checkpoint: Any = None,
     checkpoint_every: Any = None,
     threads: Any = 1,
     progress: Any = None,
     check: Any = True,
 ) -> RunSettings:
-    """Return the settings of a run after checking them; `least_steps` is the smallest step limit that makes sense.
+    """Return the settings of a run after checking them.
 
     Raises
     ------
@@ -104,7 +103,7 @@ def run_settings(
             )
     return RunSettings(
         math.inf if time_limit is None else positive("time_limit", time_limit),
-        integer("step_limit", step_limit, at_least=least_steps),
+        integer("step_limit", step_limit, at_least=0),
         None if checkpoint is None else check_path(checkpoint),
         checkpoint_every,
         integer("threads", threads, at_least=1),
@@ -178,8 +177,9 @@ class RunLoop:
     def advance(self, task: Task, save: Callable[[], None] | None = None) -> Outcome:
         """Step a task to its end or to a limit; return how it ended.
 
-        Each portion of steps is taken wholly before Ctrl-C or SIGTERM is heard. Its size follows from the measured
-        speed, so that the clock is looked at several times a second however long a step takes.
+        Each portion of steps is taken wholly before Ctrl-C or SIGTERM is heard. Where there is a time limit,
+        its size follows from the measured speed, so that the clock is read several times a second however long a step
+        takes.
 
         Parameters
         ----------

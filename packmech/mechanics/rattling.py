@@ -24,7 +24,7 @@ from packmech.contacts.rattlers import rattlers_of, rattling_bodies
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
-from packmech.linalg.linear_programs import SOLVE, Program
+from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
 from packmech.mechanics.rigidity import TOUCHING, contacts_of
 from packmech.packing import Packing
@@ -156,7 +156,7 @@ def _pushed(contacts: Contacts, independent: sp.csr_array, rows: _Rows) -> NDArr
     matrix = rows.matrix
     equal = sp.csr_array(sp.hstack([matrix[:count].T, matrix.T], format="csr"))
     free = independent.shape[0]
-    program = Program(
+    program = LinearProgram(
         cost=np.concatenate([-np.ones(count), np.zeros(count + free)]),
         equal=equal,
         equal_to=np.zeros(equal.shape[0]),

@@ -165,6 +165,8 @@ class _Descent:
         self.step_limit = settings.step_limit
         self.stages: list[Stage] = []
         self.steps = 0
+        # Newton's, which no limit counts
+        self.newton_steps = 0
         self.evaluations = 0
         self._trace = trace
 
@@ -189,7 +191,7 @@ class _Descent:
             self.program,
             method,
             Goal(tolerance, 0.0),
-            self.step_limit - self.steps,
+            max(self.step_limit - (self.steps - self.newton_steps), 0),
             keep=None if trace is None else lambda step: trace.add_in_turn(step, self.program),
             keep_every=None if trace is None else trace.every,
             before=before,
@@ -215,6 +217,7 @@ class _Descent:
         )
         self.program.place(done.packing.position_nd)
         self.steps += done.steps
+        self.newton_steps += done.steps
         self.evaluations += done.force_evaluations
         note = f"{done.negative} unstable directions" if done.negative else ""
         self._keep("Newton", self.program.evaluate(), done.steps, done.force_evaluations, began, note)

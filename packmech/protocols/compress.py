@@ -153,6 +153,10 @@ class _Ascent:
         if place is None:
             return Outcome.NOT_JAMMED
         self.rearrangements = self.iterations = 0
+        # what is not reached is not in the report
+        for name in ("rearrangements", "contacts_closed", "contacts_opened"):
+            protocol.report.pop(name, None)
+        protocol.report.update(distance=goal, onset=place.fraction)
         with protocol.stage("compression") as figures:
             state = self._advance(place.packing, place.fraction, place.depth, goal)
             protocol.last = protocol.restored(state.packing)
@@ -162,8 +166,6 @@ class _Ascent:
         now = find_contacts(protocol.last)
         pairs = _pairs_of(now)
         protocol.report.update(
-            distance=goal,
-            onset=place.fraction,
             rearrangements=self.rearrangements,
             contacts_closed=len(pairs - place.pairs),
             contacts_opened=len(place.pairs - pairs),
@@ -216,7 +218,9 @@ class _Ascent:
         here = protocol.restored(packing)
         for _ in range(_FIRE_ROUNDS):
             if len(self.shears):
-                here = protocol.relax_strained(here, None, tolerance, limit, basis_kdd=self.shears).packing
+                relaxed = protocol.relax_strained(here, None, tolerance, limit, basis_kdd=self.shears)
+                here = relaxed.packing
+                self.iterations += relaxed.steps
             else:
                 here, done = protocol.relax(here, tolerance, _FIRE_STEPS)
                 self.iterations += done.steps

@@ -118,10 +118,8 @@ class StepHalving:
         check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps)
         real("increment", self.increment, above=0.0, at_most=0.1)
         positive("energy_tolerance", self.energy_tolerance)
-        if self.minimizer is not None and not hasattr(self.minimizer, "advance"):
-            raise TypeError(f"minimizer must be a minimizer such as Fire() or LBFGS(), got {self.minimizer!r}")
         integer("step_limit", self.step_limit, at_least=1)
-        if self.minimizer is not None and not is_record(self.minimizer):
+        if self.minimizer is not None and not (is_record(self.minimizer) and hasattr(self.minimizer, "advance")):
             raise TypeError(f"minimizer must be a minimizer such as Fire() or None, got {self.minimizer!r}")
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:

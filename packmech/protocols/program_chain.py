@@ -11,7 +11,7 @@ from packmech.box import Box
 from packmech.check import integer, one_of, positive, real
 from packmech.contacts.network import candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import HardPacking, HardState, kicked
-from packmech.linalg.linear_programs import Program, Solution, solve_clarabel, solve_highs
+from packmech.linalg.linear_programs import LinearProgram, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, press
 from packmech.protocols.protocol import Protocol
@@ -126,7 +126,7 @@ class ProgramChain:
         # one particle stays: a vertex solution would else drift with all particles at the bound
         reach[:d] = 0.0
         cost = np.concatenate([np.zeros(n * d), np.einsum("kaa->k", basis_kdd) * n])
-        program = Program(
+        program = LinearProgram(
             cost=cost, equal=sp.csr_array((0, n * d + k)), equal_to=np.zeros(0),
             below=-both, below_to=near.gap_c, lower=-reach, upper=reach,
         )  # fmt: skip

@@ -338,7 +338,7 @@ class StrainTask:
         return None
 
     def observe(self) -> Outcome | None:
-        """Keep a frame or a row where one is due; end the run where energy comes from nowhere."""
+        """Keep a frame or a row where one is due; end the run where energy grows without work."""
         self._keep_frame()
         self._measure_added()
         if self.driven_rows is not None:

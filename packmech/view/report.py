@@ -178,7 +178,7 @@ def examine(
     run
         The run that made its packing; its outcome and cost are reported too.
     strain
-        Whether the packing was made in a "isotropic" box or with every strain "free": which isostatic count applies.
+        "isotropic": the box kept its shape; "free": every strain relaxed. It decides the isostatic count.
     modes
         How many of the lowest vibrations, translations and rattlers left out.
     gap_tolerance, method

@@ -347,7 +347,7 @@ REFUSED = {
     "drive kind": (
         drive('kind = "push"'),
         # and those that somebody registered
-        "drive.kind must be one of 'cement', 'creep', .*'jam', 'oscillatory-shear', .*'steady-shear', got 'push'",
+        "drive.kind must be one of 'cement', 'creep', .*'jam', 'oscillatory-shear', .*'steady-shear'.*, got 'push'",
     ),
     "drive field": (drive('kind = "jam"\ntolerance = 1'), "drive.tolerance must be a field of jam-drive"),
     "drive method": (

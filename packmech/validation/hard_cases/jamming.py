@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.linalg.linear_programs import SOLVE, Program, Solution
+from packmech.linalg.linear_programs import SOLVE, LinearProgram, Solution
 from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
 EPS = float(np.finfo(float).eps)
@@ -259,18 +259,18 @@ def _shaken(size: float) -> float:
 class Liar(Protocol):
     """A solver in form only."""
 
-    def __call__(self, program: Program, tolerance: float) -> Solution:
+    def __call__(self, program: LinearProgram, tolerance: float) -> Solution:
         """Return what it calls a solution."""
 
 
-def _stalled(program: Program, tolerance: float) -> Solution:
+def _stalled(program: LinearProgram, tolerance: float) -> Solution:
     """Return a start of zeros, called the solution."""
     solve = pm.Solve(pm.Outcome.CONVERGED, residual=0.0, gap=0.0, status="claims a solution")
     rows, below = program.equal.shape[0], program.below.shape[0]
     return Solution(np.zeros(len(program.cost)), np.zeros(rows), np.zeros(below), 0.0, solve)
 
 
-def _infeasible(program: Program, tolerance: float) -> Solution:
+def _infeasible(program: LinearProgram, tolerance: float) -> Solution:
     """Return that there is no solution, with random multipliers for a proof."""
     found = _stalled(program, tolerance)
     solve = replace(found.solve, outcome=pm.Outcome.INFEASIBLE, status="claims that there is no solution")
@@ -278,7 +278,7 @@ def _infeasible(program: Program, tolerance: float) -> Solution:
     return replace(found, equal_multiplier=random, solve=solve)
 
 
-def _made_up(program: Program, tolerance: float) -> Solution:
+def _made_up(program: LinearProgram, tolerance: float) -> Solution:
     """Return random positive numbers, called the solution."""
     found = _stalled(program, tolerance)
     rng = np.random.default_rng(0)

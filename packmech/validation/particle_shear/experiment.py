@@ -419,10 +419,6 @@ class ParticleShearRun:
         """Return G' and G'' from the tensor of that name, with drift treated as `demodulate` says."""
         return demodulate(self.time_t, self.shear_stress(name), self.experiment.protocol, drift=drift)
 
-    def all_moduli(self, *, drift: str = "package") -> dict[str, Moduli]:
-        """Return G' and G'' by the name of each tensor."""
-        return {name: self.moduli(name, drift=drift) for name in STRESSES}
-
     def table(self) -> Table:
         """Return strain, rate and the nine tensors against time."""
         found = {"time": self.time_t, "strain": self.strain_t, "strain_rate": self.series.strain_rate_t}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import pathlib
+import re
 from typing import Any
 
 import numpy as np
@@ -288,8 +289,6 @@ class TextData:
             If no line of the header has the label with a number after it.
 
         """
-        import re
-
         pattern = re.compile(re.escape(label) + r"\s*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)")
         for line in self.header:
             found = pattern.search(line)

@@ -18,7 +18,7 @@ from packmech.jamming.certificates import Finding, proven, yield_to_loads
 from packmech.jamming.contact_selection import backbone_of, find_touching
 from packmech.jamming.motion_cone import FLOPPY, MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, load_program, open_all
-from packmech.linalg.linear_programs import Program
+from packmech.linalg.linear_programs import LinearProgram
 from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
@@ -113,7 +113,7 @@ def interior(cone: MotionCone, smallest_force: float | None, tolerance: float) -
     return Claim(size <= MOVED, size if smallest_force is not None else closing(cone, longest))
 
 
-def interior_point(program: Program, tolerance: float) -> NDArray[np.float64]:
+def interior_point(program: LinearProgram, tolerance: float) -> NDArray[np.float64]:
     """Return the point at which HiGHS' interior-point method stops."""
     import highspy
     import scipy.sparse as sp
