@@ -77,6 +77,12 @@ AGREEMENT: dict[str, Agreement] = {
         "default time step and duration",
     )
 } | {f"checkpoint/simulate, {name}": _ONE_ENGINE for name in ("frictionless", "dimers", "trimers in space")}
+AGREEMENT["scenarios/two-spheres-central"] = _ONE_ENGINE
+for _name in ("simulate/bonds, 3D", "rheology/oscillatory, spheres"):
+    AGREEMENT[_name] = Agreement(
+        "potential energies in space are summed by code that is compiled for plane and space alike: their last bit",
+        {"*.energy_t": Near(1e-15), "*.potential_t": Near(1e-15), "*.energy_drift": Near(0.0, 1e-15)},
+    )
 
 AGREEMENT["measure/effects of one's own"] = Agreement(
     _ONE_ENGINE.reason, {"*, blown*": Near(), "quench*": Near(), **_ONE_ENGINE.arrays}

@@ -32,6 +32,7 @@ import fnmatch
 import functools
 import importlib
 import io
+import math
 import os
 import runpy
 import sys
@@ -108,7 +109,7 @@ def _states_in_columns(found: Any) -> dict[str, Any]:
         force = record.pop("force_kc")
         return record | {"force_ck": None if force is None else force.T}
     moved, strain = record.pop("displacement_knd"), record.pop("strain_ke")
-    motion = None if moved is None else np.hstack([moved.reshape(len(moved), -1), strain]).T
+    motion = None if moved is None else np.hstack([moved.reshape(len(moved), math.prod(moved.shape[1:])), strain]).T
     return record | {"motion_xk": motion}
 
 
@@ -149,7 +150,7 @@ PRIVATE: dict[str, tuple[str, str]] = {
 # pattern of case names -> {pattern of array names at the tag: why the head has none}
 GONE: dict[str, dict[str, str]] = {
     cases: {"*touching_t": "contacts are given with positions for every scene"}
-    for cases in ("simulate/*", "checkpoint/*", "measure/effects of one's own")
+    for cases in ("simulate/*", "checkpoint/*", "scenarios/two-spheres-central", "measure/effects of one's own")
 }
 
 # -- defaults, in the head's words; functions are called with the facade -----------------------------------------------
