@@ -25,6 +25,19 @@ def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> NDAr
     return whole
 
 
+def one_way(
+    i_p: NDArray[np.int64], j_p: NDArray[np.int64], image_pd: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Return pairs named from one end, i < j, or of a particle and its own image the first nonzero number positive.
+
+    The last of the four arrays marks the pairs that were turned round.
+    """
+    first = image_pd[np.arange(len(i_p)), (image_pd != 0).argmax(axis=1)]
+    turned = (i_p > j_p) | ((i_p == j_p) & (first < 0))
+    image = np.where(turned[:, None], -image_pd, image_pd)
+    return np.where(turned, j_p, i_p), np.where(turned, i_p, j_p), image, turned
+
+
 @dataclass(frozen=True, eq=False)
 class Links:
     """Links of a packing: |x_j - x_i + lattice @ image| = length. Each once, sorted by (i, j, image).
@@ -84,13 +97,11 @@ class Links:
         for name, array in (("i_l", i), ("j_l", j)):
             if len(i) and array.min() < 0:
                 raise ValueError(f"{name} must not be negative, got {array.min()} for link {array.argmin()}")
-        lead = image[np.arange(len(i)), (image != 0).argmax(axis=1)]
-        if ((i == j) & (lead == 0)).any():
-            k = int(np.flatnonzero((i == j) & (lead == 0))[0])
+        own = (i == j) & ~image.any(axis=1)
+        if own.any():
+            k = int(np.flatnonzero(own)[0])
             raise ValueError(f"image_ld must not be zero for a link of a particle with itself, got link {k}")
-        flip = (i > j) | ((i == j) & (lead < 0))
-        i, j = np.where(flip, j, i), np.where(flip, i, j)
-        image = np.where(flip[:, None], -image, image)
+        i, j, image, _ = one_way(i, j, image)
         order = np.lexsort((*image.T[::-1], j, i))
         parts = (i[order], j[order], image[order], length[order], given[order])
         key = np.column_stack(parts[:3])
@@ -120,6 +131,20 @@ class Links:
     def dimension(self) -> int:
         """Number of Cartesian axes, 2 or 3."""
         return int(self.image_ld.shape[1])
+
+    def find(self, i_l: NDArray[np.int64], j_l: NDArray[np.int64], image_ld: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the numbers of the links between these particles and images, which may be named from either end."""
+        i, j, image, _ = one_way(i_l, j_l, image_ld)
+        named = np.vstack((np.column_stack((self.i_l, self.j_l, self.image_ld)), np.column_stack((i, j, image))))
+        _, key = np.unique(named, axis=0, return_inverse=True)
+        key = key.reshape(-1)
+        number = np.full(len(named), -1)
+        number[key[: len(self)]] = np.arange(len(self))
+        found = number[key[len(self) :]]
+        if (found < 0).any():
+            k = int(np.flatnonzero(found < 0)[0])
+            raise ValueError(f"links must hold {i[k]}-{j[k]} at image {image[k].tolist()}, got none")
+        return found
 
     def select(self, keep_l: ArrayLike) -> Links:
         """Return the links that a boolean mask or an index array names."""

@@ -136,3 +136,17 @@ def test_calls_that_would_ignore_links_refuse_them():
     packing, _ = stored("random_trimer_2d_w2.5")
     with pytest.raises(ValueError, match="scene.packing must have no links for this call, got 9"):
         pm.cement(pm.Scene(packing, (pm.Repulsion(),)))
+
+
+def test_links_are_found_from_either_end():
+    packing, _ = stored("random_chain_3d_w2.5")
+    links = packing.links
+    rng = np.random.default_rng(3)
+    named = rng.permutation(len(links))
+    back = rng.random(len(named)) < 0.5
+    i, j = np.where(back, links.j_l[named], links.i_l[named]), np.where(back, links.i_l[named], links.j_l[named])
+    image = np.where(back[:, None], -links.image_ld[named], links.image_ld[named])
+    assert (links.find(i, j, image) == named).all()
+    assert links.find(i[:0], j[:0], image[:0]).shape == (0,)
+    with pytest.raises(ValueError, match="links must hold .*, got none"):
+        links.find(i, j, image + 7)

@@ -107,6 +107,8 @@ class Engine:
         The links between rows, those that depend on others left out; None without.
     links
         The same as time steps hold them.
+    link_l
+        The link of the packing that each of `row_links` is; None until somebody asks.
 
     """
 
@@ -133,6 +135,7 @@ class Engine:
     force_evaluations: int = 0
     row_links: Links | None = None
     links: Rattle | None = None
+    link_l: NDArray[np.int64] | None = None
 
     @property
     def time(self) -> float:
@@ -311,20 +314,16 @@ class Engine:
 
     def tensions(self) -> NDArray[np.float64]:
         """Return the (L,) tensions of the packing's links that `observe` measured [force]; none in redundant ones."""
-        packing, own = self.scene.packing, self.row_links
-        if packing.links is None or own is None or self.links is None:
+        whole, own = self.scene.packing.links, self.row_links
+        if whole is None or own is None or self.links is None:
             return np.zeros(0)
-        whole = packing.links
-        i, j = self.order_n[own.i_l], self.order_n[own.j_l]
-        image = own.image_ld @ self.change_dd.T - self.home_nd[j] + self.home_nd[i]
-        named = zip(whole.i_l.tolist(), whole.j_l.tolist(), map(tuple, whole.image_ld.tolist()), strict=True)
-        place = {key: k for k, key in enumerate(named)}
-        found = np.zeros(len(whole))
-        tension_l = self.links.tension_l.tolist()
-        for p, q, z, tension in zip(i.tolist(), j.tolist(), image.tolist(), tension_l, strict=True):
-            back = (q, p, tuple(-part for part in z))
-            found[place[back] if back in place else place[p, q, tuple(z)]] = tension
-        return found
+        if self.link_l is None:
+            i, j = self.order_n[own.i_l], self.order_n[own.j_l]
+            image = own.image_ld @ self.change_dd.T - self.home_nd[j] + self.home_nd[i]
+            self.link_l = whole.find(i, j, image)
+        tension = np.zeros(len(whole))
+        tension[self.link_l] = self.links.tension_l
+        return tension
 
     def stretches(self) -> Stretches:
         """Return the springs that are stretched, by rows and images of the loops' lattice."""
@@ -381,6 +380,7 @@ class Engine:
         workable = workable_links(packing)
         home_nd = self.home_nd.astype(np.float64)
         self.row_links, joints = make_joints(packing, workable, self.order_n, home_nd, self.change_dd)
+        self.link_l = None
         self.links = make_rattle(joints, self.state.weight_nk[:, 0].copy(), self.resolution)
         self.space = self.space._replace(linked=linked_pairs(joints))
 

@@ -15,6 +15,7 @@ from packmech.dynamics.engine import Engine
 from packmech.dynamics.observables import bond_forces, is_touching, measure_pair
 from packmech.dynamics.pair_lists import listed_pairs
 from packmech.jit.compiled import device, kernel, lean
+from packmech.links import one_way
 
 
 class PairForces(NamedTuple):
@@ -212,10 +213,7 @@ def touching_of(engine: Engine) -> Touching:
     # from rows and images of the loops' lattice to particles, their places and the scene's box
     whole = image @ engine.change_dd.T - engine.home_nd[j] + engine.home_nd[i]
     force = figure[:, 2 : 2 + d]
-    # each pair once with i < j; of a particle and its own image the one whose first nonzero number is positive
-    first = np.take_along_axis(whole, np.argmax(whole != 0, axis=1)[:, None], axis=1)[:, 0] if len(whole) else i
-    flip = (i > j) | ((i == j) & (first < 0))
-    i, j = np.where(flip, j, i), np.where(flip, i, j)
-    whole, force = np.where(flip[:, None], -whole, whole), np.where(flip[:, None], -force, force)
+    i, j, whole, turned = one_way(i, j, whole)
+    force = np.where(turned[:, None], -force, force)
     order = np.lexsort((*whole.T[::-1], j, i))
     return Touching(i[order], j[order], whole[order], figure[order, 0], force[order], figure[order, 1] > 0.0)

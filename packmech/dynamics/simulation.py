@@ -51,7 +51,7 @@ from packmech.loop.checkpoint import (
     write_checkpoint,
 )
 from packmech.loop.run_loop import RunLoop
-from packmech.measure import packing_fraction
+from packmech.measure.counting import packing_fraction
 from packmech.minimize.kernels import RUNNING
 from packmech.observables import State, added_arrays, added_rows, measure_added
 from packmech.packing import Packing

@@ -8,8 +8,6 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from packmech.check import instance, integer, one_of, real
 from packmech.generate.random import generator_of
@@ -164,6 +162,9 @@ def cut_fragments(
 
 def fragment_numbers(bonds: BondsLike, particles: int) -> NDArray[np.int64]:
     """Return (N,) which fragment each particle belongs to, counted from 0 in the order of their first particles."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(len(bonds.i_b)), (bonds.i_b, bonds.j_b)), shape=(particles, particles))
     _, label_n = connected_components(graph, directed=False)
     _, first, number_n = np.unique(label_n, return_index=True, return_inverse=True)
@@ -308,6 +309,9 @@ def _thinned(bonds: BondsLike, particles: int, fraction: float, rng: np.random.G
     What this leaves in the end is the spanning forest in which bonds late in the order come first (Kruskal's algorithm
     backwards), so that no fragment has to be looked at on the way.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
     count = len(bonds.i_b)
     order = rng.permutation(count)
     turn_b = np.empty(count, dtype=np.int64)

@@ -23,7 +23,8 @@ from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
 from packmech.linalg.mandel import mandel_tensor, mandel_vector, strain_components, trace_vector
-from packmech.measure import energy, packing_fraction
+from packmech.measure.counting import packing_fraction
+from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene

@@ -23,7 +23,7 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
-from packmech.measure import contact_stress, sum_forces
+from packmech.measure.stress import contact_stress, sum_forces
 from packmech.mechanics.hessian import KINDS, BondSums, bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, relax_linked, soft_shift
 from packmech.mechanics.rattling import held_network

@@ -34,8 +34,8 @@ from packmech.linalg.mandel import (
     strain_directions,
     trace_vector,
 )
-from packmech.measure import contact_stress
 from packmech.measure.counting import remove_rattlers
+from packmech.measure.stress import contact_stress
 from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
 from packmech.mechanics.rattling import held_network
 from packmech.mechanics.rigidity import TOUCHING

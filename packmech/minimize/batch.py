@@ -15,7 +15,7 @@ from packmech.check import finite_array, instance, integer, one_of, positive, re
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
 from packmech.links import Links, image_offsets
-from packmech.measure import packing_fraction
+from packmech.measure.counting import packing_fraction
 from packmech.minimize import batch_kernels as kernels
 from packmech.minimize.damped import DampedDynamics
 from packmech.minimize.fire import Fire, Fire2

@@ -18,7 +18,7 @@ from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, factorize
-from packmech.measure import sum_forces
+from packmech.measure.stress import sum_forces
 from packmech.mechanics.hessian import bond_sums
 from packmech.minimize.soft_network import Units, energy_change, length_unit
 from packmech.minimize.soft_newton import descend, judge

@@ -8,7 +8,7 @@ import numpy as np
 
 from packmech.check import integer, positive, real
 from packmech.files.records import is_record
-from packmech.measure import packing_fraction
+from packmech.measure.counting import packing_fraction
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import integer, positive, real
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, kicked, start_state
-from packmech.measure import packing_fraction
+from packmech.measure.counting import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol

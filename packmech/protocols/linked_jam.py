@@ -8,7 +8,8 @@ import numpy as np
 
 from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
-from packmech.measure import packing_fraction, pressure
+from packmech.measure.counting import packing_fraction
+from packmech.measure.stress import pressure
 from packmech.minimize.soft_newton import SoftState, descend, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol

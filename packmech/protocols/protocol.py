@@ -22,7 +22,8 @@ from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
-from packmech.measure import packing_fraction, stress_tensor, sum_forces
+from packmech.measure.counting import packing_fraction
+from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.minimize.fire import Fire

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import Bonds, law_second, pair_second
-from packmech.measure import Demodulation, demodulate, packing_fraction
+from packmech.measure.counting import packing_fraction
+from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
 from packmech.result import Outcome, Row, Run, particles_in_words
 from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed, two_axes

@@ -18,8 +18,7 @@ from packmech.effects import Bonds, Friction
 from packmech.effects.bonds import bond_contacts
 from packmech.loop.checkpoint import read_results, scene_fingerprints, write_checkpoint
 from packmech.loop.run_loop import Progress
-from packmech.measure import mean_with_error, softening_strain, yield_strain
-from packmech.measure.signals import ERRORS
+from packmech.measure.signals import ERRORS, mean_with_error, softening_strain, yield_strain
 from packmech.rheology.arguments import Several, listed, runs_file, two_axes
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene

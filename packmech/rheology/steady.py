@@ -15,7 +15,8 @@ from packmech.check import integer, one_of, positive, real
 from packmech.dynamics.deformation import MODES, Ramp, SteadyStrain
 from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
-from packmech.measure import block_mean, packing_fraction
+from packmech.measure.counting import packing_fraction
+from packmech.measure.signals import block_mean
 from packmech.result import Row, Summary, particles_in_words
 from packmech.rheology.arguments import Common, Several, StrainSettings, check_arguments, listed, two_axes
 from packmech.rheology.strain_run import StrainRun, StrainTask

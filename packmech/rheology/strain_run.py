@@ -37,7 +37,7 @@ from packmech.dynamics.simulation import Snapshot, snapshot_arrays, snapshot_bou
 from packmech.effects import Bonds, Friction
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
-from packmech.measure import packing_fraction
+from packmech.measure.counting import packing_fraction
 from packmech.minimize.kernels import RUNNING
 from packmech.observables import (
     State,

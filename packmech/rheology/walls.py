@@ -15,7 +15,7 @@ from packmech.dynamics.deformation import gamma_at
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import PairForces, pair_forces
 from packmech.effects import Walls
-from packmech.measure import Demodulation
+from packmech.measure.signals import Demodulation
 from packmech.packing import Packing, without_links
 from packmech.result import Row
 from packmech.rheology.arguments import StrainSettings

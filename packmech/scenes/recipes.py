@@ -44,7 +44,6 @@ from packmech.generate import (
     random_packing,
 )
 from packmech.links import Links
-from packmech.minimize.quench import quench
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -188,6 +187,8 @@ def _prepared(
         drawn = fill_box(Box(_columns(lattice_vectors)), particles, **drawing)
     else:
         drawn = random_packing(particles, dimension=dimension, **drawing)
+    from packmech.minimize.quench import quench  # brings SciPy
+
     return quench(Scene(drawn, (Repulsion(law),)), force_tolerance=force_tolerance).packing
 
 

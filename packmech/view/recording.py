@@ -25,7 +25,8 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.files.records import is_record, to_table
 from packmech.jamming.play import PlayedMotion, pairs_of
-from packmech.measure import packing_fraction, pressure
+from packmech.measure.counting import packing_fraction
+from packmech.measure.stress import pressure
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene

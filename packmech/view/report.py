@@ -16,8 +16,8 @@ from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure import energy, force_balance, packing_fraction, pressure, stress_tensor
-from packmech.measure.counting import find_rattlers
+from packmech.measure.counting import find_rattlers, packing_fraction
+from packmech.measure.stress import energy, force_balance, pressure, stress_tensor
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
 from packmech.mechanics.rattling import find_rattling_clusters

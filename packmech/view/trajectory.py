@@ -15,8 +15,8 @@ from packmech.contacts import find_contacts
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
 from packmech.links import image_offsets
-from packmech.measure import energy, force_balance, pressure
 from packmech.measure.counting import find_rattlers
+from packmech.measure.stress import energy, force_balance, pressure
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.observables import OBSERVABLES, State, measure_added
 from packmech.packing import Packing

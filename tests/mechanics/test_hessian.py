@@ -10,7 +10,7 @@ import packmech as pm
 from packmech.contacts import pair_contacts
 from packmech.effects import contact_terms
 from packmech.linalg.mandel import isochoric_basis, mandel_tensor, mandel_vector
-from packmech.measure import sum_forces
+from packmech.measure.stress import sum_forces
 
 LAW_NAMES = ["harmonic", "hertz", "power 3", "lennard-jones", "spring", "user's"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
-from packmech.measure import force_balance
+from packmech.measure.stress import force_balance
 from packmech.validation.hard_cases.case import HARMONIC, HardCase
 from packmech.validation.studies.exact_hessian import at_rest, finite_tangent, kept_step
 
