@@ -26,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,21 +82,37 @@ class Worker:
         self._prepared: dict[str, Callable[[], float]] = {}
 
     def packing(self, name: str, make: Callable[[], Any]) -> Any:
-        """Return the packing of this name: as the other worker wrote it down, or made now."""
+        """Return the packing of this name, which the first worker that needs it makes.
+
+        It does so in a child of its own: arrays lie elsewhere in the memory of a process that has made a packing, and
+        some loops over them are up to a third faster there.
+        """
         path = self.folder / f"{name}.npz"
         if not path.exists():
-            made = make()
-            arrays = {"position_nd": made.position_nd, "radius_n": made.radius_n, "lattice_dd": made.box.lattice_dd}
-            links = made.links
-            if links is not None:
-                arrays |= {key: getattr(links, key) for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")}
-            with path.open("wb") as file:
-                np.savez(file, **arrays)
+            child = os.fork()
+            if child == 0:
+                try:
+                    self._write_packing(path, make())
+                except BaseException:
+                    traceback.print_exc()
+                    os._exit(1)
+                os._exit(0)
+            if os.waitpid(child, 0)[1] != 0:
+                raise RuntimeError(f"the packing {name} was not made")
         with np.load(path) as file:
             links = None
             if "i_l" in file.files:
                 links = self.pm.Links(*(file[key] for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")))
             return self.pm.Packing(file["position_nd"], file["radius_n"], self.pm.Box(file["lattice_dd"]), links)
+
+    @staticmethod
+    def _write_packing(path: Path, made: Any) -> None:
+        arrays = {"position_nd": made.position_nd, "radius_n": made.radius_n, "lattice_dd": made.box.lattice_dd}
+        links = made.links
+        if links is not None:
+            arrays |= {key: getattr(links, key) for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")}
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
 
     def time(self, name: str) -> float:
         """Return the seconds of a row."""
