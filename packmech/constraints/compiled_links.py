@@ -403,19 +403,20 @@ def along_rattle(rattle: Rattle | None, velocity_nd: NDArray[np.float64]) -> int
 
 
 @device
-def _pull(system, value_r, factor, vector_nd):
-    """Take factor W Omega value from positions or velocities."""
+def _pull(system, value_r, factor, vector_nd, first):
+    """Take factor W Omega value from positions or velocities, which start at a column of rows."""
     normal, weight = system.normal_rd, system.inverse_mass_n
     for r in range(value_r.shape[0]):
         i, j = system.i_r[r], system.j_r[r]
         for a in range(len(system.axes)):
             impulse = factor * value_r[r] * normal[r, a]
-            vector_nd[j, a] -= weight[j] * impulse
-            vector_nd[i, a] += weight[i] * impulse
+            vector_nd[j, first + a] -= weight[j] * impulse
+            vector_nd[i, first + a] += weight[i] * impulse
 
 
 @device
-def _hold(rattle, row, velocity_nd, lattice, dt):
+def _hold(rattle, row, lattice):
+    """Move rows back to the links' lengths by impulse_r, along the links as they were; return whether that worked."""
     here, there, impulse = rattle.here, rattle.there, rattle.impulse_r
     value = here.multiplier_r
     for r in range(impulse.shape[0]):
@@ -429,14 +430,12 @@ def _hold(rattle, row, velocity_nd, lattice, dt):
         solve_links(here, value)
         for r in range(impulse.shape[0]):
             impulse[r] += value[r]
-        _pull(here, value, 1.0, row)
+        _pull(here, value, 1.0, row, 0)
         before = worst
         worst = measure_lengths(here, there, row, lattice)
         tries += 1
         if worst <= rattle.lost and worst > 0.5 * before:
             break
-    _pull(here, impulse, 1.0 / dt, velocity_nd)
-    refill(here, row, lattice)
     rattle.number[ERROR] = worst
     rattle.number[ITERATIONS] += tries
     return worst <= rattle.lost
@@ -452,20 +451,22 @@ def hold(rattle, axes, body, half_nd, lattice, dt, ahead, moved):
     if rattle is None:
         return moved
     d = len(axes)
-    for i in range(body.shape[0]):
-        for a in range(d):
-            body[i, 4 + a] -= (1.0 + ahead) * half_nd[i, a]
-    good = _hold(rattle, body, half_nd, lattice, dt)
+    good = _hold(rattle, body, lattice)
+    _pull(rattle.here, rattle.impulse_r, 1.0 / dt, half_nd, 0)
+    if ahead > 0.0:
+        _pull(rattle.here, rattle.impulse_r, (1.0 + ahead) / dt, body, 4)
+    refill(rattle.here, body, lattice)
     if ahead == 0.0:
         # these are the velocities at the end of the step
         project_velocity(rattle.here, half_nd, half_nd, rattle.multiplier_l)
+        for i in range(body.shape[0]):
+            for a in range(d):
+                body[i, 4 + a] = half_nd[i, a]
     largest = 0.0
     for i in range(body.shape[0]):
         square = 0.0
         for a in range(d):
-            half = half_nd[i, a]
-            body[i, 4 + a] += (1.0 + ahead) * half
-            square += half * half
+            square += half_nd[i, a] * half_nd[i, a]
         # written so that a speed that is not a number is the largest
         if not square <= largest:
             largest = square
