@@ -127,19 +127,6 @@ class Packing:
         return float((error / np.maximum(self.links.length_l, self.diameter_n.mean())).max())
 
 
-def without_links(name: str, packing: Packing) -> None:
-    """Check that a packing has no rigid links, for calls that would ignore them.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument and how many links came.
-
-    """
-    if packing.links is not None:
-        raise ValueError(f"{name} must have no links for this call, got {len(packing.links)}")
-
-
 def no_own_images(name: str, packing: Packing) -> None:
     """Check that no link joins a particle to an image of itself, for calls that move particles or strain the box.
 

@@ -23,6 +23,7 @@ VERBS = {
     "analyze": "Examine a packing made elsewhere; nothing is moved.",
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
     "scenes": "List the scenes that ship inside the package.",
+    "effects": "Say which call honors which effect of a scene.",
     "accuracy": "Measure what accuracy costs in time: tables and figures.",
     "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
     "hard-cases": "Measure every hard case against its bound; exit code 1 if one is outside.",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance
 from packmech.contacts.network import candidate_pairs
+from packmech.honors import honors
 from packmech.links import Links
 from packmech.packing import Packing
 
@@ -42,6 +43,7 @@ class Crossings:
         return len(self.first_c)
 
 
+@honors("links", packing_only=True)
 def crossing_links(packing: Packing) -> Crossings:
     """Return the pairs of links that cross, over all periodic images; bonds only, in two dimensions.
 

@@ -45,10 +45,11 @@ from packmech.dynamics.observables import (
 from packmech.dynamics.pair_lists import search
 from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, take_steps
 from packmech.effects import Friction
+from packmech.honors import declare
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.minimize.kernels import NOT_FINITE, RUNNING
 from packmech.observables import OBSERVABLES, component_names
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
 
@@ -360,9 +361,9 @@ def scenes_of(scenes: Any) -> list[Scene]:
 
 
 def must_be_alike(name: str, scene: Any, first: Scene) -> None:
-    """Check that a scene has the dimension and kinds of effects of the first one of its batch, and no rigid links."""
+    """Check that a scene has the dimension and kinds of effects of the first one of its batch, and nothing refused."""
     instance(name, scene, Scene)
-    without_links(f"{name}.packing", scene.packing)
+    _HONORS.check(name, scene)
     if scene.packing.dimension != first.packing.dimension:
         raise ValueError(f"{name} must have the dimension of the first scene, got {scene.packing.dimension}")
     if _kinds(scene.effects) != _kinds(first.effects):
@@ -390,6 +391,9 @@ def direction_of(axes: Any, dimension: int) -> NDArray[np.float64]:
 
 # what sets the strain of each packing in a frame, by the name of the control
 CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
+
+
+_HONORS = declare("ShearBatch", "repulsion damping friction bonds gravity walls drag")
 
 
 class ShearBatch:

@@ -13,11 +13,13 @@ from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
+from packmech.honors import honors
 from packmech.loop.checkpoint import check_scene, read_checkpoint, restore_from
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.scene import Scene
 
 
+@honors("repulsion damping friction bonds gravity walls drag links")
 def simulate(
     scene: Scene,
     *,
@@ -168,6 +170,7 @@ def simulate(
     return task.run(begin)
 
 
+@honors("repulsion damping friction bonds gravity walls drag links")
 def resume(
     path: str | os.PathLike[str],
     scene: Scene,

@@ -36,7 +36,6 @@ from packmech.effects.pair import (
     pair_energy,
     pair_first,
     pair_second,
-    refuse_bound,
     registered_effects,
 )
 from packmech.effects.repulsion import Repulsion
@@ -80,7 +79,6 @@ __all__ = [
     "pair_energy",
     "pair_first",
     "pair_second",
-    "refuse_bound",
     "registered_effects",
     "registered_laws",
     "spin_drag",

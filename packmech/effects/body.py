@@ -63,6 +63,8 @@ class Walls(NamedTuple):
     law: Law = LinearSpring()
     damping: float = 0.0
 
+    acts_as = "walls"  # type: ignore[misc]
+
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if self.axis not in (0.0, 1.0, 2.0):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from packmech.check import finite_array, instance, integer_array, one_of, positi
 from packmech.contacts import find_contacts
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
-from packmech.packing import Packing, without_links
+from packmech.honors import honors
+from packmech.packing import Packing
 
 
 @bound_effect
@@ -50,6 +51,8 @@ class Bonds:
     tangential_stiffness: float = 1.0
     damping: float = 0.0
     tangential_damping: float = 0.0
+
+    acts_as: ClassVar[str] = "bonds"
 
     def __post_init__(self) -> None:
         i = integer_array("i_b", self.i_b, shape=(None,))
@@ -112,6 +115,7 @@ def _same(one: Any, other: Any) -> bool:
 REST = ("contact", "distance")
 
 
+@honors("", packing_only=True)
 def bond_contacts(
     packing: Packing,
     *,
@@ -153,7 +157,6 @@ def bond_contacts(
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     one_of("rest", rest, REST)
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     return Bonds(

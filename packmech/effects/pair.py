@@ -118,13 +118,6 @@ def is_bound(value: object) -> bool:
     return is_effect(value) and not isinstance(value, tuple)
 
 
-def refuse_bound(name: str, effects: tuple[Any, ...]) -> None:
-    """Refuse bonds, and what acts on single particles with an energy, where only touching pairs are known."""
-    for one in effects:
-        if is_bound(one) or "body_energy" in _COMPILED.get(type(one), {}):
-            raise ValueError(f"{name} must not hold {type(one).__name__} here: only pm.simulate knows what they do")
-
-
 def is_effect(value: object) -> bool:
     """Return whether the value is an instance of a registered effect."""
     return type(value) in _COMPILED
@@ -249,7 +242,6 @@ def contact_terms(
     [1.0, 0.0]
 
     """
-    refuse_bound("effects", effects)
     distance = np.ascontiguousarray(distance_c, dtype=np.float64)
     sigma = np.ascontiguousarray(contact_distance_c, dtype=np.float64)
     touching = distance < sigma

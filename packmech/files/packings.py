@@ -54,6 +54,7 @@ from packmech.box import Box
 from packmech.check import instance
 from packmech.effects.laws import is_law, registered_laws
 from packmech.files.records import from_table, kinds_of, to_table
+from packmech.honors import honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
 
@@ -97,6 +98,7 @@ def read_packing(path: PathLike) -> Packing:
     return _in_file(found, lambda: read(found))
 
 
+@honors("links", packing_only=True)
 def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     """Write the packing as .npz, .gsd or plain text, and read back from it the same packing to the last bit.
 

@@ -13,6 +13,7 @@ from packmech.check import instance, integer, one_of, positive, real
 from packmech.generate.chains import CROSSING, Bonds
 from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
+from packmech.honors import honors
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
@@ -127,6 +128,7 @@ def cluster_packing(
     return packing.wrapped()
 
 
+@honors("links", packing_only=True)
 def scattered_packing(
     packing: Packing,
     *,

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import find_contacts
-from packmech.packing import Packing, without_links
+from packmech.honors import honors
+from packmech.packing import Packing
 
 _ROOT_2, _ROOT_3 = math.sqrt(2.0), math.sqrt(3.0)
 Columns = tuple[tuple[float, ...], ...]
@@ -400,6 +401,7 @@ def tunneled_packing(
     return crystal_packing(tunneled(step_k), repeats, supercell, False, relative_overlap, diameter)
 
 
+@honors("", packing_only=True)
 def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool = False) -> Packing:
     """Return a packing without so many of its particles, drawn at random.
 
@@ -428,7 +430,6 @@ def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool 
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     count = integer("vacancies", vacancies, at_least=1)
     if count >= packing.particles:
         raise ValueError(f"vacancies must be fewer than the particles ({packing.particles}), got {count}")
@@ -485,7 +486,6 @@ def open_contact(packing: Packing, contact: int, gap: float) -> Packing:
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     contacts = find_contacts(packing, gap_tolerance=_TOUCHING)
     contact = integer("contact", contact, at_least=0, at_most=len(contacts) - 1)
     target_c = np.zeros(len(contacts))
@@ -613,6 +613,5 @@ def strain_packing(packing: Packing, strain_dd: ArrayLike) -> Packing:
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     box = packing.box.strained(strain_dd)
     return packing.replace(position_nd=packing.position_nd + packing.position_nd @ np.asarray(strain_dd).T, box=box)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_given
-from packmech.effects import Friction
+from packmech.honors import honors
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
 from packmech.jamming.certificates import Finding, certify, yield_to_loads
 from packmech.jamming.contact_selection import LEAST_GAP, RestCheck, Touching, check_rest, find_touching
@@ -201,6 +201,7 @@ STRAINS = ("free", "isochoric")
 BOUNDS = ("ball", "box")
 
 
+@honors("repulsion links", at_rest=True)
 def classify_jamming(
     packing: Packing | Scene,
     *,
@@ -230,7 +231,6 @@ def classify_jamming(
     ----------
     packing
         The packing, or a scene: with its law the Hessian's stability is answered too, and rest is judged by its forces.
-        Friction is left out, and `Verdict.friction` says so.
     method
         "certificate": rank of the rigidity matrix, and the state of self stress with the largest smallest force (Roth
         and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b; what these move
@@ -349,12 +349,7 @@ def classify_jamming(
         time.process_time() - start,
         None if packing.links is None else packing.links.clusters(packing.particles),
         bound if method == "loads" else None,
-        scene is not None and _has_friction(scene),
     )
-
-
-def _has_friction(scene: Scene) -> bool:
-    return any(isinstance(effect, Friction) and effect.coefficient > 0.0 for effect in scene.effects)
 
 
 def _local(judged: Judged, touching: Touching, rest: RestCheck | None) -> tuple[str, str]:

@@ -17,6 +17,7 @@ from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.effects import Repulsion
+from packmech.honors import honors
 from packmech.jamming.contact_selection import find_touching
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
@@ -374,6 +375,7 @@ class PlayedMotion:
         return opened
 
 
+@honors("repulsion links", at_rest=True)
 def play_motion(
     packing: Packing | Scene,
     motion: UnjammingMotion | ArrayLike,

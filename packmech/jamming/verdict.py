@@ -125,9 +125,6 @@ class Verdict:
     bound
         "ball" or "box": what bounded the motions of the load programs; always "box" with HiGHS, which solves linear
         programs only. None for the certificate.
-    friction
-        Whether the scene has friction, which is left out: particles are judged as frictionless, and friction may hold
-        packings that are not jammed without it.
 
     """
 
@@ -145,7 +142,6 @@ class Verdict:
     seconds: float
     cluster_n: NDArray[np.int64] | None = None
     bound: str | None = None
-    friction: bool = False
 
     @property
     def collective(self) -> str:
@@ -343,7 +339,6 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
         "verdict_solver": verdict.solver,
         "verdict_strain": verdict.strain,
         "verdict_bound": verdict.bound,
-        "friction_left_out": verdict.friction,
         "verdict_seconds": verdict.seconds,
     }
     if verdict.cluster_n is not None:
@@ -390,8 +385,6 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
     if numbers["rest"] is not None:
         rest = numbers["rest"]
         rows.append(("at rest", _yes(numbers["at_rest"]), f"{_balance(rest)}; law: {rest['law']}"))
-    if numbers["friction_left_out"]:
-        rows.append(("friction", "left out", "judged as frictionless; with it more may hold than is said here"))
     return rows
 
 

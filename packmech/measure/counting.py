@@ -15,6 +15,7 @@ from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import check_given, rattlers_of
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images
@@ -170,6 +171,7 @@ def rattling_particles(packing: Packing, contacts: Contacts) -> NDArray[np.bool_
         return rattling_by_links(packing, contacts)
 
 
+@honors("links", packing_only=True)
 def find_rattlers(
     packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
 ) -> NDArray[np.bool_]:
@@ -215,6 +217,7 @@ def find_rattlers(
     return rattling_particles(packing, contacts)
 
 
+@honors("links", packing_only=True)
 def remove_rattlers(
     packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
 ) -> tuple[Packing, NDArray[np.int64]]:
@@ -319,6 +322,7 @@ def _spanned(row: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     return bool(np.abs(row - others.T @ share).max() < DEPENDENT)
 
 
+@honors("links", packing_only=True)
 def packing_fraction(packing: Packing) -> float:
     """Return the sum of the particles' volumes over the box volume [1], rattlers included, overlaps counted twice.
 
@@ -339,6 +343,7 @@ def packing_fraction(packing: Packing) -> float:
     return float(unit * (packing.radius_n**packing.dimension).sum() / packing.box.volume)
 
 
+@honors("links", packing_only=True)
 def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattlers: str = "remove") -> float:
     """Return the mean number of contacts of a particle, 2 N_c / N' [1], in the periodic box.
 

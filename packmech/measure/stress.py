@@ -9,6 +9,7 @@ from packmech.check import instance, one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.scene import Scene
 
@@ -41,6 +42,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
     return net
 
 
+@honors("repulsion links", at_rest=True)
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once.
 
@@ -63,6 +65,7 @@ def energy(scene: Scene) -> float:
     return float(np.add.reduce(energy_c))
 
 
+@honors("repulsion links", at_rest=True)
 def forces(scene: Scene) -> NDArray[np.float64]:
     """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
 
@@ -85,6 +88,7 @@ def forces(scene: Scene) -> NDArray[np.float64]:
     return sum_forces(contacts, -first)
 
 
+@honors("repulsion links", at_rest=True)
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
@@ -148,6 +152,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
+@honors("repulsion links", at_rest=True)
 def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 
@@ -189,6 +194,7 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(np.abs(first).mean())
 
 
+@honors("repulsion links", at_rest=True)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 

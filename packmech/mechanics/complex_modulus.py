@@ -25,15 +25,14 @@ from packmech.effects import (
     BackgroundDamping,
     Bonds,
     Friction,
-    Gravity,
     is_bound,
     law_first,
     law_second,
     pair_first,
     pair_second,
 )
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.packing import without_links
 from packmech.scene import Scene
 
 MODES = ("shear", "uniaxial", "isotropic")
@@ -314,6 +313,7 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
     return matrix
 
 
+@honors("repulsion damping friction bonds drag")
 def complex_modulus(
     scene: Scene,
     frequency_f: ArrayLike,
@@ -361,7 +361,6 @@ def complex_modulus(
     began = time.process_time()
     instance("scene", scene, Scene)
     packing = scene.packing
-    without_links("scene.packing", packing)
     n, d = packing.particles, packing.dimension
     frequency = positive_array("frequency_f", frequency_f, shape=(None,), what="frequency")
     direction = _direction(mode, axes, d)
@@ -422,7 +421,7 @@ def _drag(scene: Scene) -> float:
     for one in scene.effects:
         if isinstance(one, BackgroundDamping):
             drag += one.rate
-        elif hasattr(type(one), "body_force") and not isinstance(one, Gravity):
+        elif hasattr(type(one), "body_force"):
             raise ValueError(f"scene must not hold {type(one).__name__}: its linear answer is not known here")
     return drag
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import (
@@ -460,6 +461,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
+@honors("repulsion links", at_rest=True)
 def elastic_moduli(
     scene: Scene, *, kind: str = "exact", rattlers: str = "remove", gap_tolerance: float = TOUCHING
 ) -> Moduli:
@@ -571,6 +573,7 @@ _ZERO = 1e-10
 _CARRIES = 1e-6
 
 
+@honors("repulsion links", at_rest=True)
 def compliance_matrix(
     scene: Scene,
     *,

@@ -24,6 +24,7 @@ from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import distinct_pairs
 from packmech.effects import ContactTerms, contact_terms
+from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import (
@@ -294,6 +295,7 @@ def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
     one_of("volume_curvature", volume_curvature, CURVATURES)
 
 
+@honors("repulsion links", at_rest=True)
 def hessian(
     scene: Scene,
     strain: str = "free",
@@ -366,6 +368,7 @@ def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
 
 
+@honors("repulsion links", at_rest=True)
 def dynamical_matrix(
     scene: Scene,
     strain: str = "none",
@@ -441,6 +444,7 @@ def checked_masses(mass_n: ArrayLike | None, particles: int) -> NDArray[np.float
     return positive_array("mass_n", mass_n, shape=(particles,))
 
 
+@honors("repulsion links", at_rest=True)
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,

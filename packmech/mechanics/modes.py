@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import finite_array, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.jacobian import scale_of_strain
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.hessian import (
@@ -108,6 +109,7 @@ class Modes:
         return int(np.count_nonzero((self.eigenvalue_m < 0.0) & ~self.zero_m))
 
 
+@honors("repulsion links", at_rest=True)
 def normal_modes(
     scene: Scene,
     count: int | None = None,
@@ -389,6 +391,7 @@ class StateDensity:
         return (self.edge_b[1:] + self.edge_b[:-1]) / 2.0
 
 
+@honors("repulsion links", at_rest=True)
 def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,

@@ -21,6 +21,7 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of, rattling_bodies
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
@@ -77,6 +78,7 @@ class Rattling:
         return bool(self.rattling_n.all())
 
 
+@honors("links", packing_only=True)
 def find_rattling_clusters(
     packing: Packing, *, gap_tolerance: float = TOUCHING, contacts: Contacts | None = None
 ) -> Rattling:

@@ -12,6 +12,7 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients, scale_of_strain
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import check_contacts
+from packmech.honors import honors
 from packmech.linalg.mandel import STRAINS, normal_strains, strain_directions
 from packmech.packing import Packing
 
@@ -33,6 +34,7 @@ def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
     return contacts.distance_c[:, None] * normal_strains(contacts.normal_cd)
 
 
+@honors("links", packing_only=True)
 def rigidity_matrix(
     packing: Packing, strain: str = "free", *, contacts: Contacts | None = None, gap_tolerance: float = TOUCHING
 ) -> sp.csr_array:
@@ -82,6 +84,7 @@ def rigidity_matrix(
     return sp.csr_array(sp.hstack([position, sp.csr_array(columns)], format="csr"))
 
 
+@honors("links", packing_only=True)
 def change_of_basis(
     packing: Packing,
     strain: str = "free",
@@ -134,6 +137,7 @@ def change_of_basis(
     )
 
 
+@honors("links", packing_only=True)
 def constrained_rigidity_matrix(
     packing: Packing,
     strain: str = "free",
@@ -178,6 +182,7 @@ def constrained_rigidity_matrix(
     return reduced
 
 
+@honors("links", packing_only=True)
 def n_matrix(
     packing: Packing,
     strain: str = "free",

@@ -19,6 +19,7 @@ from packmech.check import one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
 from packmech.linalg.mandel import strain_directions
@@ -256,6 +257,7 @@ def _null_space(
     return rank, certain, count, basis
 
 
+@honors("links", packing_only=True)
 def states_of_self_stress(
     packing: Packing,
     strain: str = "none",
@@ -316,6 +318,7 @@ def states_of_self_stress(
     )  # fmt: skip
 
 
+@honors("links", packing_only=True)
 def floppy_modes(
     packing: Packing,
     strain: str = "none",

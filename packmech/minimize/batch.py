@@ -14,6 +14,7 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
+from packmech.honors import declare
 from packmech.links import Links, image_offsets
 from packmech.measure.counting import packing_fraction
 from packmech.minimize import batch_kernels as kernels
@@ -88,6 +89,9 @@ def relax_deep_overlaps(program: Program) -> None:
     program.place(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).position_nd)
 
 
+_HONORS = declare("QuenchBatch", "repulsion links", at_rest=True)
+
+
 class QuenchBatch:
     """A batch of packings that are strained, then relaxed, in one compiled call on any number of threads.
 
@@ -156,6 +160,7 @@ class QuenchBatch:
         threads: int = 1,
     ) -> None:
         instance("scene", scene, Scene)
+        _HONORS.check("scene", scene)
         self.scene = scene
         self.batch = integer("batch", batch, at_least=1)
         if isinstance(relax, str):

@@ -16,7 +16,7 @@ from packmech.check import finite_array, instance, integer, positive, real
 from packmech.constraints.compiled_links import make_joints
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
-from packmech.effects import pair_energy, refuse_bound
+from packmech.effects import pair_energy
 from packmech.links import Links
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.kernels import (
@@ -505,7 +505,6 @@ def build_program(scene: Scene) -> Program:
     started = time.process_time()
     instance("scene", scene, Scene)
     packing = scene.packing
-    refuse_bound("effects", scene.effects)
     effects = tuple(one for one in scene.effects if hasattr(type(one), "pair_energy"))
     if not effects:
         raise ValueError("effects must contain one with an energy, such as Repulsion(...), got none")

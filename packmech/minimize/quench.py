@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, positive
 from packmech.contacts import crossing_links
 from packmech.effects import Harmonic, Repulsion
+from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.minimize.fire import Fire
@@ -37,6 +38,7 @@ _IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
 _FLOORS = 8.0
 
 
+@honors("repulsion links", at_rest=True)
 def quench(
     scene: Scene,
     *,

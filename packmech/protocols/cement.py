@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.links import Links
@@ -24,7 +25,7 @@ from packmech.mechanics.elasticity import Average, inverse_across, voigt_average
 from packmech.mechanics.hessian import bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.rattling import held_network
 from packmech.mechanics.rigidity import TOUCHING
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 FREEZE = ("angles", "clusters", "nothing")
@@ -408,6 +409,7 @@ def _inverse(compliance: float) -> float:
     return 1.0 / compliance if compliance > 0.0 else float("inf")
 
 
+@honors("repulsion", at_rest=True)
 def cement(
     scene: Scene,
     *,
@@ -463,7 +465,6 @@ def cement(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     seed = integer("seed", seed, at_least=0)
     step = positive("step", step)
     one_of("freeze", freeze, FREEZE)

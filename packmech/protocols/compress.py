@@ -11,6 +11,7 @@ import numpy as np
 
 from packmech.check import instance, integer, one_of, positive, positive_array
 from packmech.contacts import Contacts, find_contacts
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.soft_network import isochoric_part
@@ -29,6 +30,7 @@ _FIRST, _FACTOR, _LEAST_FACTOR = 1e-7, 2.0, 1.02
 _FIRE_TOLERANCE, _TIGHTER, _FIRE_ROUNDS, _FIRE_STEPS = 1e-3, 0.03, 3, 300_000
 
 
+@honors("repulsion links", at_rest=True)
 def compress(
     scene: Scene,
     distances: Iterable[float],

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, one_of, positive
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
@@ -36,6 +37,7 @@ def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
     return mandel_basis(dimension).copy()
 
 
+@honors("repulsion links", at_rest=True)
 def jam(
     scene: Scene,
     *,

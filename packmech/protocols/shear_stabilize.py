@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from packmech.check import instance, integer, positive
+from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
@@ -19,6 +20,7 @@ _FIRST_TOLERANCE = 1e-2
 _TIGHTER = 0.03
 
 
+@honors("repulsion links", at_rest=True)
 def shear_stabilize(
     scene: Scene,
     *,

@@ -17,7 +17,6 @@ from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.packing import without_links
 from packmech.scene import Scene
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -138,7 +137,6 @@ def check_arguments(
 
     """
     instance("scene", scene, Scene)
-    without_links("scene.packing", scene.packing)
     refuse_misfits(scene)
     method = checked_method(method)
     start = start_of_motion(scene.packing, mass_n, velocity_nd, spin_nk, held_n)

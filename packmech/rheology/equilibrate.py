@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from packmech.check import integer, positive, real
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Repulsion, is_bound
+from packmech.honors import honors
 from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
 from packmech.mechanics.elasticity import elastic_moduli
 from packmech.minimize.quench import quench
@@ -80,6 +81,7 @@ class Equilibration(Run):
 
 
 @listed(AtRest)
+@honors("repulsion damping friction bonds gravity walls drag")
 def equilibrate(
     scene: Scene,
     *,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import Bonds, law_second, pair_second
+from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
@@ -208,6 +209,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
 
 
 @listed(Common)
+@honors("repulsion damping friction bonds gravity walls drag")
 def oscillatory_shear(
     scene: Scene,
     *,

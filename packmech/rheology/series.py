@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from packmech.check import function, instance, integer, one_of, positive, real
 from packmech.effects import Bonds, Friction
 from packmech.effects.bonds import bond_contacts
+from packmech.honors import honors
 from packmech.loop.checkpoint import read_results, scene_fingerprints, write_checkpoint
 from packmech.loop.run_loop import Progress
 from packmech.measure.signals import ERRORS, mean_with_error, softening_strain, yield_strain
@@ -76,6 +77,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
 
 
 @listed(Several)
+@honors("repulsion damping friction bonds gravity walls drag")
 def amplitude_sweep(
     scene: Scene,
     *,

@@ -15,6 +15,7 @@ from packmech.check import integer, one_of, positive, real
 from packmech.dynamics.deformation import MODES, Ramp, SteadyStrain
 from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
+from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_mean
 from packmech.result import Row, Summary, particles_in_words
@@ -26,6 +27,7 @@ STAGE = "steady strain"
 
 
 @listed(Common)
+@honors("repulsion damping friction bonds gravity walls drag")
 def ramp_strain(
     scene: Scene,
     *,
@@ -205,6 +207,7 @@ class FlowCurve:
 
 
 @listed(Several)
+@honors("repulsion damping friction bonds gravity walls drag")
 def steady_shear(
     scene: Scene,
     *,
@@ -353,6 +356,7 @@ class Creep(StrainRun):
 
 
 @listed(Common)
+@honors("repulsion damping friction bonds gravity walls drag")
 def creep(
     scene: Scene,
     *,

@@ -15,8 +15,9 @@ from packmech.dynamics.deformation import gamma_at
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import PairForces, pair_forces
 from packmech.effects import Walls
+from packmech.honors import honors
 from packmech.measure.signals import Demodulation
-from packmech.packing import Packing, without_links
+from packmech.packing import Packing
 from packmech.result import Row
 from packmech.rheology.arguments import StrainSettings
 
@@ -31,6 +32,7 @@ def height_across(box: Box, axis: int) -> float | None:
     return float(row.max()) if np.count_nonzero(out) == 1 else None
 
 
+@honors("", packing_only=True)
 def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int = 1) -> NDArray[np.bool_]:
     """Return which particles rough plates at both ends of the cell would hold: (N,) for held_n of what strains a scene.
 
@@ -64,7 +66,6 @@ def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int
 
     """
     instance("packing", packing, Packing)
-    without_links("packing", packing)
     axis = integer("axis", axis, at_least=0, at_most=packing.dimension - 1)
     if layer == "crossing":
         reach = packing.radius_n

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import finite_array, instance, integer
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import Bonds, contact_terms
+from packmech.honors import honors
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -33,6 +34,7 @@ OUTLINE_DIM = 0.75
 SLACK, TOUCH = 1e-12, 1e-12
 
 
+@honors("links", packing_only=True)
 def draw_frame(
     packing: Packing,
     *,

@@ -1,4 +1,4 @@
-"""Facts about what a verdict says of its assumptions: bounds of loads, friction, rest of crystals, thin forces."""
+"""Facts about what a verdict says of its assumptions: bounds of loads, rest of crystals, thin forces."""
 
 import pytest
 
@@ -31,15 +31,6 @@ def test_verdict_says_what_bounded_the_loads(given, bound):
     assert ("bounded by" in line(verdict, "method")) == (bound is not None)
     if bound is not None:
         assert f"loads bounded by a {bound}" in line(verdict, "method")
-
-
-@pytest.mark.parametrize(("coefficient", "left_out"), [(0.5, True), (0.0, False), (None, False)])
-def test_verdict_on_a_scene_with_friction_says_that_it_is_left_out(coefficient, left_out):
-    packing = pm.lattice_packing("triangular", (2, 2), relative_overlap=1e-3)
-    effects = (pm.Repulsion(),) if coefficient is None else (pm.Repulsion(), pm.Friction(coefficient=coefficient))
-    verdict = pm.classify_jamming(pm.Scene(packing, effects))
-    assert verdict.friction is verdict_numbers(verdict)["friction_left_out"] is left_out
-    assert ("judged as frictionless" in str(verdict)) is left_out
 
 
 def test_rest_of_a_crystal_whose_overlaps_are_rounding_is_said_in_words():

@@ -1,0 +1,168 @@
+"""What each call does with what a scene holds: one declaration per public call, checked there, printed as a table.
+
+A call honors an effect, or the effect does nothing there (a dashpot at rest), or the call refuses it by name. Nothing
+is ignored in silence. `packmech effects` prints the table.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# columns of the table, and what a scene holds that belongs to each
+COLUMNS = {
+    "repulsion": "pair potentials, such as Repulsion",
+    "damping": "dashpots of contacts, such as ContactDamping",
+    "friction": "tangential forces of contacts, such as Friction",
+    "bonds": "springs between named particles: Bonds",
+    "gravity": "potentials of single particles, such as Gravity",
+    "walls": "Walls",
+    "drag": "drag on single particles, such as BackgroundDamping",
+    "links": "rigid links of the packing",
+    "shapes": "shapes other than discs and spheres",
+}
+EFFECTS = tuple(COLUMNS)[:7]
+# what stands in the table
+HONORED, NOTHING, REFUSED, ABSENT = "yes", "zero at rest", "refused", ""
+# calls that honor what others refuse
+INSTEAD = {
+    "damping": "pm.simulate",
+    "friction": "pm.simulate or pm.oscillatory_shear",
+    "bonds": "pm.simulate or pm.oscillatory_shear",
+    "gravity": "pm.simulate",
+    "walls": "pm.simulate",
+    "drag": "pm.simulate",
+    "links": "pm.simulate or pm.jam",
+}
+
+
+def column_of(effect: type) -> str:
+    """Return the column of a class of effects: what it says itself in `acts_as`, or else what its hooks are for."""
+    said = getattr(effect, "acts_as", None)
+    if said is not None:
+        return str(said)
+    if hasattr(effect, "tangential_force"):
+        return "friction"
+    if hasattr(effect, "body_energy"):
+        return "gravity"
+    if hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):
+        return "drag"
+    return "repulsion" if hasattr(effect, "pair_energy") else "damping"
+
+
+@dataclass(frozen=True)
+class Honors:
+    """What one call honors.
+
+    Attributes
+    ----------
+    call
+        Its public name.
+    columns
+        Names of `COLUMNS` that it honors.
+    at_rest
+        Whether it looks at particles at rest, where damping and drag do nothing.
+    packing_only
+        Whether it takes a packing, which has no effects.
+
+    """
+
+    call: str
+    columns: tuple[str, ...]
+    at_rest: bool = False
+    packing_only: bool = False
+
+    def answer(self, column: str) -> str:
+        """Return what stands in this column of the table."""
+        if column in self.columns:
+            return HONORED
+        if self.packing_only and column in EFFECTS:
+            return ABSENT
+        return NOTHING if self.at_rest and column in ("damping", "drag") else REFUSED
+
+    def check(self, name: str, subject: Any) -> None:
+        """Refuse what a scene or a packing holds and the call does not honor; other values pass, and fail there.
+
+        Raises
+        ------
+        ValueError
+            Naming what is refused, the call, and the way out.
+
+        """
+        for k, one in enumerate(getattr(subject, "effects", ())):
+            column = column_of(type(one))
+            if self.answer(column) == REFUSED:
+                kind = type(one).__qualname__
+                raise ValueError(
+                    f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}: leave it "
+                    f"out with scene.without(pm.{kind}), or use {INSTEAD[column]}"
+                )
+        packing = getattr(subject, "packing", subject)
+        links = getattr(packing, "links", None)
+        if links is not None and self.answer("links") == REFUSED:
+            where = f"{name}.packing" if packing is not subject else name
+            raise ValueError(
+                f"{where} must have no links for pm.{self.call}, which would ignore them, got {len(links)}: leave them "
+                f"out with packing.replace(links=None), or use {INSTEAD['links']}"
+            )
+
+
+# declarations by the name of the call
+CALLS: dict[str, Honors] = {}
+
+
+def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: bool = False) -> Honors:
+    """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
+
+    Parameters
+    ----------
+    call
+        The public name.
+    columns
+        Names of `COLUMNS` that it honors, with spaces between.
+    at_rest, packing_only
+        As in `Honors`.
+
+    """
+    named = tuple(columns.split())
+    unknown = [one for one in named if one not in COLUMNS]
+    if unknown:
+        raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
+    CALLS[call] = Honors(call, named, at_rest, packing_only)
+    return CALLS[call]
+
+
+def honors(
+    columns: str, *, at_rest: bool = False, packing_only: bool = False
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Return a decorator for a public function of a scene or a packing: what it honors.
+
+    The argument of that name is what is checked, or the first where neither name is among them.
+
+    Parameters
+    ----------
+    columns, at_rest, packing_only
+        As in `declare`.
+
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        names = list(inspect.signature(function).parameters)
+        place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
+        name = names[place]
+        declared = declare(function.__name__, columns, at_rest=at_rest, packing_only=packing_only)
+
+        @functools.wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            declared.check(name, args[place] if place < len(args) else kwargs.get(name))
+            return function(*args, **kwargs)
+
+        return call
+
+    return decorate

@@ -1,0 +1,185 @@
+"""What calls do with what a scene holds: every public call is declared, and does with each effect as it is declared."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.honors import CALLS, COLUMNS, EFFECTS, HONORED, INSTEAD, NOTHING, REFUSED, column_of
+
+# public calls of a scene or a packing that change and measure nothing: they write, read or draw what they are given
+NO_MECHANICS = {"write_scene", "write_packing", "write_table", "record_packing", "record_run", "write_pictures", "run"}
+
+
+def small():
+    """Return a few discs that overlap a little, in a cell with room."""
+    spot = np.array([[0.6, 0.62], [1.5, 0.6], [2.42, 0.7], [0.62, 1.5], [1.53, 1.52], [2.4, 1.6], [1.1, 2.3]])
+    return pm.Packing(spot, np.full(7, 0.5), pm.Box.cubic(3.4, 2))
+
+
+def effects(silent=None):
+    """Return one effect of each column; the silent one acts with nothing, so that compiled code is the same."""
+    packing = small()
+    bonds = pm.bond_contacts(packing, gap_tolerance=-1e-3, damping=0.3)
+    weak = pm.LinearSpring(1e-9)
+    few = pm.Bonds(bonds.i_b[:2], bonds.j_b[:2], bonds.image_bd[:2], bonds.rest_length_b[:2] * 1.02, damping=0.3)
+    none = pm.Bonds(
+        few.i_b, few.j_b, few.image_bd, few.rest_length_b, weak, weak, tangential_stiffness=0.0, damping=0.0
+    )
+    return {
+        "repulsion": pm.Repulsion(pm.Harmonic(1e-9 if silent == "repulsion" else 1.0)),
+        "damping": pm.ContactDamping(0.0 if silent == "damping" else 0.2),
+        "friction": pm.Friction(0.0 if silent == "friction" else 0.5),
+        "bonds": none if silent == "bonds" else few,
+        "gravity": pm.Gravity(0.0, 0.0) if silent == "gravity" else pm.Gravity(0.01, -0.02),
+        "walls": pm.Walls(1.0, -9.0 if silent == "walls" else 0.15, 9.0 if silent == "walls" else 3.2),
+        "drag": pm.BackgroundDamping(0.0 if silent == "drag" else 0.1),
+    }
+
+
+def scene_of(*columns, silent=None):
+    held = effects(silent)
+    return pm.Scene(small(), tuple(held[name] for name in columns))
+
+
+SPIN = np.full((7, 1), 0.3)
+COMMON = {"dt": 0.02, "spin_nk": SPIN, "check": False}
+# a short call of each kind, as numbers
+MOVING = {
+    "simulate": lambda scene: pm.simulate(scene, steps=20, dt=0.02, spin_nk=SPIN, check=False).packing.position_nd,
+    "equilibrate": lambda scene: (
+        pm.equilibrate(scene, amplitude=0.01, frequency=0.02, expected_stress=0.01, check=False).packing.position_nd
+    ),
+    "oscillatory_shear": lambda scene: (
+        pm.oscillatory_shear(
+            scene, amplitude=0.01, frequency=1.0, periods=1.0, skip_periods=0.0, **COMMON
+        ).packing.position_nd
+    ),
+    "ramp_strain": lambda scene: pm.ramp_strain(scene, rate=0.1, applied_strain=0.05, **COMMON).packing.position_nd,
+    "creep": lambda scene: pm.creep(scene, stress=0.01, duration=0.4, **COMMON).strain_t,
+    "steady_shear": lambda scene: (
+        pm.steady_shear(scene, rates=[0.1], applied_strain=0.05, skip_strain=0.0, blocks=2, dt=0.02)
+        .runs[0]
+        .packing.position_nd
+    ),
+}
+
+
+def at_rest():
+    """Return a packing that every call at rest takes."""
+    return pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+
+
+RESTING = {
+    "energy": pm.energy,
+    "forces": pm.forces,
+    "stress_tensor": pm.stress_tensor,
+    "pressure": pm.pressure,
+    "link_tension": pm.link_tension,
+    "quench": lambda scene: pm.quench(scene, force_tolerance=1e-8).packing.position_nd,
+    "jam": lambda scene: pm.jam(scene, pressure=1e-4).packing.position_nd,
+    "compress": lambda scene: pm.compress(scene, [1e-3])[0].packing.position_nd,
+    "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
+    "hessian": lambda scene: pm.hessian(scene).toarray(),
+    "dynamical_matrix": lambda scene: pm.dynamical_matrix(scene).toarray(),
+    "perturbation_energy": lambda scene: pm.perturbation_energy(scene, np.ones((scene.packing.particles, 2))),
+    "normal_modes": lambda scene: pm.normal_modes(scene).frequency_m,
+    "density_of_states": lambda scene: pm.density_of_states(scene).density_b,
+    "elastic_moduli": lambda scene: pm.elastic_moduli(scene).cauchy,
+    "compliance_matrix": lambda scene: pm.compliance_matrix(scene),
+    "classify_jamming": lambda scene: [len(pm.classify_jamming(scene).strict)],
+}
+
+
+# honored by what they are made of, with the test that says so
+ELSEWHERE = {
+    "resume": "the same bits as simulate: tests/dynamics/test_checkpoint.py",
+    "amplitude_sweep": "runs of oscillatory_shear: tests/test_bad_input.py",
+    "ShearBatch": "the bits of the packing alone: tests/dynamics/test_shear_batch.py",
+    "QuenchBatch": "the bits of the packing alone: tests/minimize/test_quench_batch.py",
+    "complex_modulus": "the moduli of oscillatory_shear: tests/mechanics/test_complex_modulus.py",
+    "cement": "jam and moduli: tests/protocols/test_cement.py",
+    "play_motion": "geometry alone: tests/jamming/test_play.py",
+}
+
+
+def refuses(call, scene, match):
+    """Check that a call refuses a scene before it asks for anything else."""
+    function = getattr(pm, call)
+    signature = inspect.signature(function)
+    name = "scene" if "scene" in signature.parameters else next(iter(signature.parameters))
+    given = {
+        each.name: None
+        for each in signature.parameters.values()
+        if each.default is each.empty and each.kind is not each.VAR_KEYWORD and each.name != name
+    }
+    with pytest.raises(ValueError, match=match):
+        function(**{name: [scene] if name == "scenes" else scene}, **given)
+
+
+def test_every_public_call_of_a_scene_or_a_packing_is_declared():
+    first = {}
+    for name in dir(pm):
+        value = getattr(pm, name)
+        if inspect.isfunction(value):
+            names = list(inspect.signature(value).parameters)
+            if names and (names[0] in ("packing", "source", "subject") or "scene" in names):
+                first[name] = names[0]
+    assert set(first) - NO_MECHANICS <= set(CALLS)
+    assert set(CALLS) - set(first) <= {"QuenchBatch", "ShearBatch"}
+    assert {*MOVING, *RESTING, *ELSEWHERE} == {name for name in CALLS if not CALLS[name].packing_only}
+
+
+@pytest.mark.parametrize("call", sorted(name for name in CALLS if not CALLS[name].packing_only))
+def test_what_a_call_does_not_honor_is_refused_with_the_way_out(call):
+    for column in EFFECTS:
+        if CALLS[call].answer(column) != REFUSED:
+            continue
+        scene = scene_of(*{"repulsion": None, column: None})
+        kind = type(scene.effects[-1])
+        refuses(call, scene, rf"would ignore, got {kind.__name__} .*without\(pm.{kind.__name__}\)")
+        assert scene.without(kind).effects == scene.effects[:-1]
+
+
+def test_links_are_refused_by_calls_that_would_ignore_them():
+    linked = small().replace(links=pm.Links([0], [1], [[0, 0]], [np.hypot(0.9, 0.02)]))
+    refused = [name for name in CALLS if CALLS[name].answer("links") == REFUSED]
+    assert "cement" in refused and "simulate" not in refused
+    for call in refused:
+        packing_only = CALLS[call].packing_only
+        subject = linked if packing_only else pm.Scene(linked, (pm.Repulsion(),))
+        refuses(call, subject, f"no links for pm.{call}, which would ignore them, got 1")
+
+
+@pytest.mark.parametrize("call", sorted(MOVING))
+def test_every_effect_changes_a_call_that_honors_it(call):
+    """A compiled loop of all effects, and the same with one of them of no strength: the answers differ."""
+    honored = [column for column in EFFECTS if CALLS[call].answer(column) == HONORED]
+    assert honored == list(EFFECTS)
+    whole = MOVING[call](scene_of(*honored))
+    assert np.isfinite(whole).all()
+    for column in honored:
+        changed = np.abs(MOVING[call](scene_of(*honored, silent=column)) - whole).max()
+        assert changed > 1e-9, column
+
+
+@pytest.mark.parametrize("call", sorted(RESTING))
+def test_dashpots_and_drag_change_no_bit_of_what_is_at_rest(call):
+    packing = at_rest()
+    bare = np.asarray(RESTING[call](pm.Scene(packing, (pm.Repulsion(),))))
+    assert [CALLS[call].answer(column) for column in ("damping", "drag")] == [NOTHING, NOTHING]
+    damped = pm.Scene(packing, (pm.Repulsion(), pm.ContactDamping(0.4), pm.BackgroundDamping(0.3)))
+    assert np.array_equal(np.asarray(RESTING[call](damped)), bare)
+
+
+def test_what_is_said_to_be_used_instead_honors_what_was_refused():
+    for column, words in INSTEAD.items():
+        for call in words.replace("pm.", "").split(" or "):
+            assert CALLS[call].answer(column) == HONORED, (column, call)
+
+
+def test_effects_of_ones_own_belong_where_their_hooks_say():
+    own = {column: column_of(type(one)) for column, one in effects().items()}
+    assert own == {column: column for column in EFFECTS}
+    assert set(own) < set(COLUMNS)
