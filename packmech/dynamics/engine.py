@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.constraints.compiled_links import (
-    Rattle,
-    affix_rows,
-    along_rattle,
-    linked_pairs,
-    make_joints,
-    make_rattle,
-    refill_rattle,
-)
+from packmech.constraints.compiled_links import compile_links, linked_pairs
+from packmech.constraints.rattle import Rattle, along_rattle, make_rattle, project_rattle, refill_rattle
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.bonds import bond_stretches, bond_table
@@ -105,8 +98,8 @@ class Engine:
         Passes over the forces so far.
     row_links
         The links between rows, those that depend on others left out; None without.
-    links
-        The same as time steps hold them.
+    rattle
+        The same as time steps take them.
     link_l
         The link of the packing that each of `row_links` is; None until somebody asks.
 
@@ -134,7 +127,7 @@ class Engine:
     threads: int = 1
     force_evaluations: int = 0
     row_links: Links | None = None
-    links: Rattle | None = None
+    rattle: Rattle | None = None
     link_l: NDArray[np.int64] | None = None
 
     @property
@@ -197,7 +190,7 @@ class Engine:
         d = len(self.axes)
         velocity = velocity_nd[self.order_n]
         velocity[self.state.weight_nk[:, 0] == 0.0] = 0.0
-        along_rattle(self.links, velocity)
+        along_rattle(self.rattle, velocity)
         self.state.body[:, 4 : 4 + d] = velocity
         self.begin()
 
@@ -212,9 +205,9 @@ class Engine:
         if free.all():
             draw -= (mass * draw).sum(axis=0) / mass.sum()
             freedom -= d
-        if self.links is not None:
+        if self.rattle is not None:
             row = draw[self.order_n]
-            freedom -= along_rattle(self.links, row)
+            freedom -= along_rattle(self.rattle, row)
             draw[self.order_n] = row
         kinetic = 0.5 * float((mass * draw**2).sum())
         if freedom <= 0 or not kinetic > 0.0:
@@ -267,7 +260,7 @@ class Engine:
                 self.acting,
                 self.axes,
                 self.state,
-                self.links,
+                self.rattle,
                 space,
                 self.pairs,
                 self.track,
@@ -292,7 +285,7 @@ class Engine:
         if not self.started:
             self.begin()
         out, push = np.zeros(COLUMNS), None
-        if self.links is not None and self.track is None and self.space.bonds is None:
+        if self.rattle is not None and self.track is None and self.space.bonds is None:
             # links bear what dashpots do at the velocities now, not at those that a step extrapolated
             push = self.state.push.copy()
             self._run(FORCES, 1, None)
@@ -300,7 +293,7 @@ class Engine:
             self.acting,
             self.axes,
             self.state,
-            self.links,
+            self.rattle,
             self.space,
             self.pairs,
             self.track,
@@ -315,14 +308,14 @@ class Engine:
     def tensions(self) -> NDArray[np.float64]:
         """Return the (L,) tensions of the packing's links that `observe` measured [force]; none in redundant ones."""
         whole, own = self.scene.packing.links, self.row_links
-        if whole is None or own is None or self.links is None:
+        if whole is None or own is None or self.rattle is None:
             return np.zeros(0)
         if self.link_l is None:
             i, j = self.order_n[own.i_l], self.order_n[own.j_l]
             image = own.image_ld @ self.change_dd.T - self.home_nd[j] + self.home_nd[i]
             self.link_l = whole.find(i, j, image)
         tension = np.zeros(len(whole))
-        tension[self.link_l] = self.links.tension_l
+        tension[self.link_l] = self.rattle.tension_l
         return tension
 
     def stretches(self) -> Stretches:
@@ -352,7 +345,7 @@ class Engine:
         self.change_dd = self.change_dd @ change
         self.renew()
         # lengths held to rounding in one cell are not in another
-        affix_rows(self.links, body, self.space.frame.lattice_dd)
+        project_rattle(self.rattle, body, self.space.frame.lattice_dd)
         self.renew_lists(held.moved(shift, back))
 
     def renew(self) -> None:
@@ -379,10 +372,10 @@ class Engine:
             return
         workable = workable_links(packing)
         home_nd = self.home_nd.astype(np.float64)
-        self.row_links, joints = make_joints(packing, workable, self.order_n, home_nd, self.change_dd)
+        self.row_links, links = compile_links(packing, workable, self.order_n, home_nd, self.change_dd)
         self.link_l = None
-        self.links = make_rattle(joints, self.state.weight_nk[:, 0].copy(), self.resolution)
-        self.space = self.space._replace(linked=linked_pairs(joints))
+        self.rattle = make_rattle(links, self.state.weight_nk[:, 0].copy(), self.resolution)
+        self.space = self.space._replace(linked=linked_pairs(links))
 
     def renew_lists(self, held: Stretches) -> None:
         """Make the lists at the present positions and give their springs these stretches; forces stay as they are."""
@@ -406,8 +399,8 @@ class Engine:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
             found["bond_stretch_bk"] = bond_stretches(space.bonds)
-        if self.links is not None:
-            found["link_number"] = self.links.number.copy()
+        if self.rattle is not None:
+            found["link_number"] = self.rattle.number.copy()
         if space.flow is not None:
             # the last step's, whose time was summed in another order than `time`
             found |= {f"frame.{name}": getattr(space.frame, name).copy() for name in _FRAME}
@@ -479,9 +472,9 @@ class Engine:
         astray = float(np.abs(state.body[:, :d] @ space.frame.inverse_dd[:d, :d].T).max())
         if not astray < _ASTRAY:
             raise ValueError(f"engine.row_nk must hold places near the cell, got one {astray:g} lattice vectors away")
-        if self.links is not None:
-            refill_rattle(self.links, state.body, space.frame.lattice_dd)
-            self.links.number[:] = saved("link_number", self.links.number)
+        if self.rattle is not None:
+            refill_rattle(self.rattle, state.body, space.frame.lattice_dd)
+            self.rattle.number[:] = saved("link_number", self.rattle.number)
         if self.track is None:
             self.renew_lists(self.stretches())
         else:
@@ -665,7 +658,7 @@ def build_engine(
         threads=threads,
     )
     built._link_rows()
-    affix_rows(built.links, body, built.space.frame.lattice_dd)
+    project_rattle(built.rattle, body, built.space.frame.lattice_dd)
     return built
 
 

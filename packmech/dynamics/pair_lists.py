@@ -20,7 +20,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import without_joined
+from packmech.constraints.compiled_links import without_linked
 from packmech.contacts.cells import PairTable, find_pairs
 from packmech.dynamics.deformation import (
     ANCHORED,
@@ -488,7 +488,7 @@ def search(axes, body, space, pairs, track):
     """Return lists searched anew at the present positions and strain, and the track with the stretches kept."""
     store_stretches(track, pairs)
     found = find_pairs(axes, body, space.sizes, space.frame, 1.0, pairs.number[SKIN_FULL])
-    found = without_joined(space.linked, without_bonded(space.bonds, found))
+    found = without_linked(space.linked, without_bonded(space.bonds, found))
     new = renewed_pairs(found, body, pairs)
     track = carried_stretches(track, pairs, new)
     mark_strain(space.flow, OUTER_ANCHORED)

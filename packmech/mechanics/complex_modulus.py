@@ -185,7 +185,7 @@ def linear_system(
     distance = np.linalg.norm(springs.vector_cd, axis=1)
     normal = springs.vector_cd / distance[:, None]
     rows = _rows(springs, radius_n, spins)
-    # what the strain itself does to a joint
+    # what the strain itself does to a spring
     apart = (springs.vector_cd @ direction.T).ravel()
     across = _across(normal)
     slip = across @ apart

@@ -49,7 +49,7 @@ def bodies_of(program: Program) -> kernels.Bodies:
     """Return the bodies of a program: clusters of linked rows, or single rows."""
     packing = program.scene.packing
     n, d = packing.particles, packing.dimension
-    links = program.links
+    links = program.row_links
     offset = np.zeros((n, 3))
     if packing.links is None or links is None:
         cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)

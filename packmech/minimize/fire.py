@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import affix, speeds
+from packmech.constraints.compiled_links import project_rows, speeds
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, settle, survey
+from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
 from packmech.minimize.pair_list import TRAVEL, follow, is_stale
 from packmech.minimize.program import Program, Progress
 
@@ -154,12 +154,12 @@ def fire_steps(
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
-    if is_stale(pairs, affix(space.joints, axes, row, space)):
+    if is_stale(pairs, project_rows(space.links, axes, row, space)):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
         now = int(number[_STEP]) + step
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
@@ -195,8 +195,8 @@ def fire_steps(
             keep *= largest_step / reach
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
-        moved = dt * math.sqrt(fastest2) + affix(space.joints, axes, row, space)
-        speed2, fastest2 = speeds(space.joints, axes, velocity_nd, speed2, fastest2)
+        moved = dt * math.sqrt(fastest2) + project_rows(space.links, axes, row, space)
+        speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         if is_stale(pairs, moved):
             pairs = follow(axes, row, space, pairs)
     number[_DT] = dt

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import without_joined
+from packmech.constraints.compiled_links import without_linked
 from packmech.contacts.cells import find_pairs
 from packmech.jit.compiled import device, inner_kernel
 
@@ -223,7 +223,7 @@ def follow(axes, row, space, pairs):
         adapt_skin(number)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
         found = find_pairs(axes, row, space.sizes, space.frame, 1.0, number[SKIN_FULL])
-        pairs = renewed(without_joined(space.joints, found), row, pairs)
+        pairs = renewed(without_linked(space.links, found), row, pairs)
     place_images(space.frame, pairs)
     pick(axes, row, pairs, number[SKIN_INNER])
     anchor(row, pairs.anchor_nd)

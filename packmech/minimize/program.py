@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
-from packmech.constraints.compiled_links import make_joints
+from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import pair_energy, refuse_bound
@@ -135,7 +135,7 @@ class Program:
         (N,) particle of each row.
     diverges
         Whether the energy of two particles grows beyond measure as their centers meet.
-    links
+    row_links
         The links between rows, if there are any.
     build_seconds
         CPU seconds spent on building.
@@ -156,7 +156,7 @@ class Program:
     space: Space
     pairs: PairList
     diverges: bool
-    links: Links | None = None
+    row_links: Links | None = None
     build_seconds: float = 0.0
 
     @property
@@ -205,26 +205,26 @@ class Program:
             # the box was strained so far that other vectors are short now: start the lists afresh
             lattice, self.change_dd = box.reduced()
             self.pairs = empty_list(len(self.order_n), float(self.pairs.number[SKIN_FULL]))
-            self.join()
+            self.link_rows()
         self.space = self.space._replace(frame=frame_of(lattice))
 
-    def join(self) -> None:
-        """Make the links anew, for the lattice vectors that the loops use."""
+    def link_rows(self) -> None:
+        """Compile the links again, for the lattice vectors that the loops use."""
         packing = self.scene.packing
         if packing.links is not None:
-            self.links, joints = make_joints(
+            self.row_links, links = compile_links(
                 packing, workable_links(packing), self.order_n, self.home_nd, self.change_dd
             )
-            self.space = self.space._replace(joints=joints)
+            self.space = self.space._replace(links=links)
 
     def _link_virial(self) -> NDArray[np.float64]:
         """Return the links' part of V times the stress, at the last evaluation."""
-        joints, d = self.space.joints, len(self.axes)
-        if joints is None or self.links is None:
+        links, d = self.space.links, len(self.axes)
+        if links is None or self.row_links is None:
             return np.zeros((d, d))
-        vector = self.links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
+        vector = self.row_links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
         distance = np.sqrt((vector**2).sum(axis=1))
-        return np.asarray(np.einsum("l,la,lb->ab", joints.multiplier_l / distance, vector, vector))
+        return np.asarray(np.einsum("l,la,lb->ab", links.multiplier_l / distance, vector, vector))
 
     def positions(self) -> NDArray[np.float64]:
         """Return the (N, d) positions in the order of the scene's packing [length]."""
@@ -254,7 +254,7 @@ class Program:
         force = np.empty((len(self.order_n), d))
         force[self.order_n] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
-        if self.links is not None:
+        if self.row_links is not None:
             stress += self._link_virial() / self.box.volume
         mean = sums.total / sums.touching if sums.touching else 0.0
         largest = math.sqrt(sums.most)
@@ -535,7 +535,7 @@ def build_program(scene: Scene) -> Program:
         pairs=empty_list(packing.particles, skin),
         diverges=_diverges(scene),
     )
-    program.join()
+    program.link_rows()
     program.place(packing.position_nd)
     program.build_seconds = time.process_time() - started
     return program

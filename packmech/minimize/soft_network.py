@@ -231,7 +231,7 @@ class LinkedNetwork(SoftNetwork):
         self._excluded = Excluded(packing)
         self.tension_l = np.zeros(len(links))
         self._cluster_n = links.clusters(packing.particles)
-        super().__init__(self._constraints.reaffixed(packing), units, basis_kdd, pressure)
+        super().__init__(self._constraints.projected(packing), units, basis_kdd, pressure)
 
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon, neither linked nor of one rigid cluster."""
@@ -311,7 +311,7 @@ class LinkedNetwork(SoftNetwork):
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing after displacements and strains, back on its links."""
-        return self._constraints.reaffixed(super().moved(u_nd, strain_k))
+        return self._constraints.projected(super().moved(u_nd, strain_k))
 
 
 # Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
