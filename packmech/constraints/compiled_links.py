@@ -74,7 +74,7 @@ def linked_pairs(links: CompiledLinks) -> LinkedPairs:
 
 
 def row_links(
-    links: Links, order_n: NDArray[np.int64], home_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
+    links: Links, order_n: NDArray[np.int64], wrap_nd: NDArray[np.float64], change_dd: NDArray[np.int64]
 ) -> tuple[Links, NDArray[np.int64]]:
     """Return the links numbered and imaged as a program's rows are, and the (N, d) offsets that unwrap the rows.
 
@@ -84,28 +84,28 @@ def row_links(
         The links between particles.
     order_n
         (N,) particle of each row.
-    home_nd
-        (N, d) images by which particles were moved: x = row + lattice @ home.
+    wrap_nd
+        (N, d) images by which particles were moved: x = row + lattice @ wrap.
     change_dd
         (d, d) whole numbers: the program's lattice is lattice @ change.
 
     """
     particles = len(order_n)
     back = np.rint(np.linalg.inv(change_dd)).astype(np.int64)
-    home = home_nd.astype(np.int64)
-    moved = links.moved(home)
+    wrap = wrap_nd.astype(np.int64)
+    moved = links.moved(wrap)
     offset, _ = image_offsets(links, particles)
     number = np.empty(particles, dtype=np.int64)
     number[order_n] = np.arange(particles)
     moved = Links(moved.i_l, moved.j_l, moved.image_ld @ back.T, moved.length_l, moved.shape_l)
-    return moved.numbered(number), ((home + offset) @ back.T)[order_n]
+    return moved.numbered(number), ((wrap + offset) @ back.T)[order_n]
 
 
 def compile_links(
     packing: Packing,
     workable: Links,
     order_n: NDArray[np.int64],
-    home_nd: NDArray[np.float64],
+    wrap_nd: NDArray[np.float64],
     change_dd: NDArray[np.int64],
 ) -> tuple[Links, CompiledLinks]:
     """Return the workable links between a program's rows, as a record and as its loops take them.
@@ -114,8 +114,8 @@ def compile_links(
     """
     whole = packing.links
     assert whole is not None
-    between, offset = row_links(whole, order_n, home_nd, change_dd)
-    independent, _ = row_links(workable, order_n, home_nd, change_dd)
+    between, offset = row_links(whole, order_n, wrap_nd, change_dd)
+    independent, _ = row_links(workable, order_n, wrap_nd, change_dd)
     n, d = packing.particles, packing.dimension
     rigid = np.where(rigid_clusters(packing), whole.clusters(n), -1)[order_n]
     padded = np.zeros((len(between), 3), dtype=np.int64)
@@ -253,13 +253,13 @@ def refresh(links: CompiledLinks | None, row: NDArray[np.float64], space: Any) -
 
 @compiled_form(refresh)
 def _choose_refresh(links: Any, row: Any, space: Any) -> Any:
-    def renew(links: Any, row: Any, space: Any) -> None:
+    def refill_it(links: Any, row: Any, space: Any) -> None:
         refill(links.system, row, space.frame.lattice_dd)
 
     def nothing(links: Any, row: Any, space: Any) -> None:
         pass
 
-    return renew if has_links(links) else nothing
+    return refill_it if has_links(links) else nothing
 
 
 def along_links(links: CompiledLinks | None, vector_nd: NDArray[np.float64]) -> None:

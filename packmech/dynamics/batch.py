@@ -330,7 +330,7 @@ def not_finite(control_bk, active_b):
 def frames(batch, doing, low, high, active_b, control_bk, wrap_b, good_b):
     """Take frames of the active packings from low to high; return how many must be wrapped.
 
-    Those are marked in home_b; of a frame that they cut short LEFT steps are left. A packing that moved too fast in a
+    Those are marked in wrap_b; of a frame that they cut short LEFT steps are left. A packing that moved too fast in a
     step is put back to where its last frame ended, and so is its count; its STATUS is not RUNNING, it is marked in
     good_b and it moves no more. Where packing b is given a number that is not finite, nothing moves: -1 - b.
     """
@@ -544,7 +544,7 @@ class ShearBatch:
         return np.asarray(self._density * (np.pi if d == 2 else 4.0 / 3.0 * np.pi) * packing.radius_n**d)
 
     def restart(self, index: int, scene: Scene | None = None, *, rate: float = 0.0) -> None:
-        """Start one packing anew: nothing of what it did before is left.
+        """Start one packing again: nothing of what it did before is left.
 
         Parameters
         ----------
@@ -643,10 +643,10 @@ class ShearBatch:
         while wrapping:
             left_b = self._wrap()
             wrapping = self._call(AGAIN, left_b, control_bk) if left_b.any() else 0
-        for b, home_nd in self._before.items():
+        for b, wrap_nd in self._before.items():
             # what failed is where its last frame ended, and so are its whole lattice vectors
             if not self._good_b[b]:
-                self._engines[b].home_nd[:] = home_nd
+                self._engines[b].wrap_nd[:] = wrap_nd
         self._before.clear()
         return self._good_b.copy()
 
@@ -673,7 +673,7 @@ class ShearBatch:
             engine = self._engine(b)
             left_b[b] = self._count_bk[b, LEFT] > 0
             if left_b[b]:
-                self._before.setdefault(b, engine.home_nd.copy())
+                self._before.setdefault(b, engine.wrap_nd.copy())
             *_, engine.space, engine.pairs, engine.track, _plan = fetch(self._batch, b)
             engine.wrap()
             if not left_b[b]:

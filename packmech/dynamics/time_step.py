@@ -199,7 +199,7 @@ def kick_and_drift(flow, axes, state, low, high, time, dt, early, ahead):
 
 
 TOO_FAST = NOT_FINITE
-# a loop that ended because its pair lists must be searched anew, in the middle of a step
+# a loop that ended because its pair lists must be rebuilt, in the middle of a step
 SEARCH = 17
 # where a loop starts: with a step, in the middle of one, or only to take the forces
 WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2

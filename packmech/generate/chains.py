@@ -366,7 +366,7 @@ class Walk:
     def grow(self, count: int, box: Box, tries: int) -> list[Point] | None:
         """Return the places of all beads of that many chains; None if they find no room in ``tries`` tries per bead.
 
-        Where one chain finds no room, all are grown anew: their earlier turns leave it none.
+        Where one chain finds no room, all are grown again: their earlier turns leave it none.
         """
         self._left = tries * count * self.plan.beads
         most = max(PROPOSALS, int(_SHARE * self._left))
@@ -760,7 +760,7 @@ def _angle_pairs(plan: Plan) -> list[_Pair]:
 def _folded(places: list[tuple[float, ...]], plan: Plan, box: Box) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return positions in the cell, and the images by which they were moved there.
 
-    Each link is laid off anew from where the one before ends in the cell, so that chains that lead far away lose no
+    Each link is laid off again from where the one before ends in the cell, so that chains that lead far away lose no
     digits to the size of their coordinates.
     """
     free = np.array(places).reshape(-1, plan.beads, plan.dimension)

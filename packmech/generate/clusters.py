@@ -37,8 +37,8 @@ def cluster_packing(
     """Return clusters of one shape at independent uniform places and orientations, at the packing fraction asked for.
 
     Clusters overlap at random, some of them deeply, as particles do in ``random_packing``. In two dimensions their
-    bonds do not cross: a cluster whose bonds would cross earlier ones is placed anew. The particles of a cluster follow
-    each other, in the order of the shape's beads.
+    bonds do not cross: a cluster whose bonds would cross earlier ones is placed again. The particles of a cluster
+    follow each other, in the order of the shape's beads.
 
     Parameters
     ----------

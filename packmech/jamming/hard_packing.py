@@ -3,7 +3,7 @@
     minimize the volume   over displacements u and strains e   subject to   |v_c + u_j - u_i + e v_c| >= sigma_c
 
 for every pair c near enough to touch. Distances are convex in (u, e), so their linearizations lie below them: a step
-that keeps the linear gaps open keeps the true ones open, and each iteration may linearize anew at the packing as it
+that keeps the linear gaps open keeps the true ones open, and each iteration may linearize again at the packing as it
 is. One primal-dual step (Mehrotra's predictor and corrector) costs one factorization of the pair network; the
 multipliers converge to the contact forces. The programs of Torquato and Jiao (Phys. Rev. E 82, 061302, 2010) solve
 the same problem one linear program after another.

@@ -58,7 +58,7 @@ class Rattling:
         held nowhere.
     cluster_n
         (N,) number of each particle's cluster; a single particle is one.
-    loose_n
+    rattling_cluster_n
         (N,) particles of clusters that rattle as a whole: these can be taken out.
     backbone_c
         (C,) contacts that a state of self stress pushes.
@@ -68,7 +68,7 @@ class Rattling:
     rattling_n: NDArray[np.bool_]
     dangling_n: NDArray[np.bool_]
     cluster_n: NDArray[np.int64]
-    loose_n: NDArray[np.bool_]
+    rattling_cluster_n: NDArray[np.bool_]
     backbone_c: NDArray[np.bool_]
 
     @property
@@ -234,7 +234,7 @@ RATTLERS = ("remove", "keep")
 
 
 class Network(NamedTuple):
-    """Contacts and links among the particles that are kept, numbered anew, and the numbers that these had before."""
+    """Contacts and links among the particles that are kept, renumbered, and the numbers that these had before."""
 
     contacts: Contacts
     index_n: NDArray[np.int64]

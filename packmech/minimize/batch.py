@@ -56,7 +56,7 @@ def bodies_of(program: Program) -> kernels.Bodies:
         i, j, image = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     else:
         cluster = packing.links.clusters(n)[program.order_n]
-        _, offsets = row_links(packing.links, program.order_n, program.home_nd, program.change_dd)
+        _, offsets = row_links(packing.links, program.order_n, program.wrap_nd, program.change_dd)
         offset[:, :d] = offsets
         winding = image_offsets(packing.links, n)[1][program.order_n].copy()
         freedom = d * np.bincount(cluster) - np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
@@ -110,7 +110,7 @@ class QuenchBatch:
     batch
         How many packings.
     relax
-        "full": every step relaxes to the tolerance, and the minimizer starts anew each time. A number k: every step
+        "full": every step relaxes to the tolerance, and the minimizer starts again each time. A number k: every step
         takes k steps of the minimizer, which goes on where it was, so that the quench itself can be followed.
     force_tolerance
         Largest net force over mean contact force at which a packing counts as relaxed [1].

@@ -21,7 +21,7 @@ from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.minimize.damped import _Damped, damped_steps
 from packmech.minimize.fire import fire_steps
 from packmech.minimize.kernels import NOT_FINITE, RUNNING, Goal, Space, evaluate
-from packmech.minimize.pair_list import SKIN_OUTER, TRAVEL
+from packmech.minimize.pair_list import DISPLACED, SKIN_OUTER
 
 # columns of the figures of a packing
 (
@@ -191,7 +191,7 @@ def strain_packing(axes, row, space, pairs, bodies, map_dd):
     for a in range(space.sizes.largest_a.shape[0]):
         widest = max(widest, space.sizes.largest_a[a])
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * 4.0 * widest
-    pairs.number[TRAVEL] = np.inf
+    pairs.number[DISPLACED] = np.inf
     return refreshed(axes, row, space)
 
 
@@ -450,7 +450,7 @@ def advance_packings(
             set_frame(space.frame, bodies.last_dd)
             space = refreshed(axes, row, space)
             pairs.number[SKIN_OUTER] = -1.0
-            pairs.number[TRAVEL] = np.inf
+            pairs.number[DISPLACED] = np.inf
             undone = True
         if undone:
             figure[STATUS] = NOT_FINITE

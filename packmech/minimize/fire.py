@@ -14,13 +14,13 @@ from packmech.check import positive, real
 from packmech.constraints.compiled_links import project_rows, speeds
 from packmech.jit.compiled import device, kernel
 from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
-from packmech.minimize.pair_list import TRAVEL, follow, is_stale
+from packmech.minimize.pair_list import DISPLACED, follow, is_stale
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _DT, _ALPHA, _DOWNHILL, _SPEED2, _FASTEST2, _STIFFNESS, _MOBILITY, _NUMBERS = range(10)
 
-# the stiffness is looked at again after this many steps, and whenever motion starts anew
+# the stiffness is looked at again after this many steps, and whenever motion starts again
 _RENEW = 64
 
 
@@ -175,7 +175,7 @@ def fire_steps(
             for i in range(row.shape[0]):
                 for a in range(len(axes)):
                     row[i, a] -= back * velocity_nd[i, a]
-            pairs.number[TRAVEL] += back * math.sqrt(fastest2)
+            pairs.number[DISPLACED] += back * math.sqrt(fastest2)
         if now > 0:
             dt, alpha, downhill = steer(settings, stopped, dt, alpha, downhill)
         kick = dt * mobility

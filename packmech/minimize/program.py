@@ -150,7 +150,7 @@ class Program:
     force_nd: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     sizes: Sizes
-    home_nd: NDArray[np.float64]
+    wrap_nd: NDArray[np.float64]
     box: Box
     change_dd: NDArray[np.int64]
     space: Space
@@ -191,7 +191,7 @@ class Program:
             box = lattice_dd if isinstance(lattice_dd, Box) else Box(np.asarray(lattice_dd, dtype=np.float64))
             affine = box.lattice_dd @ self.box.inverse_dd
             self._set_box(box)
-        self.row[:, :d] = (position - self.home_nd @ self.box.lattice_dd.T)[self.order_n]
+        self.row[:, :d] = (position - self.wrap_nd @ self.box.lattice_dd.T)[self.order_n]
         self.velocity_nd[:] = 0.0
         extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
         self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
@@ -213,7 +213,7 @@ class Program:
         packing = self.scene.packing
         if packing.links is not None:
             self.row_links, links = compile_links(
-                packing, workable_links(packing), self.order_n, self.home_nd, self.change_dd
+                packing, workable_links(packing), self.order_n, self.wrap_nd, self.change_dd
             )
             self.space = self.space._replace(links=links)
 
@@ -231,7 +231,7 @@ class Program:
         d = len(self.axes)
         position = np.empty((len(self.order_n), d))
         position[self.order_n] = self.row[:, :d]
-        return position + self.home_nd @ self.box.lattice_dd.T
+        return position + self.wrap_nd @ self.box.lattice_dd.T
 
     def evaluate(self, position_nd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None) -> Evaluation:
         """Return energy, stress, forces and contacts at the given, or else the present, positions.
@@ -512,7 +512,7 @@ def build_program(scene: Scene) -> Program:
     d = packing.dimension
     fraction = packing.position_nd @ packing.box.inverse_dd.T
     # positions stay as given unless some lie far outside: their image vectors would make the table of images long
-    home = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
+    wrap = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
     order = space_order(packing)
     row = np.zeros((packing.particles, 4))
     row[:, 3] = packing.radius_n[order]
@@ -528,7 +528,7 @@ def build_program(scene: Scene) -> Program:
         force_nd=np.zeros((packing.particles, d)),
         velocity_nd=np.zeros((packing.particles, d)),
         sizes=sizes,
-        home_nd=home,
+        wrap_nd=wrap,
         box=packing.box,
         change_dd=change,
         space=Space(sizes, frame_of(small), 0.0),

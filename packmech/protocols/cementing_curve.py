@@ -28,7 +28,7 @@ from packmech.result import NotConverged
 from packmech.scene import Scene
 
 KIND = "trials of cementing"
-# jammed packings with other than one state of self stress are drawn anew
+# jammed packings with other than one state of self stress are drawn again
 _ATTEMPTS = 50
 _START_FRACTION = 0.5
 
@@ -404,14 +404,14 @@ def cementing_curve(
     """Return bulk and shear modulus against the fraction of cemented contacts n_l/N, a curve for each N.
 
     Packings are jammed with all strains free (shear-stabilized), at a pressure near zero and with one state of self
-    stress; others are drawn anew. Each is cemented in several random orders up to complete rigidity (`cement`, moduli
+    stress; others are drawn again. Each is cemented in several random orders up to complete rigidity (`cement`, moduli
     of the unstressed network in units of energy_scale/diameter^d). This is figure 5 of the polymer source, which had
     N = 64 to 2048, 25 packings and 50 orders.
 
     Parameters
     ----------
     folder
-        Where results are kept: a file for each packing, written anew after each order, so that interrupted work goes on
+        Where results are kept: a file for each packing, rewritten after each order, so that interrupted work goes on
         where it was when called again, with the same numbers. More packings, orders or sizes may be asked for then.
         None keeps nothing.
     particles

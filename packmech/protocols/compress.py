@@ -20,7 +20,7 @@ from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
 from packmech.protocols.protocol import Protocol, finish
-from packmech.protocols.soft import soften
+from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -185,7 +185,7 @@ class _Ascent:
             return None
         depth = min(_FIRST, 0.5 * self.nearest)
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
-        state = soften(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
+        state = follow_pressure(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
         onset = protocol.report["jamming_packing_fraction"]
         return _Onset(state.packing, onset, depth, _pairs_of(hard.contacts))
 

@@ -15,7 +15,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
-from packmech.protocols.soft import search_pressure, soften
+from packmech.protocols.soft import follow_pressure, search_pressure
 from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
@@ -255,7 +255,7 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
     goal = protocol.reduced_pressure(pressure)
     tolerance = protocol.force_tolerance
     with protocol.stage("soft packing") as figures:
-        state = soften(hard, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
+        state = follow_pressure(hard, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)

@@ -167,7 +167,7 @@ def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:
     return np.isin(label[len(some) :], label[: len(some)])
 
 
-def soften(
+def follow_pressure(
     hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float, *, tolerance: float = 1e-5
 ) -> SoftState:
     """Return the soft packing at the pressure, followed from the exact hard one.
