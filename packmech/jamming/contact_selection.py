@@ -47,7 +47,7 @@ class GapLevel:
 
 
 @dataclass(frozen=True, eq=False)
-class Touching:
+class ContactSelection:
     """The pairs that a verdict takes for contacts, and how that depends on the gap tolerance.
 
     Attributes
@@ -115,7 +115,7 @@ def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray
     return contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c]), np.flatnonzero(~rattling)
 
 
-def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
+def select_contacts(packing: Packing, gap_tolerance: float | None) -> ContactSelection:
     """Return the contacts within a gap tolerance; by default max(7 x mean relative overlap, 1e-9).
 
     Parameters
@@ -150,7 +150,7 @@ def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
             levels.append(GapLevel(step, len(network), particles, len(network) - fewest))
         if step == tolerance:
             backbone = network, kept
-    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest, backbone)
+    return ContactSelection(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest, backbone)
 
 
 @dataclass(frozen=True)

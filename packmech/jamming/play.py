@@ -17,7 +17,7 @@ from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.effects import Repulsion
-from packmech.jamming.contact_selection import find_touching
+from packmech.jamming.contact_selection import select_contacts
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
@@ -498,8 +498,8 @@ class _Player:
         self, packing: Packing, effects: tuple[Any, ...], direction: Direction, rules: Rules, start: float
     ) -> None:
         self.effects, self.rules, self.start = effects, rules, start
-        touching = find_touching(packing, None)
-        self.gap_tolerance, self.contacts = touching.tolerance, touching.contacts
+        selection = select_contacts(packing, None)
+        self.gap_tolerance, self.contacts = selection.tolerance, selection.contacts
         self.packing_t = [packing]
         self.direction_t = [direction]
         self.amplitude_t = [0.0]
