@@ -14,8 +14,8 @@ from numba import types
 from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, one_of, positive, real
-from packmech.dynamics.deformation import Driven
+from packmech.check import finite_array, instance, integer, one_of, positive, real, two_axes
+from packmech.dynamics.deformation import Driven, strain_direction
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.integrators import (
@@ -376,18 +376,6 @@ def _kinds(effects: Any) -> Any:
     return type(effects)
 
 
-def direction_of(axes: Any, dimension: int) -> NDArray[np.float64]:
-    """Return M of a shear along the first of two axes, its gradient along the second."""
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    a, b = (integer("axes", axis, at_least=0, at_most=dimension - 1) for axis in axes)
-    if a == b:
-        raise ValueError(f"axes must be two different axes, got {axes}")
-    direction = np.zeros((dimension, dimension))
-    direction[a, b] = 1.0
-    return direction
-
-
 # what sets the strain of each packing in a frame, by the name of the control
 CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
 
@@ -481,8 +469,8 @@ class ShearBatch:
         if switched_friction and not any(isinstance(one, Friction) for one in first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
         method = checked_method(method)
-        self._direction_dd = direction_of(axes, first.packing.dimension)
-        self.axes = (int(axes[0]), int(axes[1]))
+        self.axes = two_axes("axes", axes, dimension=first.packing.dimension)
+        self._direction_dd = strain_direction("shear", self.axes, first.packing.dimension)
         if mass_n is not None and density is not None:
             raise ValueError(f"density must be left out where mass_n is given, got {density!r}")
         self._density = None if density is None else positive("density", density)

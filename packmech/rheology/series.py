@@ -13,13 +13,13 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function, instance, integer, one_of, positive, real
+from packmech.check import function, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import Bonds, Friction
 from packmech.effects.bonds import bond_contacts
 from packmech.loop.checkpoint import read_results, scene_fingerprints, write_checkpoint
 from packmech.loop.run_loop import Progress
 from packmech.measure.signals import ERRORS, mean_with_error, softening_strain, yield_strain
-from packmech.rheology.arguments import Several, listed, runs_file, two_axes
+from packmech.rheology.arguments import Several, listed, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
 
@@ -455,7 +455,7 @@ def shear_series(
         "pre_periods": pre_periods,
         "periods": periods,
         "post_periods": post_periods,
-        "axes": two_axes(axes),
+        "axes": two_axes("axes", axes),
         "dt": dt,
         "samples_per_period": samples_per_period,
     }
