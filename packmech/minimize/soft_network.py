@@ -22,6 +22,10 @@ from packmech.packing import Packing
 
 # pairs are searched within this reach beyond contact, relative to it
 REACH = 0.05
+# Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
+_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
+_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
+Array = NDArray[np.float64]
 
 
 def length_unit(packing: Packing) -> float:
@@ -312,13 +316,6 @@ class LinkedNetwork(SoftNetwork):
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing after displacements and strains, back on its links."""
         return self._constraints.projected(super().moved(u_nd, strain_k))
-
-
-# Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
-_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
-
-Array = NDArray[np.float64]
 
 
 def energy_change(vector_cd: Array, change_cd: Array, sigma_c: Array, first: Callable[[Array, Array], Array]) -> float:

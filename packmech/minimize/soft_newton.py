@@ -24,6 +24,16 @@ from packmech.packing import Packing
 from packmech.result import Outcome
 
 _ITERATIONS = 40
+_ARMIJO = 1e-4
+_HALVINGS = 3
+# regularization of every coordinate, in units of the mean stiffness of a contact: a trace always, more where unstable
+_TRACE, _FIRST, _MOST = 1e-10, 1e-9, 1e3
+# after a good step there is less of it, after a bad one more
+_LOOSER, _TIGHTER = 0.3, 10.0
+# falling back onto the floor of a valley: regularization of what is soft, and how often
+_STIFF, _CORRECTIONS = 1e-2, 3
+# Newton's method without safeguards goes on from here
+_NEAR = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,18 +187,6 @@ def judge(state: SoftState, tolerance: float) -> Outcome:
     if state.balanced(tolerance):
         return Outcome.CONVERGED
     return Outcome.ROUNDING_FLOOR if state.sound(tolerance) else Outcome.STALLED
-
-
-_ARMIJO = 1e-4
-_HALVINGS = 3
-# regularization of every coordinate, in units of the mean stiffness of a contact: a trace always, more where unstable
-_TRACE, _FIRST, _MOST = 1e-10, 1e-9, 1e3
-# after a good step there is less of it, after a bad one more
-_LOOSER, _TIGHTER = 0.3, 10.0
-# falling back onto the floor of a valley: regularization of what is soft, and how often
-_STIFF, _CORRECTIONS = 1e-2, 3
-# Newton's method without safeguards goes on from here
-_NEAR = 1e-7
 
 
 class _Step(NamedTuple):

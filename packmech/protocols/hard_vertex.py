@@ -20,6 +20,11 @@ from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
 _ONSET, _ONSETS = 0.03, (0.001, 0.2)
+# dense enough that a quench ends jammed, and not much denser than the packing that is looked for
+START = {2: 0.87, 3: 0.68}
+_BARRIERS = (1e-12, 1e-13, 1e-14)
+# how often a packing found at a saddle is kicked off it
+_KICKS = 3
 
 
 def check_quench(start: float | None, tolerance: float, steps: int, *, least_steps: int = 1) -> None:
@@ -84,13 +89,6 @@ def decompress(
         onset = fraction - pressure * (last[0] - fraction) / (last[1] - pressure)
         protocol.report["extrapolated_packing_fraction"] = onset
     return packing
-
-
-# dense enough that a quench ends jammed, and not much denser than the packing that is looked for
-START = {2: 0.87, 3: 0.68}
-_BARRIERS = (1e-12, 1e-13, 1e-14)
-# how often a packing found at a saddle is kicked off it
-_KICKS = 3
 
 
 @dataclass(frozen=True)

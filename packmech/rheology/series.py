@@ -23,6 +23,11 @@ from packmech.rheology.arguments import Several, listed, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
 
+KIND = "trials of oscillatory shear"
+CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
+# called as (control, friction, repeat, amplitude)
+TrialProgress = Callable[[str, float | None, int, float], None]
+
 
 @dataclass(frozen=True, eq=False)
 class AmplitudeSweep:
@@ -169,10 +174,6 @@ def _gathered(amplitudes: list[float], runs: list[OscillatoryShear]) -> Amplitud
     return AmplitudeSweep(np.array(amplitudes[: len(runs)]), storage, loss, storage_error, loss_error, tuple(runs))
 
 
-KIND = "trials of oscillatory shear"
-CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
-
-
 @dataclass(frozen=True)
 class Settings:
     """What decides the numbers of one trial, beside the scene."""
@@ -307,10 +308,6 @@ def write_trial(path: Path, table: dict[str, Any], trial: ShearTrial) -> None:
     """Write the file of a trial."""
     kept = {field.name: np.asarray(getattr(trial, field.name)) for field in dataclasses.fields(trial)}
     write_checkpoint(path, KIND, table, kept)
-
-
-# called as (control, friction, repeat, amplitude)
-TrialProgress = Callable[[str, float | None, int, float], None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,22 @@ from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.scene import Scene
 
 STAGE = "steady strain"
+FLOW_HEADINGS = ("rate", "stress", "+-", "pressure", "+-", "stress/rate", "stress/pressure", "contacts", "sliding")
+# arrays of a flow curve, by their names in files
+FLOW_COLUMNS = {
+    "rates": "rate_r",
+    "stresses": "stress_r",
+    "stress_errors": "stress_error_r",
+    "pressures": "pressure_r",
+    "pressure_errors": "pressure_error_r",
+    "contacts_per_particle": "contacts_r",
+    "sliding_fractions": "sliding_r",
+}
+_CREEP = "creep"
+# the strain's rate is renewed so often in the shortest time in which a box of this inertia answers
+_OFTEN = 0.02
+# spans from one call of `progress` to the next
+_REPORT = 100
 
 
 @listed(Common)
@@ -104,19 +120,6 @@ def _ramp(
     )
     shown = axes if mode == "shear" else (axes[0], axes[0])
     return task.run(lambda outcome: StrainRun(**task.fields(outcome, shown)))
-
-
-FLOW_HEADINGS = ("rate", "stress", "+-", "pressure", "+-", "stress/rate", "stress/pressure", "contacts", "sliding")
-# arrays of a flow curve, by their names in files
-FLOW_COLUMNS = {
-    "rates": "rate_r",
-    "stresses": "stress_r",
-    "stress_errors": "stress_error_r",
-    "pressures": "pressure_r",
-    "pressure_errors": "pressure_error_r",
-    "contacts_per_particle": "contacts_r",
-    "sliding_fractions": "sliding_r",
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -298,13 +301,6 @@ def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks:
         )
     stress, stress_error, pressure, pressure_error, contacts, sliding = np.array(table).T.copy()
     return FlowCurve(np.array(rates), stress, stress_error, pressure, pressure_error, contacts, sliding, runs, seconds)
-
-
-_CREEP = "creep"
-# the strain's rate is renewed so often in the shortest time in which a box of this inertia answers
-_OFTEN = 0.02
-# spans from one call of `progress` to the next
-_REPORT = 100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
