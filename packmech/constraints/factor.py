@@ -192,7 +192,7 @@ class ConstraintFactor:
         return self.multipliers(gather(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles))
 
     def multipliers(self, push_x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (L,) multipliers m that make |push + gradient^T m| least, of smallest size where links depend."""
+        """Return the (L,) multipliers m of the smallest |push + gradient^T m|, of smallest size where links depend."""
         push = np.ascontiguousarray(push_x, dtype=np.float64).reshape(self.packing.position_nd.shape)
         found = self.project(-push)[1]
         for own in self._suspects:

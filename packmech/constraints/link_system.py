@@ -39,7 +39,7 @@ _NEARLY = 1e-7
 # errors within so many tolerances that fall no further are rounding of the positions
 _ROUNDING, _FEW = 8.0, 2.0
 # what no coordinates of unit size can do better than, whatever the tolerance
-_LEAST = 1e-14
+_ROUNDING_FLOOR = 1e-14
 # steps have gone astray where the largest error has grown by this factor, or where links nearly depend on each other
 # and a particle has gone farther than this many of the largest errors
 _ASTRAY, _FAR = 4.0, 100.0
@@ -53,7 +53,7 @@ _REFUSED, _FAIR = 1e-3, 0.5
 _LESS, _MORE = 0.05, 10.0
 # links hold to this part of the larger of their length and the mean diameter, or to rounding of the coordinates
 TIGHT = 4e-15
-# most Newton steps back to the links' lengths
+# maximum number of Newton steps back to the links' lengths
 NEWTON = 40
 # damped steps for each full one, and refused ones in a row after which no digits are left
 DAMPED, _IN_A_ROW = 5, 8
@@ -798,13 +798,15 @@ def project_positions_recorded(system, position, lattice, tolerance, iteration_l
             worst = measure(system, position, lattice)
             refused += 1
         if damped:
-            if damping > _LARGEST_DAMPING or (refused == _IN_A_ROW and worst <= max(_ROUNDING * tolerance, _LEAST)):
+            if damping > _LARGEST_DAMPING or (
+                refused == _IN_A_ROW and worst <= max(_ROUNDING * tolerance, _ROUNDING_FLOOR)
+            ):
                 break
             continue
         astray = not worst <= _ASTRAY * first
         if pivot < _SUSPECT and not _farthest(d, start, position) <= _FAR * longest:
             astray = True
-        if not moved and not astray and worst <= max(_FEW * tolerance, _LEAST):
+        if not moved and not astray and worst <= max(_FEW * tolerance, _ROUNDING_FLOOR):
             break
         if astray or not moved or (tried == iteration_limit and not worst <= first):
             _copy(d, start, position)

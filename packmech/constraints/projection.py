@@ -311,7 +311,7 @@ def reaffix_links(
     tolerance
         Largest error to stop at, over the larger of the link's length and the mean diameter [1].
     iteration_limit
-        Most Newton steps.
+        Maximum number of Newton steps.
     check
         Whether an outcome that is no success raises.
 

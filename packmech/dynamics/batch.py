@@ -58,8 +58,8 @@ END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
 STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
 REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, HEIGHT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7
 # whether a particle left the cell is checked every so many steps, or whenever the box has sheared by so much
-_WRAP_EVERY, _MOST_SHEARED = 1024, 0.2
-# other lattice vectors may be better where the least height has become so much smaller
+_WRAP_EVERY, _SHEAR_LIMIT = 1024, 0.2
+# other lattice vectors may be better where the smallest height has become so much smaller
 _FLATTER = 0.85
 # what a call does: start a frame, go on with one that was left, or only observe
 FRESH, AGAIN, OBSERVE = 0, 1, 2
@@ -256,7 +256,7 @@ def _frame(batch, b, doing, control_k):
     outside = False
     while left > 0 and not outside:
         due = min(left, _WRAP_EVERY - count_k[SINCE])
-        room = _MOST_SHEARED - number_k[SHEARED]
+        room = _SHEAR_LIMIT - number_k[SHEARED]
         if number_k[FASTEST] * due > room:
             due = max(1, int(room / number_k[FASTEST]))
         status, taken = take_steps(
@@ -288,7 +288,7 @@ def _frame(batch, b, doing, control_k):
             continue
         if status != RUNNING:
             break
-        if count_k[SINCE] >= _WRAP_EVERY or number_k[SHEARED] >= _MOST_SHEARED * (1.0 - 1e-9):
+        if count_k[SINCE] >= _WRAP_EVERY or number_k[SHEARED] >= _SHEAR_LIMIT * (1.0 - 1e-9):
             outside = _is_outside(plan.axes, state.body, space.frame, number_k[HEIGHT])
             count_k[SINCE] = 0
             number_k[SHEARED] = 0.0

@@ -543,7 +543,7 @@ FORMS = ("open", "ring", "wound")
 _ANGLES = ("free", "fixed")
 
 # links cannot hold angles of chains that bend less [rad]
-_LEAST_BEND = 1e-6
+_MINIMUM_BEND = 1e-6
 
 # a pair of beads within a chain: first, second, and the image of the second
 _Pair = tuple[int, int, tuple[int, ...]]
@@ -700,7 +700,7 @@ def _angles(angles: Any, bend: float, beads: int, form: Any) -> tuple[bool, tupl
     """Return whether the angles are held, and the prescribed bend at each bead, if any."""
     if isinstance(angles, str):
         held = one_of("angles", angles, _ANGLES) == "fixed"
-        if held and bend < _LEAST_BEND:
+        if held and bend < _MINIMUM_BEND:
             raise ValueError(f"bend must be at least 1e-6 for angles that links can hold, got {bend:g}")
         return held, None
     if not (isinstance(form, str) and form == "open"):

@@ -22,7 +22,13 @@ from packmech.contacts.rattlers import check_given
 from packmech.effects import Friction
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
 from packmech.jamming.certificates import Finding, certify, yield_to_loads
-from packmech.jamming.contact_selection import LEAST_GAP, ContactSelection, RestCheck, check_rest, select_contacts
+from packmech.jamming.contact_selection import (
+    MINIMUM_GAP_TOLERANCE,
+    ContactSelection,
+    RestCheck,
+    check_rest,
+    select_contacts,
+)
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
@@ -47,7 +53,7 @@ def out_of_balance(rest: RestCheck | None, selection: ContactSelection) -> str:
     )
     if rest.law.endswith("assumed"):
         reason += "; a scene would give its law"
-    if selection.mean_overlap < LEAST_GAP:
+    if selection.mean_overlap < MINIMUM_GAP_TOLERANCE:
         reason += f"; if overlaps of {selection.mean_overlap:.0e} are errors of hard particles: rest_tolerance=inf"
     return reason
 
@@ -330,7 +336,7 @@ def classify_jamming(
         if len(judged.network):
             rattlers[judged.collective[0].kept_n] = False
         if scene is not None and rest is not None and rest.at_rest:
-            closed = LEAST_GAP if selection.mean_overlap < 0.1 * LEAST_GAP else 0.0
+            closed = MINIMUM_GAP_TOLERANCE if selection.mean_overlap < 0.1 * MINIMUM_GAP_TOLERANCE else 0.0
             collectively = replace(collectively, stable=_stable(scene, rattlers, strain="none", gap_tolerance=closed))
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain="isochoric", gap_tolerance=closed))
         collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))

@@ -17,9 +17,9 @@ from packmech.measure.counting import rattling_particles
 from packmech.measure.stress import sum_forces
 from packmech.packing import Packing
 
-# gap tolerance in mean relative overlaps, and the least one: rounding of exact crystals and hard-particle packings
+# gap tolerance in mean relative overlaps, and the smallest one: rounding of exact crystals and hard-particle packings
 OVERLAPS = 7.0
-LEAST_GAP = 1e-9
+MINIMUM_GAP_TOLERANCE = 1e-9
 # net forces below this many rounding floors cannot be told from zero
 FLOORS = 8.0
 
@@ -128,8 +128,8 @@ def select_contacts(packing: Packing, gap_tolerance: float | None) -> ContactSel
     """
     overlap = find_contacts(packing).overlap_c
     mean = float(overlap[overlap > 0].mean()) if (overlap > 0).any() else 0.0
-    tolerance = max(OVERLAPS * mean, LEAST_GAP) if gap_tolerance is None else gap_tolerance
-    rule = f"max({OVERLAPS:g} x mean overlap, {LEAST_GAP:g})" if gap_tolerance is None else "given"
+    tolerance = max(OVERLAPS * mean, MINIMUM_GAP_TOLERANCE) if gap_tolerance is None else gap_tolerance
+    rule = f"max({OVERLAPS:g} x mean overlap, {MINIMUM_GAP_TOLERANCE:g})" if gap_tolerance is None else "given"
     steps = (0.1 * tolerance, tolerance, 10.0 * tolerance) if tolerance > 0 else (tolerance,)
     widest = find_contacts(packing, gap_tolerance=steps[-1])
     gap = widest.gap_c / widest.contact_distance_c

@@ -258,7 +258,7 @@ STRAINS = ("free", "isochoric")
 # overlap tolerance: a motion that is blocked at second order makes overlaps as small as the square of the step
 _HALVINGS, _ROOTS = 8, 10.0
 # steps that contacts shorten do not add up for ever
-_MOST = 40
+_STEP_FACTOR = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -508,7 +508,7 @@ class _Player:
         """Go on until the amplitude is reached or the motion is blocked; return how it ended and why."""
         whole = step = amplitude / steps
         least = max(whole * 0.5**_HALVINGS, min(whole, _ROOTS * self.rules.overlap_tolerance**0.5))
-        while len(self.packing_t) <= _MOST * steps:
+        while len(self.packing_t) <= _STEP_FACTOR * steps:
             left = amplitude - self.amplitude_t[-1]
             if left <= 1e-9 * amplitude:
                 return UNJAMMED, "the amplitude was reached and no pair is nearer than it was"

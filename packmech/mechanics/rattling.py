@@ -206,7 +206,7 @@ def moving_apart(packing: Packing, backbone: Contacts) -> NDArray[np.bool_]:
 
 
 def _moving(backbone: Contacts, rows: _Rows) -> NDArray[np.bool_]:
-    """Return who moves differently from the most particles in a generic motion that changes no contact and no link."""
+    """Return who does not move with the largest group in a generic motion that changes no contact and no link."""
     particles, dimension = backbone.particles, backbone.dimension
     if not len(backbone):
         return np.ones(particles, dtype=bool)

@@ -119,7 +119,7 @@ class QuenchBatch:
     method
         pm.Fire(), pm.Fire2() or pm.DampedDynamics(); None: Fire().
     step_limit
-        Most steps of a full relaxation.
+        Maximum number of steps of a full relaxation.
     packing_fraction_limits
         (low, high) between which steps keep the packing fraction [1]; None: (0.1, 1.3) in two dimensions, (0.05, 1.1)
         in three.

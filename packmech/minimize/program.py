@@ -372,7 +372,7 @@ class Minimization:
     method, goal, step_limit
         The minimizer and when to stop.
     stop_every
-        Most steps from stop to stop; those of `Program.chunk` when left out.
+        Maximum number of steps from stop to stop; those of `Program.chunk` when left out.
     keep, keep_every, before
         Called with the number of steps, those taken before this minimization included, at the start and at every
         stop; a multiple of keep_every of these is one.

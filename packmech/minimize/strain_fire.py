@@ -59,7 +59,7 @@ class StrainedFire:
     tolerance
         Both errors to stop at [1].
     step_limit
-        Most steps.
+        Maximum number of steps.
     watch
         Called with the packing every few steps.
 

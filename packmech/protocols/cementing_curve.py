@@ -79,7 +79,7 @@ class Trials:
         they are, and poisson [1].
     first_o, all_o
         (orders,) n_l at the first stiff direction, and at complete rigidity; -1 where it did not come.
-    least_new_o, largest_old_o
+    smallest_new_o, largest_old_o
         (orders,) as in `Cementing`.
     seconds
         CPU time of jamming and of all orders.
@@ -94,7 +94,7 @@ class Trials:
     curves: dict[str, NDArray[np.float64]]
     first_o: NDArray[np.int64]
     all_o: NDArray[np.int64]
-    least_new_o: NDArray[np.float64]
+    smallest_new_o: NDArray[np.float64]
     largest_old_o: NDArray[np.float64]
     seconds: float
 
@@ -138,7 +138,7 @@ def _row(cementing: Cementing, step: float) -> dict[str, NDArray[Any]]:
         "poisson": np.array([cementing.poisson_ratio(k) for k in steps]),
         "first": np.array(-1 if cementing.first_stiff is None else cementing.first_stiff),
         "all": np.array(-1 if cementing.all_stiff is None else cementing.all_stiff),
-        "parts": np.array([cementing.least_new, cementing.largest_old]),
+        "parts": np.array([cementing.smallest_new, cementing.largest_old]),
         "seconds": np.array(cementing.seconds),
     }
 
@@ -205,7 +205,7 @@ def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> T
         curves=curves,
         first_o=np.array([int(kept[f"first_{order}"]) for order in range(orders)]),
         all_o=np.array([int(kept[f"all_{order}"]) for order in range(orders)]),
-        least_new_o=part[:, 0],
+        smallest_new_o=part[:, 0],
         largest_old_o=part[:, 1],
         seconds=float(kept["jam_seconds"]) + sum(float(kept[f"seconds_{order}"]) for order in range(orders)),
     )

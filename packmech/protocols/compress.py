@@ -25,7 +25,7 @@ from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 # first distance above the onset, and the largest ratio of successive ones
-_FIRST, _FACTOR, _LEAST_FACTOR = 1e-7, 2.0, 1.02
+_FIRST, _FACTOR, _MINIMUM_FACTOR = 1e-7, 2.0, 1.02
 _FIRE_TOLERANCE, _TIGHTER, _FIRE_ROUNDS, _FIRE_STEPS = 1e-3, 0.03, 3, 300_000
 
 
@@ -64,7 +64,7 @@ def compress(
         Net force over mean contact force (and stress missing over pressure) that counts as balance [1]; the floor of
         rounding also counts.
     iteration_limit
-        Most interior-point iterations for the onset.
+        Maximum number of interior-point iterations for the onset.
     time_limit
         Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
     progress
@@ -198,7 +198,7 @@ class _Ascent:
             trial = newton(self._at(packing, onset + further), self.protocol.units, self.shears, None, iterations=25)
             self.iterations += trial.iterations
             if not trial.sound(max(self.tolerance, 1e-7)):
-                if factor > _LEAST_FACTOR:
+                if factor > _MINIMUM_FACTOR:
                     factor = factor**0.5
                     continue
                 self.rearrangements += 1

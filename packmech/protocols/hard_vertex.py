@@ -27,12 +27,12 @@ _BARRIERS = (1e-12, 1e-13, 1e-14)
 _KICKS = 3
 
 
-def check_quench(start: float | None, tolerance: float, steps: int, *, least_steps: int = 1) -> None:
+def check_quench(start: float | None, tolerance: float, steps: int, *, minimum_steps: int = 1) -> None:
     """Check the settings of the quench that a method begins with."""
     if start is not None:
         positive("start_packing_fraction", start)
     real("quench_tolerance", tolerance, above=0.0, below=1.0)
-    integer("quench_steps", steps, at_least=least_steps)
+    integer("quench_steps", steps, at_least=minimum_steps)
 
 
 def decompress(
@@ -110,9 +110,9 @@ class HardVertex:
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
-        Most FIRE steps in one box.
+        Maximum number of FIRE steps in one box.
     iteration_limit
-        Most interior-point iterations.
+        Maximum number of interior-point iterations.
 
     """
 
@@ -123,7 +123,7 @@ class HardVertex:
     iteration_limit: int = 2000
 
     def __post_init__(self) -> None:
-        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps, least_steps=0)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps, minimum_steps=0)
         if self.stop_pressure is not None:
             positive("stop_pressure", self.stop_pressure)
         integer("iteration_limit", self.iteration_limit, at_least=1)
@@ -152,7 +152,7 @@ def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int
     packing
         Where to start, in the scene's units.
     iteration_limit
-        Most iterations.
+        Maximum number of iterations.
 
     """
     reduced = protocol.reduced(packing)

@@ -26,7 +26,7 @@ _SWITCHES = 60
 _OPEN, _FURTHEST = 1e-9, 1e6
 _ROUNDS, _TURN = 8, 1e-3
 # where rounding of positions leaves no digits of the overlaps
-_LEAST_DEPTH = 1e-11
+_MINIMUM_DEPTH = 1e-11
 
 
 def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftState:
@@ -198,7 +198,7 @@ def follow_pressure(
     now = pressure if depth == goal else pressure_at(depth)
     state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
     used = state.iterations
-    while not state.sound(tolerance) and depth > _LEAST_DEPTH:
+    while not state.sound(tolerance) and depth > _MINIMUM_DEPTH:
         depth *= 0.25
         now = pressure_at(depth)
         state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
