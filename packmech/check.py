@@ -140,6 +140,16 @@ def integer(name: str, value: Any, *, at_least: int | None = None, at_most: int 
     return number
 
 
+def two_axes(name: str, value: Any, *, dimension: int = 3, different: bool = True) -> tuple[int, int]:
+    """Return the two axes of a strain after checking that the box has them, and that they differ where they must."""
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise TypeError(f"{name} must be two axes, got {_brief(value)}")
+    first, second = (integer(name, axis, at_least=0, at_most=dimension - 1) for axis in value)
+    if different and first == second:
+        raise ValueError(f"{name} must be two different axes, got {value}")
+    return first, second
+
+
 def one_of(name: str, value: Any, choices: Collection[str]) -> str:
     """Return the value after checking that it is one of the named choices."""
     if not isinstance(value, str) or value not in choices:

@@ -42,8 +42,8 @@ def one_way(
 class Links:
     """Links of a packing: |x_j - x_i + lattice @ image| = length. Each once, sorted by (i, j, image).
 
-    A link's image vector is a part of its state, never found anew: a link may be longer than half the box, and a chain
-    may wind around it.
+    A link's image vector is a part of its state, never derived from positions: a link may be longer than half the box,
+    and a chain may wind around it.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
-from packmech.check import instance, integer, one_of, positive, real
+from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     SIGNED,
     check_effect,
@@ -129,12 +129,8 @@ def _tuple(name: str, value: Any, *, of: Callable[[str, Any], Any], words: str, 
 
 
 def _axes(name: str, value: Any) -> None:
-    if not isinstance(value, tuple) or len(value) != 2:
-        raise TypeError(f"{name} must be two axes, got {value!r}")
-    for axis in value:
-        integer(name, axis, at_least=0, at_most=2)
-    if value[0] == value[1]:
-        raise ValueError(f"{name} must be two different axes, got {value}")
+    instance(name, value, tuple)
+    two_axes(name, value)
 
 
 def _not_zero(name: str, value: Any) -> None:

@@ -130,7 +130,7 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
 
     **Start**: particles at independent uniform positions, or clusters of linked ones placed and rotated at random
     without deep overlaps, at a packing fraction drawn from `start_packing_fraction`, all from the environment's own
-    generator; with relax="full" relaxed. Nothing of an episode survives a reset. A copy, pickled or not, is made anew
+    generator; with relax="full" relaxed. Nothing of an episode survives a reset. A copy, pickled or not, is made again
     from the same arguments and must be reset.
 
     **End**: terminated when jammed and verified: relaxed, with a pressure above zero and up to `largest_pressure`,
@@ -226,7 +226,7 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode anew; return its first observation and info.
+        """Start an episode; return its first observation and info.
 
         Parameters
         ----------
@@ -364,7 +364,7 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
     **Start**: the scene before its drive, at its energy minimum. One whose drive jams it may start far from jammed: run
     it, and shear the packing that comes of it in a Scene. With `start` "random" or a number, drawn from the
     environment's own generator alone. Nothing of an episode survives a reset. reset(options={"rate": r}) starts with a
-    strain rate. A copy, pickled or not, is made anew from the same arguments and must be reset.
+    strain rate. A copy, pickled or not, is made again from the same arguments and must be reset.
 
     **End**: terminated by the goal, truncated after `budget` frames.
 
@@ -426,7 +426,7 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode anew; return its first observation and info.
+        """Start an episode; return its first observation and info.
 
         Parameters
         ----------

@@ -67,10 +67,11 @@ class Files:
         if self.record is not None and self.record.suffix != ".rrd":  # the viewer goes by the ending
             raise ValueError(f"record must be a file name ending in .rrd, got {str(self.record)!r}")
 
-    def write_packing(self, scene: Scene, packing: Packing) -> None:
-        """Write the packing, and the scene's law with it where the format has a place for it."""
+    def write_packing(self, packing: Packing, scene: Scene | None = None) -> None:
+        """Write the packing, and the law of its scene with it where the format has a place for it."""
         if self.out is not None:
-            write_packing(packing, self.out, law=law_of(scene.effects) if self.out.suffix == ".npz" else None)
+            law = None if scene is None or self.out.suffix != ".npz" else law_of(scene.effects)
+            write_packing(packing, self.out, law=law)
 
     def write_json(self, numbers: dict[str, Any]) -> None:
         """Write the numbers as JSON; what is no number there (infinite, undefined) becomes null."""

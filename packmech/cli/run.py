@@ -160,7 +160,7 @@ def carry_out(wanted: Wanted) -> int:
                 watch = Watch(say, live)
                 done = run_drive(scene, frames=wanted.frames, progress=watch, checkpoint=path)
             done = _with_trace(done, scene, watch) if wanted.frames else done
-            files.write_packing(scene, _packing(done))  # before the examination, which may be interrupted
+            files.write_packing(_packing(done), scene)  # before the examination, which may be interrupted
             strain = getattr(scene.drive, "examined_strain", None)
             if strain is not None:
                 start = scene.replace(packing=done.packing)
@@ -215,7 +215,7 @@ def _interrupted(wanted: Wanted, done: Any, path: Path | None) -> None:
     """Save what was finished, if there is anything and somewhere to put it, and say so."""
     words = "packmech: interrupted"
     if done is not None and wanted.files.out is not None:
-        wanted.files.write_packing(wanted.scene, _packing(done))
+        wanted.files.write_packing(_packing(done), wanted.scene)
         words += f"; the last finished packing is in {wanted.files.out}"
     show(words, error=True)
     if path is not None and path.exists():

@@ -22,7 +22,7 @@ def unjam(
     /,
     *,
     repeats: Annotated[list[int] | None, Parameter(consume_multiple=True)] = None,
-    box: str = "either",
+    strain: str = "either",
     gap_tolerance: GapTolerance = None,
     method: Method = "certificate",
     amplitude: float = 0.5,
@@ -37,24 +37,24 @@ def unjam(
     ----------
     repeats
         cells of the lattice along each vector
-    box
-        "fixed": the box stays; "free": it may strain; "either": fixed if that unjams
+    strain
+        "none": the box stays; "free": it may strain; "either": none if that unjams
     amplitude
         how far to go, in diameters
     steps
         in how many steps
 
     """
-    one_of("box", box, ("fixed", "free", "either"))
+    one_of("strain", strain, ("none", "free", "either"))
     files = Files(record, out, json)
     start = _packing(packing, repeats)
     with working("is it jammed?") as say:
         verdict = classify_jamming(start, gap_tolerance=gap_tolerance, method=method)
         motion = {
-            "fixed": verdict.collectively.unjamming_motion,
+            "none": verdict.collectively.unjamming_motion,
             "free": verdict.strictly.unjamming_motion,
             "either": verdict.unjamming_motion,
-        }[box]
+        }[strain]
         answers = {
             "packing": packing,
             "particles": start.particles,
@@ -79,11 +79,11 @@ def unjam(
         answers |= played.to_dict()
         if record is not None:
             say("writing the recording")
-            pm.record_motion(played, record, parameters={"packing": packing, "box": box})
-        if out is not None:
-            pm.write_packing(played.packing, out)
+            pm.record_motion(played, record, parameters={"packing": packing, "strain": strain})
+        files.write_packing(played.packing)
     _show(answers)
     files.write_json(answers)
+    files.say_what_was_written()
     if record is not None:
         show(f"recording: {record}   (open it: rerun {record})")
     return OK

@@ -25,7 +25,7 @@ from packmech.constraints.link_system import (
     prepare_strains,
     project_links,
     project_strained,
-    record_links,
+    record_link_positions,
     refill_links,
 )
 from packmech.contacts import Contacts
@@ -192,7 +192,7 @@ class ConstraintFactor:
         return self.multipliers(gather(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles))
 
     def multipliers(self, push_x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (L,) multipliers m that make |push + gradient^T m| least, of smallest size where links depend."""
+        """Return the (L,) multipliers m of the smallest |push + gradient^T m|, of smallest size where links depend."""
         push = np.ascontiguousarray(push_x, dtype=np.float64).reshape(self.packing.position_nd.shape)
         found = self.project(-push)[1]
         for own in self._suspects:
@@ -200,7 +200,7 @@ class ConstraintFactor:
             found[own] = np.linalg.lstsq(block.T, -push.ravel()[column], rcond=DEPENDENT)[0]
         return found
 
-    def reaffix(
+    def project_positions(
         self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64], tolerance: float, step_limit: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the positions moved to the links' lengths by the least displacement, and the largest errors by step.
@@ -209,16 +209,18 @@ class ConstraintFactor:
         """
         assert self.system is not None
         place, error_t = np.array(position_nd), np.zeros((1 + DAMPED) * step_limit + 1)
-        steps = record_links(moved_system(self.system), place, lattice_dd, tolerance, step_limit, error_t)[0]
+        steps = record_link_positions(moved_system(self.system), place, lattice_dd, tolerance, step_limit, error_t)[0]
         return place, error_t[: int(steps) + 1]
 
-    def reaffixed(self, packing: Packing) -> Packing:
+    def projected(self, packing: Packing) -> Packing:
         """Return a packing of the same particles with its links at their lengths, to rounding of the coordinates."""
         assert self.system is not None
         lattice = packing.box.lattice_dd
         extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(lattice).max()))
         rounding = 2.0 * np.finfo(np.float64).eps * extent / float(self.system.scale_r.min(initial=np.inf))
-        return packing.replace(position_nd=self.reaffix(packing.position_nd, lattice, max(TIGHT, rounding), NEWTON)[0])
+        return packing.replace(
+            position_nd=self.project_positions(packing.position_nd, lattice, max(TIGHT, rounding), NEWTON)[0]
+        )
 
     def strains(self, scale: float, strain: str) -> Strains:
         """Return what `project_strained` needs for "free" or "isochoric" strains times a scale."""

@@ -33,27 +33,27 @@ _LONG = 16
 # rates of links below this many units of rounding of the largest force are zero
 AT_ROUNDING = 4.0 * np.finfo(np.float64).eps
 # a pass gains the digits that rounding leaves in the factor of A: nearly all of them, but few for long stiff chains
-MOST_PASSES = 12
+PASS_LIMIT = 12
 # relative errors below this only fall, as long as rounding lets them
 _NEARLY = 1e-7
 # errors within so many tolerances that fall no further are rounding of the positions
 _ROUNDING, _FEW = 8.0, 2.0
 # what no coordinates of unit size can do better than, whatever the tolerance
-_LEAST = 1e-14
+_ROUNDING_FLOOR = 1e-14
 # steps have gone astray where the largest error has grown by this factor, or where links nearly depend on each other
 # and a particle has gone farther than this many of the largest errors
 _ASTRAY, _FAR = 4.0, 100.0
 # links with a relative pivot below this nearly depend on each other
 _SUSPECT = 1e-3
 # damping at the start, below what it is none, above what steps lead nowhere
-_FIRST, _NONE, _MOST = 1e-2, 1e-20, 1e2
+_FIRST, _NONE, _LARGEST_DAMPING = 1e-2, 1e-20, 1e2
 # parts of the predicted fall of the squares below which a step is refused, or damping stays
 _REFUSED, _FAIR = 1e-3, 0.5
 # factors on the damping
 _LESS, _MORE = 0.05, 10.0
 # links hold to this part of the larger of their length and the mean diameter, or to rounding of the coordinates
 TIGHT = 4e-15
-# most Newton steps back to the links' lengths
+# maximum number of Newton steps back to the links' lengths
 NEWTON = 40
 # damped steps for each full one, and refused ones in a row after which no digits are left
 DAMPED, _IN_A_ROW = 5, 8
@@ -91,7 +91,7 @@ class LinkSystem(NamedTuple):
     diagonal_r, row_r
         Working space of the factor; row_r is zero between calls.
     multiplier_r, spare_nd, start_nd
-        Working space of the solves, and of `reaffix`.
+        Working space of the solves, and of `project_positions`.
 
     """
 
@@ -684,7 +684,7 @@ def project_vector(system, vector_nd, out_nd, multiplier_l, of_force):
         multiplier_l[order[r]] = 0.0
     rate = rates(system, out_nd, of_force)
     # each further pass takes the rounding of the one before out; where A is well conditioned one is enough
-    for _ in range(MOST_PASSES):
+    for _ in range(PASS_LIMIT):
         if not rate > AT_ROUNDING * largest:
             break
         solve_links(system, system.multiplier_r)
@@ -759,8 +759,8 @@ def _step(system, position, lattice, damping):
 
 
 @inner_lean
-def reaffix_recorded(system, position, lattice, tolerance, most_iterations, error_t):
-    """Do what `reaffix` does and write the largest error before and after each step that was kept to error_t."""
+def project_positions_recorded(system, position, lattice, tolerance, iteration_limit, error_t):
+    """Do what `project_positions` does; write the largest errors, at first and after each kept step, to error_t."""
     smallest, longest = 1.0, 0.0
     spare, start = system.spare_nd, system.start_nd
     d = len(system.axes)
@@ -772,7 +772,7 @@ def reaffix_recorded(system, position, lattice, tolerance, most_iterations, erro
         error_t[0] = worst
     _copy(d, position, start)
     damped, damping, tried, kept, refused = False, 0.0, 0, 0, 0
-    while not worst <= tolerance and tried < (DAMPED if damped else 1) * most_iterations:
+    while not worst <= tolerance and tried < (DAMPED if damped else 1) * iteration_limit:
         before, squares = worst, _squares(system)
         pivot, predicted = _step(system, position, lattice, damping)
         worst = measure(system, position, lattice)
@@ -798,15 +798,17 @@ def reaffix_recorded(system, position, lattice, tolerance, most_iterations, erro
             worst = measure(system, position, lattice)
             refused += 1
         if damped:
-            if damping > _MOST or (refused == _IN_A_ROW and worst <= max(_ROUNDING * tolerance, _LEAST)):
+            if damping > _LARGEST_DAMPING or (
+                refused == _IN_A_ROW and worst <= max(_ROUNDING * tolerance, _ROUNDING_FLOOR)
+            ):
                 break
             continue
         astray = not worst <= _ASTRAY * first
         if pivot < _SUSPECT and not _farthest(d, start, position) <= _FAR * longest:
             astray = True
-        if not moved and not astray and worst <= max(_FEW * tolerance, _LEAST):
+        if not moved and not astray and worst <= max(_FEW * tolerance, _ROUNDING_FLOOR):
             break
-        if astray or not moved or (tried == most_iterations and not worst <= first):
+        if astray or not moved or (tried == iteration_limit and not worst <= first):
             _copy(d, start, position)
             worst = measure(system, position, lattice)
             damped, damping, tried, kept, refused = True, _FIRST, 0, 0, 0
@@ -817,7 +819,7 @@ def reaffix_recorded(system, position, lattice, tolerance, most_iterations, erro
 
 
 @device
-def reaffix(system, position, lattice, tolerance, most_iterations):
+def project_positions(system, position, lattice, tolerance, iteration_limit):
     """Move the positions back to the links' lengths by minimum-norm Newton steps x - W Omega A^-1 c (equation 7).
 
     Where those lead astray, or raise the error at the end, damped ones start again from the positions given, DAMPED
@@ -826,7 +828,7 @@ def reaffix(system, position, lattice, tolerance, most_iterations):
     step helps, positions stay as they are. The factor is left at some configuration before the last: a refill away from
     the new one.
     """
-    return reaffix_recorded(system, position, lattice, tolerance, most_iterations, system.error_r[:0])
+    return project_positions_recorded(system, position, lattice, tolerance, iteration_limit, system.error_r[:0])
 
 
 @kernel
@@ -842,14 +844,14 @@ def project_links(system, vector_nd, out_nd, multiplier_l, of_force):
 
 
 @kernel
-def record_links(system, position, lattice, tolerance, most_iterations, error_t):
-    """Call `reaffix_recorded` from Python."""
-    return reaffix_recorded(system, position, lattice, tolerance, most_iterations, error_t)
+def record_link_positions(system, position, lattice, tolerance, iteration_limit, error_t):
+    """Call `project_positions_recorded` from Python."""
+    return project_positions_recorded(system, position, lattice, tolerance, iteration_limit, error_t)
 
 
-def reaffix_links(system: Any, position: Any, lattice: Any, tolerance: float, most_iterations: int) -> Any:
-    """Call `reaffix` from Python."""
-    return record_links(system, position, lattice, tolerance, most_iterations, np.empty(0))
+def project_link_positions(system: Any, position: Any, lattice: Any, tolerance: float, iteration_limit: int) -> Any:
+    """Call `project_positions` from Python."""
+    return record_link_positions(system, position, lattice, tolerance, iteration_limit, np.empty(0))
 
 
 @inner_lean
@@ -859,7 +861,7 @@ def set_multipliers(system, rate_l, motion_nd, multiplier_l):
     motion_nd[:] = 0.0
     multiplier_l[:] = 0.0
     # each further pass takes the rounding of the one before out
-    for _ in range(MOST_PASSES):
+    for _ in range(PASS_LIMIT):
         rates(system, motion_nd, True)
         rest, largest = 0.0, 0.0
         for r in range(order.shape[0]):

@@ -314,7 +314,7 @@ def reaffix_links(
     tolerance
         Largest error to stop at, over the larger of the link's length and the mean diameter [1].
     iteration_limit
-        Most Newton steps.
+        Maximum number of Newton steps.
     check
         Whether an outcome that is no success raises.
 
@@ -353,7 +353,7 @@ def reaffix_links(
             keep = np.ones(len(links), dtype=bool)
             keep[found.redundant_l] = False
             factor = ConstraintFactor(packing, links.select(keep))
-    place, residual = factor.reaffix(packing.position_nd, packing.box.lattice_dd, tolerance, limit)
+    place, residual = factor.project_positions(packing.position_nd, packing.box.lattice_dd, tolerance, limit)
     steps = len(residual) - 1
     outcome = Outcome.CONVERGED if residual[-1] <= tolerance else Outcome.STALLED
     degenerate: tuple[DegenerateLink, ...] = ()
@@ -413,4 +413,4 @@ def scale_box(packing: Packing, factor: float) -> Packing:
     center = np.stack([np.bincount(cluster, place[:, a]) / count for a in range(packing.dimension)], axis=1)[cluster]
     moved = np.where(winding[:, None], place * factor, place + (factor - 1.0) * center)
     position = moved - offset @ box.lattice_dd.T
-    return ConstraintFactor(packing, workable_links(packing)).reaffixed(packing.replace(position_nd=position, box=box))
+    return ConstraintFactor(packing, workable_links(packing)).projected(packing.replace(position_nd=position, box=box))

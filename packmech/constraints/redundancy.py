@@ -247,7 +247,7 @@ def disagreement(packing: Packing, found: Dependence) -> NDArray[np.float64]:
     worst = 0.0
     if found.independent_l.any():
         settled = ConstraintFactor(packing, links.select(found.independent_l))
-        place, error_t = settled.reaffix(place, packing.box.lattice_dd, _SETTLED, _NEWTON_STEPS)
+        place, error_t = settled.project_positions(place, packing.box.lattice_dd, _SETTLED, _NEWTON_STEPS)
         worst = float(error_t[-1])
     if not worst < 1e-9:
         raise ValueError(

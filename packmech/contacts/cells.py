@@ -176,7 +176,7 @@ def _fill(sizes, cells, fraction, point):
     first[0] = 0
     for a in range(levels):
         first[a + 1] = first[a] + cells[a, 0] * cells[a, 1] * cells[a, 2]
-    home = np.empty(n, np.int32)
+    cell_n = np.empty(n, np.int32)
     start = np.empty(first[levels] + 2, np.int32)
     for c in range(start.shape[0]):
         start[c] = 0
@@ -185,15 +185,15 @@ def _fill(sizes, cells, fraction, point):
         c0 = min(int(fraction[i, 0] * cells[a, 0]), cells[a, 0] - 1)
         c1 = min(int(fraction[i, 1] * cells[a, 1]), cells[a, 1] - 1)
         c2 = min(int(fraction[i, 2] * cells[a, 2]), cells[a, 2] - 1)
-        home[i] = first[a] + c0 + cells[a, 0] * (c1 + cells[a, 1] * c2)
-        start[home[i] + 2] += 1
+        cell_n[i] = first[a] + c0 + cells[a, 0] * (c1 + cells[a, 1] * c2)
+        start[cell_n[i] + 2] += 1
     for c in range(first[levels]):
         start[c + 2] += start[c + 1]
     order = np.empty(n, np.int32)
     placed = np.empty((n, 4))
     for i in range(n):
-        place = start[home[i] + 1]
-        start[home[i] + 1] += 1
+        place = start[cell_n[i] + 1]
+        start[cell_n[i] + 1] += 1
         order[place] = i
         for k in range(4):
             placed[place, k] = point[i, k]

@@ -14,8 +14,8 @@ from numba import types
 from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, one_of, positive, real
-from packmech.dynamics.deformation import Driven
+from packmech.check import finite_array, instance, integer, one_of, positive, real, two_axes
+from packmech.dynamics.deformation import Driven, strain_direction
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.integrators import (
@@ -59,8 +59,8 @@ END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
 STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
 REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, HEIGHT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7
 # whether a particle left the cell is checked every so many steps, or whenever the box has sheared by so much
-_WRAP_EVERY, _MOST_SHEARED = 1024, 0.2
-# other lattice vectors may be better where the least height has become so much smaller
+_WRAP_EVERY, _SHEAR_LIMIT = 1024, 0.2
+# other lattice vectors may be better where the smallest height has become so much smaller
 _FLATTER = 0.85
 # what a call does: start a frame, go on with one that was left, or only observe
 FRESH, AGAIN, OBSERVE = 0, 1, 2
@@ -257,7 +257,7 @@ def _frame(batch, b, doing, control_k):
     outside = False
     while left > 0 and not outside:
         due = min(left, _WRAP_EVERY - count_k[SINCE])
-        room = _MOST_SHEARED - number_k[SHEARED]
+        room = _SHEAR_LIMIT - number_k[SHEARED]
         if number_k[FASTEST] * due > room:
             due = max(1, int(room / number_k[FASTEST]))
         status, taken = take_steps(
@@ -289,7 +289,7 @@ def _frame(batch, b, doing, control_k):
             continue
         if status != RUNNING:
             break
-        if count_k[SINCE] >= _WRAP_EVERY or number_k[SHEARED] >= _MOST_SHEARED * (1.0 - 1e-9):
+        if count_k[SINCE] >= _WRAP_EVERY or number_k[SHEARED] >= _SHEAR_LIMIT * (1.0 - 1e-9):
             outside = _is_outside(plan.axes, state.body, space.frame, number_k[HEIGHT])
             count_k[SINCE] = 0
             number_k[SHEARED] = 0.0
@@ -331,7 +331,7 @@ def not_finite(control_bk, active_b):
 def frames(batch, doing, low, high, active_b, control_bk, wrap_b, good_b):
     """Take frames of the active packings from low to high; return how many must be wrapped.
 
-    Those are marked in home_b; of a frame that they cut short LEFT steps are left. A packing that moved too fast in a
+    Those are marked in wrap_b; of a frame that they cut short LEFT steps are left. A packing that moved too fast in a
     step is put back to where its last frame ended, and so is its count; its STATUS is not RUNNING, it is marked in
     good_b and it moves no more. Where packing b is given a number that is not finite, nothing moves: -1 - b.
     """
@@ -375,18 +375,6 @@ def _kinds(effects: Any) -> Any:
     if isinstance(effects, tuple):
         return type(effects), tuple(_kinds(one) for one in effects)
     return type(effects)
-
-
-def direction_of(axes: Any, dimension: int) -> NDArray[np.float64]:
-    """Return M of a shear along the first of two axes, its gradient along the second."""
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    a, b = (integer("axes", axis, at_least=0, at_most=dimension - 1) for axis in axes)
-    if a == b:
-        raise ValueError(f"axes must be two different axes, got {axes}")
-    direction = np.zeros((dimension, dimension))
-    direction[a, b] = 1.0
-    return direction
 
 
 # what sets the strain of each packing in a frame, by the name of the control
@@ -485,8 +473,8 @@ class ShearBatch:
         if switched_friction and not any(isinstance(one, Friction) for one in first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
         method = checked_method(method)
-        self._direction_dd = direction_of(axes, first.packing.dimension)
-        self.axes = (int(axes[0]), int(axes[1]))
+        self.axes = two_axes("axes", axes, dimension=first.packing.dimension)
+        self._direction_dd = strain_direction("shear", self.axes, first.packing.dimension)
         if mass_n is not None and density is not None:
             raise ValueError(f"density must be left out where mass_n is given, got {density!r}")
         self._density = None if density is None else positive("density", density)
@@ -548,7 +536,7 @@ class ShearBatch:
         return np.asarray(self._density * (np.pi if d == 2 else 4.0 / 3.0 * np.pi) * packing.radius_n**d)
 
     def restart(self, index: int, scene: Scene | None = None, *, rate: float = 0.0) -> None:
-        """Start one packing anew: nothing of what it did before is left.
+        """Start one packing again: nothing of what it did before is left.
 
         Parameters
         ----------
@@ -647,10 +635,10 @@ class ShearBatch:
         while wrapping:
             left_b = self._wrap()
             wrapping = self._call(AGAIN, left_b, control_bk) if left_b.any() else 0
-        for b, home_nd in self._before.items():
+        for b, wrap_nd in self._before.items():
             # what failed is where its last frame ended, and so are its whole lattice vectors
             if not self._good_b[b]:
-                self._engines[b].home_nd[:] = home_nd
+                self._engines[b].wrap_nd[:] = wrap_nd
         self._before.clear()
         return self._good_b.copy()
 
@@ -677,7 +665,7 @@ class ShearBatch:
             engine = self._engine(b)
             left_b[b] = self._count_bk[b, LEFT] > 0
             if left_b[b]:
-                self._before.setdefault(b, engine.home_nd.copy())
+                self._before.setdefault(b, engine.wrap_nd.copy())
             *_, engine.space, engine.pairs, engine.track, _plan = fetch(self._batch, b)
             engine.wrap()
             if not left_b[b]:

@@ -167,7 +167,7 @@ def collect_bonds(bonds, axes, spins, push, block):
 def bond_table(
     bonds: Bonds,
     order_n: NDArray[np.int64],
-    home_nd: NDArray[np.int64],
+    wrap_nd: NDArray[np.int64],
     change_dd: NDArray[np.int64],
     stretch_bk: NDArray[np.float64] | None,
 ) -> BondTable:
@@ -179,20 +179,20 @@ def bond_table(
         The bonds between particles.
     order_n
         (N,) particle of each row.
-    home_nd
-        (N, d) lattice vectors by which particles were moved: x = row + lattice @ home.
+    wrap_nd
+        (N, d) lattice vectors by which particles were moved: x = row + lattice @ wrap.
     change_dd
         (d, d) whole numbers: the loops' lattice is lattice @ change.
     stretch_bk
         (B, 1 or 3) stretches of the tangential springs in the order of `bonds`; None: slack.
 
     """
-    n, d = home_nd.shape
+    n, d = wrap_nd.shape
     row = np.empty(n, dtype=np.int64)
     row[order_n] = np.arange(n)
     back = np.rint(np.linalg.inv(change_dd)).astype(np.int64)
     padded = np.zeros((len(bonds), 3), dtype=np.int64)
-    padded[:, :d] = (bonds.image_bd + home_nd[bonds.j_b] - home_nd[bonds.i_b]) @ back.T
+    padded[:, :d] = (bonds.image_bd + wrap_nd[bonds.j_b] - wrap_nd[bonds.i_b]) @ back.T
     i, j = row[bonds.i_b], row[bonds.j_b]
     # a search finds a pair from either end
     start, other = np.concatenate([i, j]), np.concatenate([j, i])

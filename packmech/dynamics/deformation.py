@@ -17,7 +17,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from packmech.check import integer, one_of, positive, real
+from packmech.check import instance, one_of, positive, real, two_axes
 from packmech.jit.compiled import compiled_form, device, inner_lean, lean
 
 # places in Flow.number
@@ -335,10 +335,9 @@ def turning(rates):
 MODES = ("shear", "uniaxial", "isotropic")
 
 
-def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
+def strain_direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
+    """Return M of a mode of strain: a shear along the first of the axes, its gradient along the second, and so on."""
     a, b = axes
-    if max(a, b) >= dimension:
-        raise ValueError(f"applied_strain.axes must be axes of {dimension} dimensions, got {axes}")
     matrix = np.zeros((dimension, dimension))
     if mode == "shear":
         matrix[a, b] = 1.0
@@ -351,12 +350,8 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
 
 def _check(mode: str, axes: tuple[int, int]) -> None:
     one_of("applied_strain.mode", mode, MODES)
-    if not isinstance(axes, tuple) or len(axes) != 2:
-        raise TypeError(f"applied_strain.axes must be two axes, got {axes!r}")
-    for axis in axes:
-        integer("applied_strain.axes", axis, at_least=0, at_most=2)
-    if mode == "shear" and axes[0] == axes[1]:
-        raise ValueError(f"applied_strain.axes must be two different axes, got {axes}")
+    instance("applied_strain.axes", axes, tuple)
+    two_axes("applied_strain.axes", axes, different=mode == "shear")
 
 
 @dataclass(frozen=True)
@@ -400,7 +395,8 @@ class SteadyStrain:
 
     def direction(self, dimension: int) -> NDArray[np.float64]:
         """Return M."""
-        return _direction(self.mode, self.axes, dimension)
+        axes = two_axes("applied_strain.axes", self.axes, dimension=dimension, different=self.mode == "shear")
+        return strain_direction(self.mode, axes, dimension)
 
 
 @dataclass(frozen=True)
@@ -444,7 +440,8 @@ class OscillatoryStrain:
 
     def direction(self, dimension: int) -> NDArray[np.float64]:
         """Return M."""
-        return _direction(self.mode, self.axes, dimension)
+        axes = two_axes("applied_strain.axes", self.axes, dimension=dimension, different=self.mode == "shear")
+        return strain_direction(self.mode, axes, dimension)
 
 
 Strain = SteadyStrain | OscillatoryStrain

@@ -28,7 +28,7 @@ _PART = 0.25
 _UNSEEN = 0.05
 # observations of a box that deforms: after so much strain, or this part of a period, but no more often than every so
 # many steps of one particle, as one takes the time of some, and never more often than every so many steps
-_STRAIN, _PERIOD, _SELDOM, _LEAST = 0.02, 1.0 / 16.0, 5000, 16
+_STRAIN, _PERIOD, _SELDOM, _MINIMUM_STEPS = 0.02, 1.0 / 16.0, 5000, 16
 # steps between observations that are compared where the box is at rest
 _APART = 256
 
@@ -64,7 +64,7 @@ def steps_between_observations(strain: Strain | None, dt: float, particles: int)
     """Return after how many steps at most the work of a box's deformation is to be observed; infinite at rest."""
     if strain is None:
         return np.inf
-    seldom = max(_LEAST, _SELDOM // particles)
+    seldom = max(_MINIMUM_STEPS, _SELDOM // particles)
     frequency = getattr(strain, "frequency", None)
     if frequency is not None:
         fastest = 2.0 * np.pi * frequency * strain.amplitude  # type: ignore[union-attr]
@@ -74,7 +74,7 @@ def steps_between_observations(strain: Strain | None, dt: float, particles: int)
 
 
 def _there(potential: float, kinetic: float, part: float) -> float:
-    """Return the most that may seem to be added to an energy that nothing is given to [energy]."""
+    """Return the maximum that may seem to be added to an energy that nothing is given to [energy]."""
     return min(_SWING * kinetic, part * (abs(potential) + kinetic))
 
 

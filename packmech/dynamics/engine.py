@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.constraints.compiled_links import (
-    Rattle,
-    affix_rows,
-    along_rattle,
-    linked_pairs,
-    make_joints,
-    make_rattle,
-    refill_rattle,
-)
+from packmech.constraints.compiled_links import compile_links, linked_pairs
+from packmech.constraints.rattle import Rattle, along_rattle, make_rattle, project_rattle, refill_rattle
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.bonds import bond_stretches, bond_table
@@ -64,7 +57,7 @@ _WRAP_EVERY, _SHEARED = 1024, 0.2
 # arrays of the frame that follow a deforming box
 # whole lattice vectors, and entries of a change of lattice vectors, beyond which no run gets
 _FAR, _STEEP = 1 << 31, 1000
-# how far out of the cell a particle may get before it is brought back, in lattice vectors
+# how far out of the cell a particle may get before it is wrapped, in lattice vectors
 _ASTRAY = 1024.0
 # relative rounding of a box that followed its strain step by step
 _ROUNDING = 1e-9
@@ -75,7 +68,7 @@ _FLAT = 0.7
 
 @dataclass(eq=False)
 class Engine:
-    """Particles stepped through time. All arrays but home_nd and mass_n are by rows, sorted in space.
+    """Particles stepped through time. All arrays but wrap_nd and mass_n are by rows, sorted in space.
 
     Attributes
     ----------
@@ -85,7 +78,7 @@ class Engine:
         (N,) masses in the order of the packing.
     order_n
         (N,) particle of each row.
-    home_nd
+    wrap_nd
         (N, d) whole lattice vectors (of the scene's box, deformed) by which particles were moved.
     change_dd
         (d, d) whole numbers: the loops' lattice vectors are the scene's @ change.
@@ -105,8 +98,8 @@ class Engine:
         Passes over the forces so far.
     row_links
         The links between rows, those that depend on others left out; None without.
-    links
-        The same as time steps hold them.
+    rattle
+        The same as time steps take them.
     link_l
         The link of the packing that each of `row_links` is; None until somebody asks.
 
@@ -116,7 +109,7 @@ class Engine:
     mass_n: NDArray[np.float64]
     axes: tuple[int, ...]
     order_n: NDArray[np.int64]
-    home_nd: NDArray[np.int64]
+    wrap_nd: NDArray[np.int64]
     change_dd: NDArray[np.int64]
     profile: Any
     direction_dd: NDArray[np.float64] | None
@@ -134,7 +127,7 @@ class Engine:
     threads: int = 1
     force_evaluations: int = 0
     row_links: Links | None = None
-    links: Rattle | None = None
+    rattle: Rattle | None = None
     link_l: NDArray[np.int64] | None = None
 
     @property
@@ -170,7 +163,7 @@ class Engine:
         d = len(self.axes)
         position = np.empty((len(self.order_n), d))
         position[self.order_n] = self.state.body[:, :d]
-        return np.asarray(position + self.home_nd @ self.box().lattice_dd.T)
+        return np.asarray(position + self.wrap_nd @ self.box().lattice_dd.T)
 
     def velocities(self) -> NDArray[np.float64]:
         """Return the (N, d) peculiar velocities c = v - L x in the order of the packing [length/time]."""
@@ -197,7 +190,7 @@ class Engine:
         d = len(self.axes)
         velocity = velocity_nd[self.order_n]
         velocity[self.state.weight_nk[:, 0] == 0.0] = 0.0
-        along_rattle(self.links, velocity)
+        along_rattle(self.rattle, velocity)
         self.state.body[:, 4 : 4 + d] = velocity
         self.begin()
 
@@ -212,9 +205,9 @@ class Engine:
         if free.all():
             draw -= (mass * draw).sum(axis=0) / mass.sum()
             freedom -= d
-        if self.links is not None:
+        if self.rattle is not None:
             row = draw[self.order_n]
-            freedom -= along_rattle(self.links, row)
+            freedom -= along_rattle(self.rattle, row)
             draw[self.order_n] = row
         kinetic = 0.5 * float((mass * draw**2).sum())
         if freedom <= 0 or not kinetic > 0.0:
@@ -267,7 +260,7 @@ class Engine:
                 self.acting,
                 self.axes,
                 self.state,
-                self.links,
+                self.rattle,
                 space,
                 self.pairs,
                 self.track,
@@ -292,7 +285,7 @@ class Engine:
         if not self.started:
             self.begin()
         out, push = np.zeros(COLUMNS), None
-        if self.links is not None and self.track is None and self.space.bonds is None:
+        if self.rattle is not None and self.track is None and self.space.bonds is None:
             # links bear what dashpots do at the velocities now, not at those that a step extrapolated
             push = self.state.push.copy()
             self._run(FORCES, 1, None)
@@ -300,7 +293,7 @@ class Engine:
             self.acting,
             self.axes,
             self.state,
-            self.links,
+            self.rattle,
             self.space,
             self.pairs,
             self.track,
@@ -315,14 +308,14 @@ class Engine:
     def tensions(self) -> NDArray[np.float64]:
         """Return the (L,) tensions of the packing's links that `observe` measured [force]; none in redundant ones."""
         whole, own = self.scene.packing.links, self.row_links
-        if whole is None or own is None or self.links is None:
+        if whole is None or own is None or self.rattle is None:
             return np.zeros(0)
         if self.link_l is None:
             i, j = self.order_n[own.i_l], self.order_n[own.j_l]
-            image = own.image_ld @ self.change_dd.T - self.home_nd[j] + self.home_nd[i]
+            image = own.image_ld @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
             self.link_l = whole.find(i, j, image)
         tension = np.zeros(len(whole))
-        tension[self.link_l] = self.links.tension_l
+        tension[self.link_l] = self.rattle.tension_l
         return tension
 
     def stretches(self) -> Stretches:
@@ -347,16 +340,16 @@ class Engine:
             return
         held = self.stretches()
         body[:, :d] -= shift @ lattice.T
-        self.home_nd[self.order_n] += shift @ self.change_dd.T
+        self.wrap_nd[self.order_n] += shift @ self.change_dd.T
         back = np.rint(np.linalg.inv(change)).astype(np.int64)
         self.change_dd = self.change_dd @ change
-        self.renew()
+        self.rebuild()
         # lengths held to rounding in one cell are not in another
-        affix_rows(self.links, body, self.space.frame.lattice_dd)
-        self.renew_lists(held.moved(shift, back))
+        project_rattle(self.rattle, body, self.space.frame.lattice_dd)
+        self.rebuild_lists(held.moved(shift, back))
 
-    def renew(self) -> None:
-        """Make the frame, the images of bonds and links, and empty lists anew."""
+    def rebuild(self) -> None:
+        """Rebuild the frame, the images of bonds and links, and empty lists."""
         packing, d = self.scene.packing, len(self.axes)
         start = Box(packing.box.lattice_dd @ self.change_dd)
         frame = frame_of(start)
@@ -367,7 +360,7 @@ class Engine:
         table = self.space.bonds
         if table is not None:
             bonds = next(one for one in self.scene.effects if isinstance(one, Bonds))
-            table = bond_table(bonds, self.order_n, self.home_nd, self.change_dd, bond_stretches(table))
+            table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, bond_stretches(table))
         self.space = Space(self.space.sizes, frame, flow, table, None)
         self._link_rows()
         self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
@@ -378,24 +371,24 @@ class Engine:
         if packing.links is None:
             return
         workable = workable_links(packing)
-        home_nd = self.home_nd.astype(np.float64)
-        self.row_links, joints = make_joints(packing, workable, self.order_n, home_nd, self.change_dd)
+        wrap_nd = self.wrap_nd.astype(np.float64)
+        self.row_links, links = compile_links(packing, workable, self.order_n, wrap_nd, self.change_dd)
         self.link_l = None
-        self.links = make_rattle(joints, self.state.weight_nk[:, 0].copy(), self.resolution)
-        self.space = self.space._replace(linked=linked_pairs(joints))
+        self.rattle = make_rattle(links, self.state.weight_nk[:, 0].copy(), self.resolution)
+        self.space = self.space._replace(linked=linked_pairs(links))
 
-    def renew_lists(self, held: Stretches) -> None:
+    def rebuild_lists(self, held: Stretches) -> None:
         """Make the lists at the present positions and give their springs these stretches; forces stay as they are."""
         self._search()
         write_stretches(self.pairs, self.track, held)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what a run cannot make anew from scene and settings, by name: `restore` goes on with the same bits."""
+        """Return what a run cannot rebuild from scene and settings, by name: `restore` goes on with the same bits."""
         state, space, held = self.state, self.space, self.stretches()
         found: dict[str, Any] = {
             "steps": np.array(self.steps),
             "force_evaluations": np.array(self.force_evaluations),
-            "home_nd": self.home_nd.copy(),
+            "wrap_nd": self.wrap_nd.copy(),
             "change_dd": self.change_dd.copy(),
             "row_nk": state.body.copy(),
             "push_nk": state.push.copy(),
@@ -406,8 +399,8 @@ class Engine:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
             found["bond_stretch_bk"] = bond_stretches(space.bonds)
-        if self.links is not None:
-            found["link_number"] = self.links.number.copy()
+        if self.rattle is not None:
+            found["link_number"] = self.rattle.number.copy()
         if space.flow is not None:
             # the last step's, whose time was summed in another order than `time`
             found |= {f"frame.{name}": getattr(space.frame, name).copy() for name in _FRAME}
@@ -421,7 +414,7 @@ class Engine:
         bounds = {
             "steps": IndexBounds(0, 1 << 62, ()),
             "force_evaluations": IndexBounds(0, 1 << 62, ()),
-            "home_nd": IndexBounds(-_FAR, _FAR, (n, d)),
+            "wrap_nd": IndexBounds(-_FAR, _FAR, (n, d)),
             "change_dd": IndexBounds(-_STEEP, _STEEP + 1, (d, d)),
             "stretch.i_c": IndexBounds(0, n, (None,)),
             "stretch.j_c": IndexBounds(0, n, (None,)),
@@ -447,7 +440,7 @@ class Engine:
         state = self.state
         self.steps = int(saved("steps", 0))
         self.force_evaluations = int(saved("force_evaluations", 0))
-        self.home_nd = saved("home_nd", self.home_nd).copy()
+        self.wrap_nd = saved("wrap_nd", self.wrap_nd).copy()
         self.change_dd = saved("change_dd", self.change_dd).copy()
         if abs(round(float(np.linalg.det(self.change_dd)))) != 1:
             raise ValueError(f"engine.change_dd must have the determinant 1 or -1, got {self.change_dd.tolist()}")
@@ -464,7 +457,7 @@ class Engine:
         if self.space.bonds is not None:
             table = self.space.bonds
             table.stretch_bk[:] = saved("bond_stretch_bk", table.stretch_bk)[table.place_b]
-        self.renew()
+        self.rebuild()
         space = self.space
         if space.flow is not None:
             for name in _FRAME:
@@ -479,11 +472,11 @@ class Engine:
         astray = float(np.abs(state.body[:, :d] @ space.frame.inverse_dd[:d, :d].T).max())
         if not astray < _ASTRAY:
             raise ValueError(f"engine.row_nk must hold places near the cell, got one {astray:g} lattice vectors away")
-        if self.links is not None:
-            refill_rattle(self.links, state.body, space.frame.lattice_dd)
-            self.links.number[:] = saved("link_number", self.links.number)
+        if self.rattle is not None:
+            refill_rattle(self.rattle, state.body, space.frame.lattice_dd)
+            self.rattle.number[:] = saved("link_number", self.rattle.number)
         if self.track is None:
-            self.renew_lists(self.stretches())
+            self.rebuild_lists(self.stretches())
         else:
             missing = [name for name in Stretches._fields if f"engine.stretch.{name}" not in arrays]
             if missing:
@@ -492,7 +485,7 @@ class Engine:
             stretch = saved("stretch.stretch_ck", np.zeros((pairs, 1 if d == 2 else 3)))
             image = saved("stretch.image_cd", np.zeros((pairs, 3), dtype=np.int64))
             i, j = (saved(f"stretch.{name}", np.zeros(pairs, dtype=np.int64)) for name in ("i_c", "j_c"))
-            self.renew_lists(Stretches(i, j, image, stretch))
+            self.rebuild_lists(Stretches(i, j, image, stretch))
         self.started = True
 
     def set_profile(self, profile: Any) -> None:
@@ -618,8 +611,8 @@ def build_engine(
     if turns and spin_nk is not None:
         body[:, 4 + d : 4 + d + spins] = spin_nk[order]
     fraction = packing.position_nd @ packing.box.inverse_dd.T
-    home = np.floor(fraction).astype(np.int64)
-    body[:, :d] = (packing.position_nd - home @ packing.box.lattice_dd.T)[order]
+    wrap = np.floor(fraction).astype(np.int64)
+    body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
     mass = np.ascontiguousarray(mass_n[order])
     inertia = (0.5 if d == 2 else 0.4) * mass * body[:, 3] ** 2
     weight = np.zeros((n, 2))
@@ -633,14 +626,14 @@ def build_engine(
     flow = None
     if direction_dd is not None:
         flow = make_flow(profile, direction_dd, small)
-    table = None if bonds is None else bond_table(bonds, order, home, change, None)
+    table = None if bonds is None else bond_table(bonds, order, wrap, change, None)
     extent = max(float(np.abs(body[:, :d]).max()), float(np.abs(small.lattice_dd).max()))
     built = Engine(
         scene=scene,
         mass_n=mass_n,
         axes=tuple(range(d)),
         order_n=order,
-        home_nd=home,
+        wrap_nd=wrap,
         change_dd=change,
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
@@ -665,7 +658,7 @@ def build_engine(
         threads=threads,
     )
     built._link_rows()
-    affix_rows(built.links, body, built.space.frame.lattice_dd)
+    project_rattle(built.rattle, body, built.space.frame.lattice_dd)
     return built
 
 

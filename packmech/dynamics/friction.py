@@ -197,7 +197,7 @@ _SHARE = 0.35
 _FASTEST = {2: 36.0, 3: 84.0}
 
 
-def leading_share(scene: Scene, dt: float, least_mass: float) -> float:
+def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
     """Return the share of the forces' last change that belongs in extrapolated velocities [1].
 
     None, unless some tangential spring k has a dashpot c so weak that what it takes, (c / 2k) omega^2 dt of an
@@ -207,8 +207,8 @@ def leading_share(scene: Scene, dt: float, least_mass: float) -> float:
     ----------
     scene
         The scene.
-    dt, least_mass
-        Time step, and the least of the masses.
+    dt, smallest_mass
+        Time step, and the smallest mass.
 
     """
     springs = []
@@ -217,7 +217,7 @@ def leading_share(scene: Scene, dt: float, least_mass: float) -> float:
             springs.append((one.stiffness, one.damping))
         if isinstance(one, Bonds) and len(one):
             springs.append((one.tangential_stiffness, one.tangential_damping))
-    weak = 0.25 * _FASTEST[scene.packing.dimension] * dt**3 / least_mass
+    weak = 0.25 * _FASTEST[scene.packing.dimension] * dt**3 / smallest_mass
     return _SHARE if any(k > 0.0 and c < weak * k * k for k, c in springs) else 0.0
 
 

@@ -108,7 +108,7 @@ def start_of_motion(packing: Packing, mass_n: Any, velocity_nd: Any, spin_nk: An
 def choose_time_step(scene: Scene, mass_n: NDArray[np.float64], fraction: float) -> float:
     """Return fraction times the shortest of sqrt(m / k) and m / c over the particles [time].
 
-    m is the least mass; k the largest stiffness and c the largest damping of whatever acts (`stiffness_and_damping`).
+    m is the smallest mass, k the largest stiffness, c the largest damping of whatever acts (`stiffness_and_damping`).
     How far anything moves has no part in it.
 
     Parameters

@@ -10,7 +10,8 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import ERROR, measure_tensions
+from packmech.constraints.compiled_links import ERROR
+from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
 from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, with_flow
 from packmech.dynamics.friction import Contact, rotated, slip_in_space, uncapped_force

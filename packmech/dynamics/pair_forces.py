@@ -211,7 +211,7 @@ def touching_of(engine: Engine) -> Touching:
         )
     i, j, image, figure = engine.order_n[i[seen]], engine.order_n[j[seen]], image[seen, :d], figure[seen]
     # from rows and images of the loops' lattice to particles, their places and the scene's box
-    whole = image @ engine.change_dd.T - engine.home_nd[j] + engine.home_nd[i]
+    whole = image @ engine.change_dd.T - engine.wrap_nd[j] + engine.wrap_nd[i]
     force = figure[:, 2 : 2 + d]
     i, j, whole, turned = one_way(i, j, whole)
     force = np.where(turned[:, None], -force, force)

@@ -8,7 +8,7 @@ block after all blocks have been walked, in the order of their pairs.
 
 The lists follow a box that deforms: the affine part of the motion is subtracted, and a pair stays in a list as long as
 the peculiar displacements since it was built, and what the strain did to a distance, leave room in the skin. They carry
-the tangential displacements of contacts along, which can be taken out by pair and image where lists are made anew.
+the tangential displacements of contacts along, which can be taken out by pair and image where lists are rebuilt.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import without_joined
+from packmech.constraints.compiled_links import without_linked
 from packmech.contacts.cells import PairTable, find_pairs
 from packmech.dynamics.deformation import (
     ANCHORED,
@@ -35,12 +35,12 @@ from packmech.jit.compiled import compiled_form, device, inlined, inner_lean, ke
 from packmech.minimize.pair_list import (
     AGE,
     BUDGET,
+    DISPLACED,
     NUMBERS,
     SEARCHES,
     SKIN_FULL,
     SKIN_INNER,
     SKIN_OUTER,
-    TRAVEL,
     adapt_skin,
     anchor,
     place_images,
@@ -119,7 +119,7 @@ def empty_pairs(rows: int, width: int, skin: float) -> Pairs:
     number[SKIN_OUTER] = -1.0
     number[SKIN_FULL] = skin
     number[SKIN_INNER] = 0.25 * skin
-    number[TRAVEL] = np.inf
+    number[DISPLACED] = np.inf
     row = blocks_of(rows)
     blocks = len(row) - 1
     none = np.zeros(0, dtype=np.uint32)
@@ -152,7 +152,7 @@ def block_of(row_b, i):
 
 
 @device
-def renewed_pairs(found, body, old):
+def rebuilt_pairs(found, body, old):
     """Return lists with the outer pairs of a search in sections, and room for as many inner ones."""
     row_b = old.row_b
     blocks = row_b.shape[0] - 1
@@ -425,14 +425,14 @@ def _choose_carried_stretches(track: Any, old: Any, new: Any) -> Any:
 
 @inner_lean
 def rebuild_inner(axes, body, space, pairs, track):
-    """Choose the inner pairs anew at the present positions; their stretches are in the outer list."""
+    """Choose the inner pairs again at the present positions; their stretches are in the outer list."""
     number = pairs.number
     place_images(space.frame, pairs)
     choose_inner(axes, body, pairs, number[SKIN_INNER])
     load_stretches(track, pairs)
     anchor(body, pairs.anchor_nd)
     mark_strain(space.flow, ANCHORED)
-    number[TRAVEL] = 0.0
+    number[DISPLACED] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
     number[AGE] = 0.0
 
@@ -452,11 +452,11 @@ def is_stale(flow, number, reach, moved):
 
     `reach` is the largest contact distance, `number` that of the lists.
     """
-    number[TRAVEL] += moved
+    number[DISPLACED] += moved
     number[AGE] += 1.0
     bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
     # displacements since the anchor were strained themselves; what is not a number is too far
-    return not number[TRAVEL] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]
+    return not number[DISPLACED] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]
 
 
 @inner_lean
@@ -470,7 +470,7 @@ def update_lists(axes, body, space, pairs, track):
     gone = displaced(flow, body, pairs.anchor_nd, ANCHORED)
     if gone + bent < 0.75 * room:
         # the bound added up the lengths of all steps; the true displacement leaves room
-        number[TRAVEL] = 0.0
+        number[DISPLACED] = 0.0
         number[BUDGET] = room - gone
         return False
     adapt_skin(number)
@@ -485,11 +485,11 @@ def update_lists(axes, body, space, pairs, track):
 
 @kernel
 def search(axes, body, space, pairs, track):
-    """Return lists searched anew at the present positions and strain, and the track with the stretches kept."""
+    """Return lists rebuilt at the present positions and strain, and the track with the stretches kept."""
     store_stretches(track, pairs)
     found = find_pairs(axes, body, space.sizes, space.frame, 1.0, pairs.number[SKIN_FULL])
-    found = without_joined(space.linked, without_bonded(space.bonds, found))
-    new = renewed_pairs(found, body, pairs)
+    found = without_linked(space.linked, without_bonded(space.bonds, found))
+    new = rebuilt_pairs(found, body, pairs)
     track = carried_stretches(track, pairs, new)
     mark_strain(space.flow, OUTER_ANCHORED)
     rebuild_inner(axes, body, space, new, track)

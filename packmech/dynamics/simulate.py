@@ -197,7 +197,7 @@ def resume(
         Step at which to end, counted from the start of the simulation. The end that was asked for then, unless given;
         a simulation that got there can be taken to a later one.
     threads, time_limit, progress, check
-        As in `pm.simulate`; the CPU time counts anew.
+        As in `pm.simulate`; the CPU time starts from zero.
 
     Raises
     ------

@@ -328,7 +328,7 @@ def trace_of_rows(
         # what is held has no velocity of its own, and no part in the mean
         kinetic = parts["kinetic"] + np.outer(momentum, momentum) / (free * volume) if free else np.zeros((d, d))
         stress, overall = parts["contact"], parts["overall"]
-        if engine.links is not None:
+        if engine.rattle is not None:
             linked = link_stress(row, d, volume)
             stress, overall = stress + linked, overall + linked
         found = {

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import literal_unroll
 
-from packmech.constraints.compiled_links import hold, project_rows
+from packmech.constraints.rattle import rattle_positions, rattle_velocities
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.contact_forces import contacts_of_block
 from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, rates, turning
@@ -199,7 +199,7 @@ def kick_and_drift(flow, axes, state, low, high, time, dt, early, ahead):
 
 
 TOO_FAST = NOT_FINITE
-# a loop that ended because its pair lists must be searched anew, in the middle of a step
+# a loop that ended because its pair lists must be rebuilt, in the middle of a step
 SEARCH = 17
 # where a loop starts: with a step, in the middle of one, or only to take the forces
 WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
@@ -291,7 +291,7 @@ def project_velocities(thread, links, axes, body, half):
     if links is not None:
         wait(thread)
         if is_first(thread):
-            project_rows(links, axes, body, half)
+            rattle_velocities(links, axes, body, half)
         wait(thread)
 
 
@@ -324,7 +324,7 @@ def take_steps(
             moved = math.sqrt(largest(thread, square))
             status = RUNNING
             if is_first(thread):
-                moved = hold(links, axes, body, state.half, lattice, dt, ahead, moved)
+                moved = rattle_positions(links, axes, body, state.half, lattice, dt, ahead, moved)
                 if not moved < reach:
                     status = TOO_FAST
                 else:

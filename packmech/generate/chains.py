@@ -114,25 +114,25 @@ def _remove(grid, place, cell):
     grid.next_l[k] = grid.next_l[place]
 
 
-class Bonds:
+class BondGrid:
     """Bonds of a packing in the making, in two dimensions: whether a new one crosses any, and a list to take back from.
 
     Parameters
     ----------
     box
         The periodic box.
-    most
+    count
         Number of bonds at the end.
     longest
         Length of the longest bond [length].
 
     """
 
-    def __init__(self, box: Box, most: int, longest: float) -> None:
+    def __init__(self, box: Box, count: int, longest: float) -> None:
         small, change = box.reduced()
         self._to_small = np.rint(np.linalg.inv(change)).astype(np.int64).tolist()
         # cells at least as high as a bond is long, and not many more of them than bonds
-        room = int(math.sqrt(most)) + 1
+        room = int(math.sqrt(count)) + 1
         cells = np.clip((small.height_d / longest).astype(np.int64), 1, room)
         reach = np.ceil(longest / (small.height_d / cells) * (1 + _SLACK)).astype(np.int64)
         self._grid = SegmentGrid(
@@ -141,10 +141,10 @@ class Bonds:
             cells,
             reach,
             np.full(int(cells.prod()), -1),
-            np.full(most, -1),
-            np.zeros((most, 2)),
-            np.zeros((most, 2)),
-            np.zeros((most, 6), dtype=np.int64),
+            np.full(count, -1),
+            np.zeros((count, 2)),
+            np.zeros((count, 2)),
+            np.zeros((count, 6), dtype=np.int64),
         )
         self._cells: list[int] = []
 
@@ -217,7 +217,7 @@ class _Snake:
             part.reverse()
 
 
-def slither(walk: Walk, bonds: Bonds, count: int, box: Box, tries: int) -> list[Point] | None:
+def slither(walk: Walk, bonds: BondGrid, count: int, box: Box, tries: int) -> list[Point] | None:
     """Return the places of all beads, chain after chain; None if chains bend too little to stay in rows.
 
     Chains start as random walks that go forward only, one behind the other in a strip that winds around the box: no
@@ -302,7 +302,7 @@ def _row(walk: Walk, ahead: float, half: float, most: int) -> tuple[list[Point] 
     return places, spent
 
 
-def _move(snake: _Snake, walk: Walk, bonds: Bonds) -> None:
+def _move(snake: _Snake, walk: Walk, bonds: BondGrid) -> None:
     """Move a chain by one bead, or turn it around where it finds no room."""
     head, bead, slot = snake.places[-1], snake.beads[0], snake.bonds[0]
     inward = unit(minus(head, snake.places[-2]))
@@ -357,7 +357,7 @@ class Plan:
 class Walk:
     """Chains of one plan, grown one after another; in two dimensions their bonds avoid each other where asked for."""
 
-    def __init__(self, plan: Plan, rng: np.random.Generator, bonds: Bonds | None) -> None:
+    def __init__(self, plan: Plan, rng: np.random.Generator, bonds: BondGrid | None) -> None:
         self.plan, self._rng, self._bonds = plan, rng, bonds
         reach = math.sqrt(math.fsum(x * x for x in plan.around))
         self._left = 0
@@ -366,7 +366,7 @@ class Walk:
     def grow(self, count: int, box: Box, tries: int) -> list[Point] | None:
         """Return the places of all beads of that many chains; None if they find no room in ``tries`` tries per bead.
 
-        Where one chain finds no room, all are grown anew: their earlier turns leave it none.
+        Where one chain finds no room, all are grown again: their earlier turns leave it none.
         """
         self._left = tries * count * self.plan.beads
         most = max(PROPOSALS, int(_SHARE * self._left))
@@ -543,7 +543,7 @@ FORMS = ("open", "ring", "wound")
 _ANGLES = ("free", "fixed")
 
 # links cannot hold angles of chains that bend less [rad]
-_LEAST_BEND = 1e-6
+_MINIMUM_BEND = 1e-6
 
 # a pair of beads within a chain: first, second, and the image of the second
 _Pair = tuple[int, int, tuple[int, ...]]
@@ -655,7 +655,7 @@ def chain_packing(
         raise ValueError(f"beads must be at least {least} for a chain to reach around the box, got {beads}")
     plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
     avoid = dimension == 2 and crossing == "avoided"
-    bonds = Bonds(scaled, count * len(_bonds(plan)), link_length) if avoid else None
+    bonds = BondGrid(scaled, count * len(_bonds(plan)), link_length) if avoid else None
     walk = Walk(plan, rng, bonds)
     slithers = bonds is not None and isinstance(form, str) and form == "open" and bend_b is None
     places = walk.grow(count, scaled, max(1, tries // 10) if slithers else tries)
@@ -700,7 +700,7 @@ def _angles(angles: Any, bend: float, beads: int, form: Any) -> tuple[bool, tupl
     """Return whether the angles are held, and the prescribed bend at each bead, if any."""
     if isinstance(angles, str):
         held = one_of("angles", angles, _ANGLES) == "fixed"
-        if held and bend < _LEAST_BEND:
+        if held and bend < _MINIMUM_BEND:
             raise ValueError(f"bend must be at least 1e-6 for angles that links can hold, got {bend:g}")
         return held, None
     if not (isinstance(form, str) and form == "open"):
@@ -760,7 +760,7 @@ def _angle_pairs(plan: Plan) -> list[_Pair]:
 def _folded(places: list[tuple[float, ...]], plan: Plan, box: Box) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return positions in the cell, and the images by which they were moved there.
 
-    Each link is laid off anew from where the one before ends in the cell, so that chains that lead far away lose no
+    Each link is laid off again from where the one before ends in the cell, so that chains that lead far away lose no
     digits to the size of their coordinates.
     """
     free = np.array(places).reshape(-1, plan.beads, plan.dimension)

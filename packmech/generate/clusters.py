@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.generate.chains import CROSSING, Bonds
+from packmech.generate.chains import CROSSING, BondGrid
 from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
@@ -38,8 +38,8 @@ def cluster_packing(
     """Return clusters of one shape at independent uniform places and orientations, at the packing fraction asked for.
 
     Clusters overlap at random, some of them deeply, as particles do in ``random_packing``. In two dimensions their
-    bonds do not cross: a cluster whose bonds would cross earlier ones is placed anew. The particles of a cluster follow
-    each other, in the order of the shape's beads.
+    bonds do not cross: a cluster whose bonds would cross earlier ones is placed again. The particles of a cluster
+    follow each other, in the order of the shape's beads.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ class _Bonds:
             for factor, one in zip(factor_k, cluster_k, strict=True)
             if one.shape_l is not None
         )
-        self._bonds = Bonds(box, max(1, sum(map(len, self._pairs_k))), longest or 1.0)
+        self._bonds = BondGrid(box, max(1, sum(map(len, self._pairs_k))), longest or 1.0)
 
     def place(self, k: int, position_bd: NDArray[np.float64]) -> bool:
         """Place the bonds of cluster k, or none of them where one would cross another."""

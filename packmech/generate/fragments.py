@@ -184,10 +184,10 @@ class _Cell:
     def __init__(self, packing: Packing, bonds: BondsLike) -> None:
         self.packing, self.box = packing, packing.box
         fraction = packing.position_nd @ packing.box.inverse_dd.T
-        home_nd = np.floor(fraction).astype(np.int64)
-        self.fraction_nd = fraction - home_nd
+        wrap_nd = np.floor(fraction).astype(np.int64)
+        self.fraction_nd = fraction - wrap_nd
         self.i_b, self.j_b = bonds.i_b, bonds.j_b
-        self.image_bd = bonds.image_bd + home_nd[bonds.j_b] - home_nd[bonds.i_b]
+        self.image_bd = bonds.image_bd + wrap_nd[bonds.j_b] - wrap_nd[bonds.i_b]
 
     def same_center(self, centers: int, fuzziness: float, rng: np.random.Generator) -> NDArray[np.bool_]:
         """Return whether both ends of each bond go to the same image of the same random center."""

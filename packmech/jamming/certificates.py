@@ -35,7 +35,7 @@ _HARDLY = (10.0, 1e3, 1e5)
 # and how large such a change may be, of the motion
 _LITTLE = 1e-2
 # part of the bound on rounding that motions mostly stay within (measured: 10 eps at N = 1024, 0.3 % of the bound)
-_MOSTLY = 0.04
+_TYPICAL_ROUNDING = 0.04
 # singular values above so many times what could make them 0 are surely none
 _SURE = 100.0
 # part of a motion's change of all contacts by which it must close those without gaps, in either direction
@@ -360,7 +360,7 @@ def closes_hardly(cone: MotionCone, motion: NDArray[np.float64]) -> bool:
 
     """
     stretch = cone.opening @ cone.keeping_rules(motion)
-    return -float(stretch.min(initial=0.0)) > _MOSTLY * cone.rounding * float(np.abs(motion).max(initial=0.0))
+    return -float(stretch.min(initial=0.0)) > _TYPICAL_ROUNDING * cone.rounding * float(np.abs(motion).max(initial=0.0))
 
 
 def kept_open(cone: MotionCone, motion: NDArray[np.float64], *, opening: bool = True) -> NDArray[np.float64] | None:

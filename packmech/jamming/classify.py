@@ -22,7 +22,13 @@ from packmech.contacts.rattlers import check_given
 from packmech.honors import honors
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
 from packmech.jamming.certificates import Finding, certify, yield_to_loads
-from packmech.jamming.contact_selection import LEAST_GAP, RestCheck, Touching, check_rest, find_touching
+from packmech.jamming.contact_selection import (
+    MINIMUM_GAP_TOLERANCE,
+    ContactSelection,
+    RestCheck,
+    check_rest,
+    select_contacts,
+)
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
@@ -37,7 +43,7 @@ from packmech.scene import Scene
 SMALL_OVERLAP = 0.1
 
 
-def out_of_balance(rest: RestCheck | None, touching: Touching) -> str:
+def out_of_balance(rest: RestCheck | None, selection: ContactSelection) -> str:
     """Return why the packing is not at rest, or an empty string."""
     if rest is None or rest.at_rest:
         return ""
@@ -47,25 +53,25 @@ def out_of_balance(rest: RestCheck | None, touching: Touching) -> str:
     )
     if rest.law.endswith("assumed"):
         reason += "; a scene would give its law"
-    if touching.mean_overlap < LEAST_GAP:
-        reason += f"; if overlaps of {touching.mean_overlap:.0e} are errors of hard particles: rest_tolerance=inf"
+    if selection.mean_overlap < MINIMUM_GAP_TOLERANCE:
+        reason += f"; if overlaps of {selection.mean_overlap:.0e} are errors of hard particles: rest_tolerance=inf"
     return reason
 
 
-def off_plateau(touching: Touching) -> str:
+def off_plateau(selection: ContactSelection) -> str:
     """Return how the excess contacts depend on the gap tolerance; an empty string if they do not, or it was given."""
-    if touching.rule == "given" or touching.on_plateau:
+    if selection.rule == "given" or selection.on_plateau:
         return ""
-    steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in touching.levels)
+    steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
     return f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}"
 
 
-def by_level(touching: Touching, judge: Callable[..., Judged]) -> Callable[[int], Judged]:
+def by_level(selection: ContactSelection, judge: Callable[..., Judged]) -> Callable[[int], Judged]:
     """Return a function that gives the findings at each level of the gap tolerance, judged once when first asked for.
 
     Parameters
     ----------
-    touching
+    selection
         The pairs that touch; the level in the middle, 1, is at the tolerance.
     judge
         As `judge_network` with the contacts and, by name, their backbone left open.
@@ -75,16 +81,16 @@ def by_level(touching: Touching, judge: Callable[..., Judged]) -> Callable[[int]
     @functools.cache
     def within(level: int) -> Judged:
         if level == 1:
-            return judge(touching.contacts, backbone=touching.backbone)
-        contacts = touching.within(level)
+            return judge(selection.contacts, backbone=selection.backbone)
+        contacts = selection.within(level)
         # the pairs of one level are among those of the next: as many are the same
-        return within(1) if len(contacts) == len(touching.contacts) else judge(contacts)
+        return within(1) if len(contacts) == len(selection.contacts) else judge(contacts)
 
     return within
 
 
 def judged_by_fewest(
-    packing: Packing, touching: Touching, rest: RestCheck | None, within: Callable[[int], Judged], strain: str
+    packing: Packing, selection: ContactSelection, rest: RestCheck | None, within: Callable[[int], Judged], strain: str
 ) -> Judged | None:
     """Return the findings at the gap tolerance where those at a tenth of it, asked first, imply them; or None.
 
@@ -95,7 +101,7 @@ def judged_by_fewest(
     ----------
     packing
         The packing.
-    touching, rest
+    selection, rest
         What was assumed.
     within
         Gives the findings at a level.
@@ -103,18 +109,18 @@ def judged_by_fewest(
         As in `judge_network`.
 
     """
-    if not off_plateau(touching) or out_of_balance(rest, touching) or touching.backbone is None:
+    if not off_plateau(selection) or out_of_balance(rest, selection) or selection.backbone is None:
         return None
-    d, (few, at, _) = packing.dimension, touching.levels
+    d, (few, at, _) = packing.dimension, selection.levels
     if few.particles != at.particles or few.contacts == at.contacts or few.excess < d * (d + 1) // 2 - 1:
         return None
-    return with_more(packing, within(0), touching.backbone, strain)
+    return with_more(packing, within(0), selection.backbone, strain)
 
 
 def settle(
     collectively: Answer,
     strictly: Answer,
-    touching: Touching,
+    selection: ContactSelection,
     rest: RestCheck | None,
     within: Callable[[int], Judged],
 ) -> tuple[Answer, Answer]:
@@ -124,30 +130,30 @@ def settle(
     ----------
     collectively, strictly
         The answers by the contacts within the gap tolerance.
-    touching, rest
+    selection, rest
         What was assumed.
     within
         Gives all findings on the contacts at a level of the gap tolerance.
 
     """
-    reason = out_of_balance(rest, touching)
+    reason = out_of_balance(rest, selection)
     if reason:
         return _left_open(collectively, reason), _left_open(strictly, reason)
-    reason = off_plateau(touching)
+    reason = off_plateau(selection)
     if reason:
         jammed = (collectively.verdict == JAMMED, strictly.verdict == JAMMED)
         kept: tuple[bool | None, bool | None]
         if jammed == (True, True):
-            may = _may_stand(collectively, touching) or _may_stand(strictly, touching)
+            may = _may_stand(collectively, selection) or _may_stand(strictly, selection)
             kept = within(0).jammed if may else (None, None)
         elif jammed == (True, False):
-            may = _may_stand(collectively, touching)
+            may = _may_stand(collectively, selection)
             kept = (within(0).jammed[0] if may else None, within(2).jammed[1] is False)
         else:
             collective, strict = within(2).jammed
             kept = (collective is False, strict is False)
-        collectively = _settled(collectively, touching, kept[0], reason)
-        strictly = _settled(strictly, touching, kept[1], reason)
+        collectively = _settled(collectively, selection, kept[0], reason)
+        strictly = _settled(strictly, selection, kept[1], reason)
     return _consistent(collectively, strictly)
 
 
@@ -166,23 +172,23 @@ def _left_open(answer: Answer, reason: str) -> Answer:
     return replace(answer, verdict=AMBIGUOUS, reason=reason)
 
 
-def _settled(answer: Answer, touching: Touching, kept: bool | None, reason: str) -> Answer:
+def _settled(answer: Answer, selection: ContactSelection, kept: bool | None, reason: str) -> Answer:
     """Return the answer, ambiguous unless it is `kept` by the fewest contacts (if jammed) or the most (if not)."""
     if answer.verdict == AMBIGUOUS:
         return answer
-    fewest, _, most = touching.levels
+    fewest, _, most = selection.levels
     if answer.verdict == NOT_JAMMED and kept:
         return replace(answer, reason=f"{answer.reason}; nor with all pairs within {most.tolerance:.1e}")
-    if answer.verdict == JAMMED and kept and _may_stand(answer, touching):
+    if answer.verdict == JAMMED and kept and _may_stand(answer, selection):
         return replace(answer, reason=f"{answer.reason}; with the pairs within {fewest.tolerance:.1e} already")
     return _left_open(answer, reason)
 
 
-def _may_stand(answer: Answer, touching: Touching) -> bool:
+def _may_stand(answer: Answer, selection: ContactSelection) -> bool:
     """Return whether "jammed" may stand off the plateau, if the fewest contacts give it too."""
-    fewest, at, _ = touching.levels
+    fewest, at, _ = selection.levels
     unique = answer.states_of_self_stress == 1 and fewest.excess == at.excess
-    return unique or touching.mean_overlap * fewest.particles**2 < SMALL_OVERLAP
+    return unique or selection.mean_overlap * fewest.particles**2 < SMALL_OVERLAP
 
 
 def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]:
@@ -311,15 +317,15 @@ def classify_jamming(
 
     with single_thread():
         if contacts is None:
-            touching = find_touching(packing, gap_tolerance)
+            selection = select_contacts(packing, gap_tolerance)
             rest = check_rest(packing, None if scene is None else scene.effects, rest_tolerance)
         else:
             check_given(packing, contacts)
-            touching, rest = Touching(contacts, np.nan, np.nan, "contacts given"), None
+            selection, rest = ContactSelection(contacts, np.nan, np.nan, "contacts given"), None
         judge = functools.partial(judge_network, packing, strain=strain, decide=decide, part=part)
-        within = by_level(touching, judge)
+        within = by_level(selection, judge)
         # the load programs give no forces that would have to be those at the tolerance
-        implied = judged_by_fewest(packing, touching, rest, within, strain) if method == "loads" else None
+        implied = judged_by_fewest(packing, selection, rest, within, strain) if method == "loads" else None
         judged = within(1) if implied is None else implied
         collectively, strictly = (
             _answer(packing, method, one, len(judged.network)) for one in (judged.collective, judged.strict)
@@ -330,18 +336,18 @@ def classify_jamming(
         if len(judged.network):
             rattlers[judged.collective[0].kept_n] = False
         if scene is not None and rest is not None and rest.at_rest:
-            closed = LEAST_GAP if touching.mean_overlap < 0.1 * LEAST_GAP else 0.0
+            closed = MINIMUM_GAP_TOLERANCE if selection.mean_overlap < 0.1 * MINIMUM_GAP_TOLERANCE else 0.0
             collectively = replace(collectively, stable=_stable(scene, rattlers, strain="none", gap_tolerance=closed))
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain="isochoric", gap_tolerance=closed))
         collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
-        collectively, strictly = settle(collectively, strictly, touching, rest, within)
+        collectively, strictly = settle(collectively, strictly, selection, rest, within)
     return Verdict(
-        *_local(judged, touching, rest),
+        *_local(judged, selection, rest),
         collectively,
         strictly,
         rattlers,
         judged.network,
-        touching,
+        selection,
         rest,
         method,
         solver,
@@ -352,10 +358,10 @@ def classify_jamming(
     )
 
 
-def _local(judged: Judged, touching: Touching, rest: RestCheck | None) -> tuple[str, str]:
+def _local(judged: Judged, selection: ContactSelection, rest: RestCheck | None) -> tuple[str, str]:
     """Return whether some particles hold each other in place one by one, and why."""
-    emptied = len({level.contacts > 0 for level in touching.levels}) > 1
-    reason = out_of_balance(rest, touching) or (off_plateau(touching) if emptied else "")
+    emptied = len({level.contacts > 0 for level in selection.levels}) > 1
+    reason = out_of_balance(rest, selection) or (off_plateau(selection) if emptied else "")
     if reason:
         return AMBIGUOUS, reason
     if len(judged.network):

@@ -17,9 +17,9 @@ from packmech.measure.counting import rattling_particles
 from packmech.measure.stress import sum_forces
 from packmech.packing import Packing
 
-# gap tolerance in mean relative overlaps, and the least one: rounding of exact crystals and hard-particle packings
+# gap tolerance in mean relative overlaps, and the smallest one: rounding of exact crystals and hard-particle packings
 OVERLAPS = 7.0
-LEAST_GAP = 1e-9
+MINIMUM_GAP_TOLERANCE = 1e-9
 # net forces below this many rounding floors cannot be told from zero
 FLOORS = 8.0
 
@@ -47,7 +47,7 @@ class GapLevel:
 
 
 @dataclass(frozen=True, eq=False)
-class Touching:
+class ContactSelection:
     """The pairs that a verdict takes for contacts, and how that depends on the gap tolerance.
 
     Attributes
@@ -115,7 +115,7 @@ def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray
     return contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c]), np.flatnonzero(~rattling)
 
 
-def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
+def select_contacts(packing: Packing, gap_tolerance: float | None) -> ContactSelection:
     """Return the contacts within a gap tolerance; by default max(7 x mean relative overlap, 1e-9).
 
     Parameters
@@ -128,8 +128,8 @@ def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
     """
     overlap = find_contacts(packing).overlap_c
     mean = float(overlap[overlap > 0].mean()) if (overlap > 0).any() else 0.0
-    tolerance = max(OVERLAPS * mean, LEAST_GAP) if gap_tolerance is None else gap_tolerance
-    rule = f"max({OVERLAPS:g} x mean overlap, {LEAST_GAP:g})" if gap_tolerance is None else "given"
+    tolerance = max(OVERLAPS * mean, MINIMUM_GAP_TOLERANCE) if gap_tolerance is None else gap_tolerance
+    rule = f"max({OVERLAPS:g} x mean overlap, {MINIMUM_GAP_TOLERANCE:g})" if gap_tolerance is None else "given"
     steps = (0.1 * tolerance, tolerance, 10.0 * tolerance) if tolerance > 0 else (tolerance,)
     widest = find_contacts(packing, gap_tolerance=steps[-1])
     gap = widest.gap_c / widest.contact_distance_c
@@ -150,7 +150,7 @@ def find_touching(packing: Packing, gap_tolerance: float | None) -> Touching:
             levels.append(GapLevel(step, len(network), particles, len(network) - fewest))
         if step == tolerance:
             backbone = network, kept
-    return Touching(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest, backbone)
+    return ContactSelection(widest.select(gap <= tolerance), tolerance, mean, rule, tuple(levels), widest, backbone)
 
 
 @dataclass(frozen=True)

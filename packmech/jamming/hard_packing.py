@@ -3,7 +3,7 @@
     minimize the volume   over displacements u and strains e   subject to   |v_c + u_j - u_i + e v_c| >= sigma_c
 
 for every pair c near enough to touch. Distances are convex in (u, e), so their linearizations lie below them: a step
-that keeps the linear gaps open keeps the true ones open, and each iteration may linearize anew at the packing as it
+that keeps the linear gaps open keeps the true ones open, and each iteration may linearize again at the packing as it
 is. One primal-dual step (Mehrotra's predictor and corrector) costs one factorization of the pair network; the
 multipliers converge to the contact forces. The programs of Torquato and Jiao (Phys. Rev. E 82, 061302, 2010) solve
 the same problem one linear program after another.
@@ -345,7 +345,7 @@ def densify(
     barrier
         Mean of slack * force to end at; forces have mean of order one.
     iteration_limit
-        Most iterations, counted from the start of the state.
+        Maximum number of iterations, counted from the start of the state.
     watch
         Called with the state after every iteration.
 
@@ -617,7 +617,7 @@ def _accept(
         live = contacts.count_n() > 0
         excess = len(contacts) - (packing.dimension * (int(live.sum()) - 1) + k)
         if gap_error > GAP_ERROR:
-            # gaps of 1e-9 do occur, and look like contacts to the search: the pair with the least force is not one
+            # gaps of 1e-9 do occur, and look like contacts to the search: the pair with the smallest force is not one
             reason = f"contacts close to {gap_error:.1e} only"
             if excess <= 0:
                 return None, reason

@@ -41,7 +41,7 @@ _KRYLOV = 10
 # projections on the weights that balance, each removing what rounding left of the one before
 ROUNDS = 3
 # and at most so many, while each halves what is left
-_MOST_ROUNDS = 20
+_ITERATION_LIMIT = 20
 # the volume's row counts as held by others when less than this of it is left
 _HELD = 1e-7
 
@@ -300,7 +300,7 @@ class MotionCone:
         # Conjugate gradients on rows^T rows: one step each for the motions softer than what lifts its factorization.
         result, step, held = weight.copy(), np.zeros(self.unknowns), np.zeros(self.unknowns)
         last, before = np.inf, np.inf
-        for k in range(_MOST_ROUNDS):
+        for k in range(_ITERATION_LIMIT):
             rest = self.without_translations(self.rows.T @ result - load)
             size = float(np.sqrt(rest @ rest))
             if k >= ROUNDS and not size < 0.5 * last:

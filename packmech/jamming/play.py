@@ -18,7 +18,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.effects import Repulsion
 from packmech.honors import honors
-from packmech.jamming.contact_selection import find_touching
+from packmech.jamming.contact_selection import select_contacts
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
@@ -259,7 +259,7 @@ STRAINS = ("free", "isochoric")
 # overlap tolerance: a motion that is blocked at second order makes overlaps as small as the square of the step
 _HALVINGS, _ROOTS = 8, 10.0
 # steps that contacts shorten do not add up for ever
-_MOST = 40
+_STEP_FACTOR = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -500,8 +500,8 @@ class _Player:
         self, packing: Packing, effects: tuple[Any, ...], direction: Direction, rules: Rules, start: float
     ) -> None:
         self.effects, self.rules, self.start = effects, rules, start
-        touching = find_touching(packing, None)
-        self.gap_tolerance, self.contacts = touching.tolerance, touching.contacts
+        selection = select_contacts(packing, None)
+        self.gap_tolerance, self.contacts = selection.tolerance, selection.contacts
         self.packing_t = [packing]
         self.direction_t = [direction]
         self.amplitude_t = [0.0]
@@ -510,7 +510,7 @@ class _Player:
         """Go on until the amplitude is reached or the motion is blocked; return how it ended and why."""
         whole = step = amplitude / steps
         least = max(whole * 0.5**_HALVINGS, min(whole, _ROOTS * self.rules.overlap_tolerance**0.5))
-        while len(self.packing_t) <= _MOST * steps:
+        while len(self.packing_t) <= _STEP_FACTOR * steps:
             left = amplitude - self.amplitude_t[-1]
             if left <= 1e-9 * amplitude:
                 return UNJAMMED, "the amplitude was reached and no pair is nearer than it was"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from packmech.constraints.motion_rules import follow_links
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts
-from packmech.jamming.contact_selection import RestCheck, Touching
+from packmech.jamming.contact_selection import ContactSelection, RestCheck
 from packmech.jamming.motion_cone import MotionCone
 from packmech.linalg.mandel import mandel_tensor, strain_components
 from packmech.packing import Packing
@@ -134,7 +134,7 @@ class Verdict:
     strictly: Answer
     rattlers: NDArray[np.bool_]
     network: Contacts
-    touching: Touching
+    touching: ContactSelection
     rest: RestCheck | None
     method: str
     solver: str
@@ -311,7 +311,7 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
         The verdict.
 
     """
-    touching, rest = verdict.touching, verdict.rest
+    selection, rest = verdict.touching, verdict.rest
     numbers: dict[str, Any] = {
         "local": verdict.local,
         "collective": verdict.collective,
@@ -326,13 +326,13 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
         "backbone_contacts": verdict.contacts,
         "rattling_particles": np.flatnonzero(verdict.rattlers).tolist(),
         "danglers": int(verdict.danglers.sum()),
-        "gap_tolerance": None if np.isnan(touching.tolerance) else touching.tolerance,
-        "gap_rule": touching.rule,
+        "gap_tolerance": None if np.isnan(selection.tolerance) else selection.tolerance,
+        "gap_rule": selection.rule,
         "gap_levels": [
             {"tolerance": one.tolerance, "contacts": one.contacts, "particles": one.particles, "excess": one.excess}
-            for one in touching.levels
+            for one in selection.levels
         ],
-        "mean_overlap": touching.mean_overlap,
+        "mean_overlap": selection.mean_overlap,
         "rest": None if rest is None else {"residual": rest.residual, "limit": rest.limit, "law": rest.law},
         "at_rest": None if rest is None else rest.at_rest,
         "verdict_method": verdict.method,

@@ -213,7 +213,7 @@ class KernelCache(NullCache):  # type: ignore[misc]
                 payload = _payload(path.read_bytes(), key)
                 found = None if payload is None else CompileResult._rebuild(target_context, *pickle.loads(payload))
             except Exception:
-                # whatever is wrong with a file: it is compiled anew
+                # whatever is wrong with a file: it is compiled again
                 continue
             if found is None or str(tuple(found.signature.args)) != str(tuple(sig)):
                 continue

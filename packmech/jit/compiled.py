@@ -188,7 +188,7 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     """Return a kernel for other kernels to call, its machine code cached on disk; plain Python runs it uncompiled.
 
     To unpack records of many arrays that come from Python takes up to a second to compile; and helpers that are called
-    from here and from other helpers are compiled once, while those that a `kernel` calls are compiled anew for it.
+    from here and from other helpers are compiled once, while those that a `kernel` calls are compiled again for it.
     """
     return _InnerKernel(function)
 

@@ -264,7 +264,7 @@ def check_scene(scene: Scene, fingerprints: Mapping[str, str]) -> None:
 
 
 class Restorable(Protocol):
-    """What a checkpoint keeps: arrays of what cannot be made anew, those of integers declared with their bounds."""
+    """What a checkpoint keeps: arrays of what cannot be rebuilt, those of integers declared with their bounds."""
 
     def arrays(self) -> Arrays:
         """Return everything that must be kept."""
@@ -351,7 +351,7 @@ class RunsFile:
         if others:
             raise ValueError(
                 f"checkpoint must hold a run of the same scene and settings, or be no file yet, got {str(self.path)!r} "
-                f"with another {', another '.join(others)}; without that file the work begins anew"
+                f"with another {', another '.join(others)}; without that file the work begins from the start"
             )
         if not self.arrays[turn]:
             return False

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
-from packmech.check import instance, integer, one_of, positive_array
+from packmech.check import instance, one_of, positive_array, two_axes
 from packmech.contacts import find_contacts
 from packmech.effects import (
     BackgroundDamping,
@@ -184,7 +184,7 @@ def linear_system(
     distance = np.linalg.norm(springs.vector_cd, axis=1)
     normal = springs.vector_cd / distance[:, None]
     rows = _rows(springs, radius_n, spins)
-    # what the strain itself does to a joint
+    # what the strain itself does to a spring
     apart = (springs.vector_cd @ direction.T).ravel()
     across = _across(normal)
     slip = across @ apart
@@ -298,13 +298,9 @@ class ComplexModulus:
 
 def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
     one_of("mode", mode, MODES)
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    a, b = (integer("axes", one, at_least=0, at_most=dimension - 1) for one in axes)
+    a, b = two_axes("axes", axes, dimension=dimension, different=mode == "shear")
     matrix = np.zeros((dimension, dimension))
     if mode == "shear":
-        if a == b:
-            raise ValueError(f"axes must be two different axes, got {axes}")
         matrix[a, b] = 1.0
     elif mode == "uniaxial":
         matrix[a, a] = 1.0

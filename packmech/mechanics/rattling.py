@@ -59,7 +59,7 @@ class Rattling:
         held nowhere.
     cluster_n
         (N,) number of each particle's cluster; a single particle is one.
-    loose_n
+    rattling_cluster_n
         (N,) particles of clusters that rattle as a whole: these can be taken out.
     backbone_c
         (C,) contacts that a state of self stress pushes.
@@ -69,7 +69,7 @@ class Rattling:
     rattling_n: NDArray[np.bool_]
     dangling_n: NDArray[np.bool_]
     cluster_n: NDArray[np.int64]
-    loose_n: NDArray[np.bool_]
+    rattling_cluster_n: NDArray[np.bool_]
     backbone_c: NDArray[np.bool_]
 
     @property
@@ -208,7 +208,7 @@ def moving_apart(packing: Packing, backbone: Contacts) -> NDArray[np.bool_]:
 
 
 def _moving(backbone: Contacts, rows: _Rows) -> NDArray[np.bool_]:
-    """Return who moves differently from the most particles in a generic motion that changes no contact and no link."""
+    """Return who does not move with the largest group in a generic motion that changes no contact and no link."""
     particles, dimension = backbone.particles, backbone.dimension
     if not len(backbone):
         return np.ones(particles, dtype=bool)
@@ -236,7 +236,7 @@ RATTLERS = ("remove", "keep")
 
 
 class Network(NamedTuple):
-    """Contacts and links among the particles that are kept, numbered anew, and the numbers that these had before."""
+    """Contacts and links among the particles that are kept, renumbered, and the numbers that these had before."""
 
     contacts: Contacts
     index_n: NDArray[np.int64]

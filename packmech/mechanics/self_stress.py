@@ -53,7 +53,7 @@ class SelfStress:
         Number of uniform translations, d.
     force_ck
         (C, count) orthonormal states in columns, on the contacts, links bearing the rest, positive for repulsion up to
-        the sign of the whole; None if they would not fit the limit.
+        the sign of the vector; None if they would not fit the limit.
     residual
         Largest unbalanced force component of a state of unit size [1].
     certain

@@ -50,14 +50,14 @@ def bodies_of(program: Program) -> kernels.Bodies:
     """Return the bodies of a program: clusters of linked rows, or single rows."""
     packing = program.scene.packing
     n, d = packing.particles, packing.dimension
-    links = program.links
+    links = program.row_links
     offset = np.zeros((n, 3))
     if packing.links is None or links is None:
         cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
         i, j, image = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     else:
         cluster = packing.links.clusters(n)[program.order_n]
-        _, offsets = row_links(packing.links, program.order_n, program.home_nd, program.change_dd)
+        _, offsets = row_links(packing.links, program.order_n, program.wrap_nd, program.change_dd)
         offset[:, :d] = offsets
         winding = image_offsets(packing.links, n)[1][program.order_n].copy()
         freedom = d * np.bincount(cluster) - np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
@@ -114,7 +114,7 @@ class QuenchBatch:
     batch
         How many packings.
     relax
-        "full": every step relaxes to the tolerance, and the minimizer starts anew each time. A number k: every step
+        "full": every step relaxes to the tolerance, and the minimizer starts again each time. A number k: every step
         takes k steps of the minimizer, which goes on where it was, so that the quench itself can be followed.
     force_tolerance
         Largest net force over mean contact force at which a packing counts as relaxed [1].
@@ -123,7 +123,7 @@ class QuenchBatch:
     method
         pm.Fire(), pm.Fire2() or pm.DampedDynamics(); None: Fire().
     step_limit
-        Most steps of a full relaxation.
+        Maximum number of steps of a full relaxation.
     packing_fraction_limits
         (low, high) between which steps keep the packing fraction [1]; None: (0.1, 1.3) in two dimensions, (0.05, 1.1)
         in three.

@@ -21,7 +21,7 @@ from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.minimize.damped import _Damped, damped_steps
 from packmech.minimize.fire import fire_steps
 from packmech.minimize.kernels import NOT_FINITE, RUNNING, Goal, Space, evaluate
-from packmech.minimize.pair_list import SKIN_OUTER, TRAVEL
+from packmech.minimize.pair_list import DISPLACED, SKIN_OUTER
 
 # columns of the figures of a packing
 (
@@ -191,7 +191,7 @@ def strain_packing(axes, row, space, pairs, bodies, map_dd):
     for a in range(space.sizes.largest_a.shape[0]):
         widest = max(widest, space.sizes.largest_a[a])
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * 4.0 * widest
-    pairs.number[TRAVEL] = np.inf
+    pairs.number[DISPLACED] = np.inf
     return refreshed(axes, row, space)
 
 
@@ -200,7 +200,7 @@ def refreshed(axes, row, space):
     """Return the space with the rounding of the positions as they are."""
     resolution = 2.220446049250313e-16 * _largest(axes, row, space.frame.lattice_dd)
     return Space(space.sizes, Frame(space.frame.lattice_dd, space.frame.inverse_dd, space.frame.height_d),
-                 resolution, space.joints)  # fmt: skip
+                 resolution, space.links)  # fmt: skip
 
 
 @device
@@ -317,14 +317,14 @@ def _count(axes, row, pairs, bodies, figure_k):
     figure_k[EXCESS] = number - (freedom - d + 1) if freedom else 0
 
 
-def add_tensions(joints: Any, bodies: Any, axes: Any, row: Any, lattice_dd: Any, virial_dd: Any) -> None:
+def add_tensions(links: Any, bodies: Any, axes: Any, row: Any, lattice_dd: Any, virial_dd: Any) -> None:
     """Add the links' part of V times the stress."""
     raise NotImplementedError("stresses are added up in compiled loops")
 
 
 @compiled_form(add_tensions)
-def _choose_tensions(joints: Any, bodies: Any, axes: Any, row: Any, lattice_dd: Any, virial_dd: Any) -> Any:
-    def with_links(joints, bodies, axes, row, lattice_dd, virial_dd):
+def _choose_tensions(links: Any, bodies: Any, axes: Any, row: Any, lattice_dd: Any, virial_dd: Any) -> Any:
+    def with_links(links, bodies, axes, row, lattice_dd, virial_dd):
         v = np.zeros(3)
         for k in range(bodies.i_l.shape[0]):
             i, j = bodies.i_l[k], bodies.j_l[k]
@@ -336,12 +336,12 @@ def _choose_tensions(joints: Any, bodies: Any, axes: Any, row: Any, lattice_dd: 
                 square += v[a] * v[a]
             for a in range(len(axes)):
                 for b in range(len(axes)):
-                    virial_dd[a, b] += joints.multiplier_l[k] / math.sqrt(square) * v[a] * v[b]
+                    virial_dd[a, b] += links.multiplier_l[k] / math.sqrt(square) * v[a] * v[b]
 
-    def without(joints, bodies, axes, row, lattice_dd, virial_dd):
+    def without(links, bodies, axes, row, lattice_dd, virial_dd):
         pass
 
-    return with_links if has_links(joints) else without
+    return with_links if has_links(links) else without
 
 
 @device
@@ -352,7 +352,7 @@ def _measure(effects, axes, packing, figure_k, stress_dd):
     frame = space.frame
     sums, totals, pairs = evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs)
     virial = totals.virial_dd
-    add_tensions(space.joints, bodies, axes, row, frame.lattice_dd, virial)
+    add_tensions(space.links, bodies, axes, row, frame.lattice_dd, virial)
     volume = lattice_volume(frame.lattice_dd)
     trace = 0.0
     for a in range(d):
@@ -450,7 +450,7 @@ def advance_packings(
             set_frame(space.frame, bodies.last_dd)
             space = refreshed(axes, row, space)
             pairs.number[SKIN_OUTER] = -1.0
-            pairs.number[TRAVEL] = np.inf
+            pairs.number[DISPLACED] = np.inf
             undone = True
         if undone:
             figure[STATUS] = NOT_FINITE

@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import affix, along_links
+from packmech.constraints.compiled_links import along_links, project_rows
 from packmech.jit.compiled import kernel
-from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, settle, survey
+from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, project_forces, survey
 from packmech.minimize.line_search import copy_to, dot, line_search, longest, read_places
 from packmech.minimize.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
@@ -63,11 +63,11 @@ def conjugate_gradient_steps(
     direction_f = velocity_nd.reshape(force_nd.size)
     start_f = vector_kf[0]
     before_f = vector_kf[1]
-    if is_stale(pairs, affix(space.joints, axes, row, space)):
+    if is_stale(pairs, project_rows(space.links, axes, row, space)):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:
@@ -85,7 +85,7 @@ def conjugate_gradient_steps(
             if turn > 0.0:
                 for k in range(direction_f.shape[0]):
                     direction_f[k] = force_f[k] + turn * direction_f[k]
-                along_links(space.joints, velocity_nd)
+                along_links(space.links, velocity_nd)
                 slope = dot(force_f, direction_f)
                 steepest = slope <= 1e-4 * math.sqrt(square * dot(direction_f, direction_f))
         first = number[_LENGTH] * number[_SLOPE] / slope

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive
-from packmech.constraints.compiled_links import affix, speeds
+from packmech.constraints.compiled_links import project_rows, speeds
 from packmech.effects import ContactDamping
 from packmech.jit.compiled import kernel
 from packmech.minimize.kernels import (
@@ -19,7 +19,7 @@ from packmech.minimize.kernels import (
     force_pass,
     judge,
     move_pass,
-    settle,
+    project_forces,
     survey,
 )
 from packmech.minimize.pair_list import follow, is_stale
@@ -86,13 +86,13 @@ def damped_steps(
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
     both = (*effects, settings.dashpot)
-    if is_stale(pairs, affix(space.joints, axes, row, space)):
+    if is_stale(pairs, project_rows(space.links, axes, row, space)):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     step = 0
     while True:
         sums = force_pass(both, axes, row, force_nd, velocity_nd, pairs)
-        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness
@@ -101,13 +101,13 @@ def damped_steps(
             # balance counts without the dashpots
             clear(force_nd)
             quiet = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-            quiet = settle(space.joints, axes, force_nd, velocity_nd, quiet)
+            quiet = project_forces(space.links, axes, force_nd, velocity_nd, quiet)
             status = judge(quiet, number[_STIFFNESS], space, goal)
             number[_EVALUATIONS] += 1.0
             if status == RUNNING and step < steps:
                 clear(force_nd)
                 sums = force_pass(both, axes, row, force_nd, velocity_nd, pairs)
-                sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+                sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
                 number[_EVALUATIONS] += 1.0
         if status != RUNNING or step == steps:
             break
@@ -120,8 +120,8 @@ def damped_steps(
             keep = largest_step / reach
             push *= keep
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
-        moved = dt * math.sqrt(fastest2) + affix(space.joints, axes, row, space)
-        _, fastest2 = speeds(space.joints, axes, velocity_nd, speed2, fastest2)
+        moved = dt * math.sqrt(fastest2) + project_rows(space.links, axes, row, space)
+        _, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         number[_FASTEST] = math.sqrt(fastest2)
         if is_stale(pairs, moved):
             pairs = follow(axes, row, space, pairs)

@@ -11,16 +11,16 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import affix, speeds
+from packmech.constraints.compiled_links import project_rows, speeds
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, settle, survey
-from packmech.minimize.pair_list import TRAVEL, follow, is_stale
+from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
+from packmech.minimize.pair_list import DISPLACED, follow, is_stale
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _DT, _ALPHA, _DOWNHILL, _SPEED2, _FASTEST2, _STIFFNESS, _MOBILITY, _NUMBERS = range(10)
 
-# the stiffness is looked at again after this many steps, and whenever motion starts anew
+# the stiffness is looked at again after this many steps, and whenever motion starts again
 _RENEW = 64
 
 
@@ -154,12 +154,12 @@ def fire_steps(
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
-    if is_stale(pairs, affix(space.joints, axes, row, space)):
+    if is_stale(pairs, project_rows(space.links, axes, row, space)):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
         now = int(number[_STEP]) + step
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
@@ -175,7 +175,7 @@ def fire_steps(
             for i in range(row.shape[0]):
                 for a in range(len(axes)):
                     row[i, a] -= back * velocity_nd[i, a]
-            pairs.number[TRAVEL] += back * math.sqrt(fastest2)
+            pairs.number[DISPLACED] += back * math.sqrt(fastest2)
         if now > 0:
             dt, alpha, downhill = steer(settings, stopped, dt, alpha, downhill)
         kick = dt * mobility
@@ -195,8 +195,8 @@ def fire_steps(
             keep *= largest_step / reach
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
-        moved = dt * math.sqrt(fastest2) + affix(space.joints, axes, row, space)
-        speed2, fastest2 = speeds(space.joints, axes, velocity_nd, speed2, fastest2)
+        moved = dt * math.sqrt(fastest2) + project_rows(space.links, axes, row, space)
+        speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         if is_stale(pairs, moved):
             pairs = follow(axes, row, space, pairs)
     number[_DT] = dt

@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import affix
+from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import kernel
-from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, settle, survey
+from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
 from packmech.minimize.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
 
@@ -53,14 +53,14 @@ def gradient_descent_steps(
     effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
-    if is_stale(pairs, affix(space.joints, axes, row, space)):
+    if is_stale(pairs, project_rows(space.links, axes, row, space)):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     clear(velocity_nd)
     step = 0
     while True:
         sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness
@@ -70,7 +70,7 @@ def gradient_descent_steps(
         push = settings.step / number[_STIFFNESS]
         push = min(push, largest_step / math.sqrt(sums.most))
         _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
-        if is_stale(pairs, math.sqrt(fastest2) + affix(space.joints, axes, row, space)):
+        if is_stale(pairs, math.sqrt(fastest2) + project_rows(space.links, axes, row, space)):
             pairs = follow(axes, row, space, pairs)
         number[_STEP] += 1.0
         step += 1

@@ -15,7 +15,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import Joints, has_links, projected, refresh
+from packmech.constraints.compiled_links import CompiledLinks, has_links, projected, refresh
 from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import compiled_form, device, inner_kernel, kernel
@@ -31,7 +31,7 @@ class Space(NamedTuple):
     sizes: Sizes
     frame: Frame
     resolution: float
-    joints: Joints | None = None
+    links: CompiledLinks | None = None
 
 
 class Goal(NamedTuple):
@@ -151,21 +151,21 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
 
 
 @device
-def _settle(joints, axes, force_nd, velocity_nd, sums):
-    power, square, most = projected(joints, axes, force_nd, velocity_nd)
+def _project_forces(links, axes, force_nd, velocity_nd, sums):
+    power, square, most = projected(links, axes, force_nd, velocity_nd)
     return Sums(sums.total, sums.touching, power, square, most)
 
 
-def settle(joints: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Sums) -> Sums:
+def project_forces(links: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Sums) -> Sums:
     """Project the forces of a pass onto the motions that the links admit; return the sums over what is left."""
-    return sums if joints is None else _settle(joints, axes, force_nd, velocity_nd, sums)
+    return sums if links is None else _project_forces(links, axes, force_nd, velocity_nd, sums)
 
 
-@compiled_form(settle)
-def _choose_settle(joints: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Any) -> Any:
-    if has_links(joints):
-        return _settle
-    return lambda joints, axes, force_nd, velocity_nd, sums: sums
+@compiled_form(project_forces)
+def _choose_project_forces(links: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Any) -> Any:
+    if has_links(links):
+        return _project_forces
+    return lambda links, axes, force_nd, velocity_nd, sums: sums
 
 
 @inner_kernel
@@ -273,8 +273,8 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    refresh(space.joints, row, space)
-    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+    refresh(space.links, row, space)
+    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
     return sums, survey(effects, row, pairs), pairs
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.check import integer, positive, real
-from packmech.constraints.compiled_links import affix, along_links
+from packmech.constraints.compiled_links import along_links, project_rows
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, settle, survey
+from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, project_forces, survey
 from packmech.minimize.line_search import add_to, copy_to, dot, line_search, longest, read_places
 from packmech.minimize.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
@@ -92,11 +92,11 @@ def lbfgs_steps(
     before_f = vector_kf[1]
     step_kf = vector_kf[2 : 2 + memory]
     change_kf = vector_kf[2 + memory :]
-    if is_stale(pairs, affix(space.joints, axes, row, space)):
+    if is_stale(pairs, project_rows(space.links, axes, row, space)):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    sums = settle(space.joints, axes, force_nd, velocity_nd, sums)
+    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:
@@ -111,7 +111,7 @@ def lbfgs_steps(
         first = 1.0
         if not steepest:
             _quasi_newton(force_f, direction_f, step_kf, change_kf, number)
-            along_links(space.joints, velocity_nd)
+            along_links(space.links, velocity_nd)
             slope = dot(force_f, direction_f)
             steepest = not slope > 1e-6 * math.sqrt(square * dot(direction_f, direction_f))
         if steepest:

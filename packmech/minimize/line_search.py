@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packmech.constraints.compiled_links import affix
+from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import device, inner_kernel
-from packmech.minimize.kernels import Sums, clear, force_pass, settle
+from packmech.minimize.kernels import Sums, clear, force_pass, project_forces
 from packmech.minimize.pair_list import PairList, follow, is_stale
 
 _TRIALS = 40
@@ -55,12 +55,12 @@ def line_search(
             for a in range(d):
                 row[i, a] = start_f[i * d + a] + length * direction_nd[i, a]
         back = fixed
-        fixed = affix(space.joints, axes, row, space)
+        fixed = project_rows(space.links, axes, row, space)
         if is_stale(pairs, abs(length - last) * fastest + back + fixed):
             pairs = follow(axes, row, space, pairs)
         clear(force_nd)
         sums = force_pass(effects, axes, row, force_nd, direction_nd, pairs)
-        sums = settle(space.joints, axes, force_nd, direction_nd, sums)
+        sums = project_forces(space.links, axes, force_nd, direction_nd, sums)
         evaluations += 1
         last = length
         here = sums.power

@@ -133,10 +133,10 @@ class _Landscape:
     def _search(self, position_nd: NDArray[np.float64]) -> None:
         packing = self.packing
         self.pairs = candidate_pairs(position_nd, packing.radius_n, packing.box, skin=self.skin)
-        self.home_nd = position_nd
+        self.listed_nd = position_nd
 
     def at(self, position_nd: NDArray[np.float64]) -> _State:
-        moved = float(np.sqrt(((position_nd - self.home_nd) ** 2).sum(axis=1)).max())
+        moved = float(np.sqrt(((position_nd - self.listed_nd) ** 2).sum(axis=1)).max())
         if moved > 0.5 * self.skin:
             self._search(position_nd)
         self.evaluations += 1

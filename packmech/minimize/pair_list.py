@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import without_joined
+from packmech.constraints.compiled_links import without_linked
 from packmech.contacts.cells import find_pairs
 from packmech.jit.compiled import device, inner_kernel
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
 SKIN_INNER = 1  # the same for the inner list and anchor
-TRAVEL = 2  # bound on the largest displacement since it was last measured
+DISPLACED = 2  # bound on the largest displacement since it was last measured
 BUDGET = 3  # displacement at which the inner list must be looked at again
 AGE = 4  # steps since the inner list was made
 SKIN_FULL = 5  # the outer skin that a new outer list gets
@@ -76,7 +76,7 @@ def empty_list(particles: int, skin: float) -> PairList:
     number[SKIN_OUTER] = -1.0
     number[SKIN_FULL] = skin
     number[SKIN_INNER] = 0.25 * skin
-    number[TRAVEL] = np.inf
+    number[DISPLACED] = np.inf
     none = np.zeros(0, dtype=np.uint32)
     image = np.zeros((1, 3))
     far = np.zeros((particles, 3))
@@ -158,7 +158,7 @@ def pick(axes, row, pairs, skin):
 
 
 @device
-def renewed(found, row, pairs):
+def rebuilt(found, row, pairs):
     """Return a list with the outer pairs of a search, and room for as many inner ones."""
     room = found.i_p.shape[0] + 1
     none = np.uint32(found.image_kd.shape[0] // 2)
@@ -204,30 +204,30 @@ def adapt_skin(number):
 @device
 def is_stale(pairs, distance):
     """Count a step in which nobody moved farther than the distance; return whether to look at the list again."""
-    pairs.number[TRAVEL] += distance
+    pairs.number[DISPLACED] += distance
     pairs.number[AGE] += 1.0
-    return pairs.number[TRAVEL] > pairs.number[BUDGET]
+    return pairs.number[DISPLACED] > pairs.number[BUDGET]
 
 
 @inner_kernel
 def follow(axes, row, space, pairs):
     """Return a pair list that is valid at the positions in row, remade only as far as it must be."""
     number = pairs.number
-    if number[TRAVEL] < np.inf:
+    if number[DISPLACED] < np.inf:
         moved = _farthest(row, pairs.anchor_nd)
         if moved < 0.375 * number[SKIN_INNER]:
             # the bound added up the lengths of all steps; the true displacement leaves room
-            number[TRAVEL] = 0.0
+            number[DISPLACED] = 0.0
             number[BUDGET] = 0.5 * number[SKIN_INNER] - moved
             return pairs
         adapt_skin(number)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
         found = find_pairs(axes, row, space.sizes, space.frame, 1.0, number[SKIN_FULL])
-        pairs = renewed(without_joined(space.joints, found), row, pairs)
+        pairs = rebuilt(without_linked(space.links, found), row, pairs)
     place_images(space.frame, pairs)
     pick(axes, row, pairs, number[SKIN_INNER])
     anchor(row, pairs.anchor_nd)
-    number[TRAVEL] = 0.0
+    number[DISPLACED] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
     number[AGE] = 0.0
     return pairs
@@ -243,4 +243,4 @@ def strain_list(pairs: PairList, map_dd: NDArray[np.float64], largest: float) ->
     pairs.outer_anchor_nd[:, :d] = pairs.outer_anchor_nd[:, :d] @ map_dd.T
     shrink = min(1.0, float(np.linalg.svd(map_dd, compute_uv=False)[-1]))
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * largest
-    pairs.number[TRAVEL] = np.inf
+    pairs.number[DISPLACED] = np.inf

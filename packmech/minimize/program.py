@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
-from packmech.constraints.compiled_links import make_joints
+from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import pair_energy
@@ -135,7 +135,7 @@ class Program:
         (N,) particle of each row.
     diverges
         Whether the energy of two particles grows beyond measure as their centers meet.
-    links
+    row_links
         The links between rows, if there are any.
     build_seconds
         CPU seconds spent on building.
@@ -150,13 +150,13 @@ class Program:
     force_nd: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     sizes: Sizes
-    home_nd: NDArray[np.float64]
+    wrap_nd: NDArray[np.float64]
     box: Box
     change_dd: NDArray[np.int64]
     space: Space
     pairs: PairList
     diverges: bool
-    links: Links | None = None
+    row_links: Links | None = None
     build_seconds: float = 0.0
 
     @property
@@ -191,7 +191,7 @@ class Program:
             box = lattice_dd if isinstance(lattice_dd, Box) else Box(np.asarray(lattice_dd, dtype=np.float64))
             affine = box.lattice_dd @ self.box.inverse_dd
             self._set_box(box)
-        self.row[:, :d] = (position - self.home_nd @ self.box.lattice_dd.T)[self.order_n]
+        self.row[:, :d] = (position - self.wrap_nd @ self.box.lattice_dd.T)[self.order_n]
         self.velocity_nd[:] = 0.0
         extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
         self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
@@ -205,33 +205,33 @@ class Program:
             # the box was strained so far that other vectors are short now: start the lists afresh
             lattice, self.change_dd = box.reduced()
             self.pairs = empty_list(len(self.order_n), float(self.pairs.number[SKIN_FULL]))
-            self.join()
+            self.link_rows()
         self.space = self.space._replace(frame=frame_of(lattice))
 
-    def join(self) -> None:
-        """Make the links anew, for the lattice vectors that the loops use."""
+    def link_rows(self) -> None:
+        """Compile the links again, for the lattice vectors that the loops use."""
         packing = self.scene.packing
         if packing.links is not None:
-            self.links, joints = make_joints(
-                packing, workable_links(packing), self.order_n, self.home_nd, self.change_dd
+            self.row_links, links = compile_links(
+                packing, workable_links(packing), self.order_n, self.wrap_nd, self.change_dd
             )
-            self.space = self.space._replace(joints=joints)
+            self.space = self.space._replace(links=links)
 
     def _link_virial(self) -> NDArray[np.float64]:
         """Return the links' part of V times the stress, at the last evaluation."""
-        joints, d = self.space.joints, len(self.axes)
-        if joints is None or self.links is None:
+        links, d = self.space.links, len(self.axes)
+        if links is None or self.row_links is None:
             return np.zeros((d, d))
-        vector = self.links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
+        vector = self.row_links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
         distance = np.sqrt((vector**2).sum(axis=1))
-        return np.asarray(np.einsum("l,la,lb->ab", joints.multiplier_l / distance, vector, vector))
+        return np.asarray(np.einsum("l,la,lb->ab", links.multiplier_l / distance, vector, vector))
 
     def positions(self) -> NDArray[np.float64]:
         """Return the (N, d) positions in the order of the scene's packing [length]."""
         d = len(self.axes)
         position = np.empty((len(self.order_n), d))
         position[self.order_n] = self.row[:, :d]
-        return position + self.home_nd @ self.box.lattice_dd.T
+        return position + self.wrap_nd @ self.box.lattice_dd.T
 
     def evaluate(self, position_nd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None) -> Evaluation:
         """Return energy, stress, forces and contacts at the given, or else the present, positions.
@@ -254,7 +254,7 @@ class Program:
         force = np.empty((len(self.order_n), d))
         force[self.order_n] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
-        if self.links is not None:
+        if self.row_links is not None:
             stress += self._link_virial() / self.box.volume
         mean = sums.total / sums.touching if sums.touching else 0.0
         largest = math.sqrt(sums.most)
@@ -372,7 +372,7 @@ class Minimization:
     method, goal, step_limit
         The minimizer and when to stop.
     stop_every
-        Most steps from stop to stop; those of `Program.chunk` when left out.
+        Maximum number of steps from stop to stop; those of `Program.chunk` when left out.
     keep, keep_every, before
         Called with the number of steps, those taken before this minimization included, at the start and at every
         stop; a multiple of keep_every of these is one.
@@ -511,7 +511,7 @@ def build_program(scene: Scene) -> Program:
     d = packing.dimension
     fraction = packing.position_nd @ packing.box.inverse_dd.T
     # positions stay as given unless some lie far outside: their image vectors would make the table of images long
-    home = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
+    wrap = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
     order = space_order(packing)
     row = np.zeros((packing.particles, 4))
     row[:, 3] = packing.radius_n[order]
@@ -527,14 +527,14 @@ def build_program(scene: Scene) -> Program:
         force_nd=np.zeros((packing.particles, d)),
         velocity_nd=np.zeros((packing.particles, d)),
         sizes=sizes,
-        home_nd=home,
+        wrap_nd=wrap,
         box=packing.box,
         change_dd=change,
         space=Space(sizes, frame_of(small), 0.0),
         pairs=empty_list(packing.particles, skin),
         diverges=_diverges(scene),
     )
-    program.join()
+    program.link_rows()
     program.place(packing.position_nd)
     program.build_seconds = time.process_time() - started
     return program

@@ -120,7 +120,7 @@ def quench(
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
 
     def work() -> Outcome:
-        failed = descent.soften()
+        failed = descent.relax_deep_overlaps()
         if failed is not None:
             return failed
         if method is None:
@@ -172,7 +172,7 @@ class _Descent:
         self.evaluations = 0
         self._trace = trace
 
-    def soften(self) -> Outcome | None:
+    def relax_deep_overlaps(self) -> Outcome | None:
         """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
         if not self.program.diverges or self.program.evaluate().deepest_overlap < _DEEP:
             return None

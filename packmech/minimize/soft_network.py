@@ -22,6 +22,10 @@ from packmech.packing import Packing
 
 # pairs are searched within this reach beyond contact, relative to it
 REACH = 0.05
+# Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
+_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
+_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
+Array = NDArray[np.float64]
 
 
 def length_unit(packing: Packing) -> float:
@@ -88,7 +92,7 @@ def isochoric_part(basis_kdd: NDArray[np.float64], dimension: int) -> NDArray[np
     return kept
 
 
-class Bonds(NamedTuple):
+class StiffPairs(NamedTuple):
     """Pairs that are stiff or bear a force: stiffness along and across, the latter du/dr / r."""
 
     i_c: NDArray[np.int64]
@@ -166,16 +170,16 @@ class SoftNetwork:
         self.lay_out()
         self.balance()
 
-    def bonds(self) -> Bonds:
+    def stiff_pairs(self) -> StiffPairs:
         """Return what is stiff or bears a force: the contacts."""
         one = self.contacts
-        return Bonds(one.i_c, one.j_c, one.normal_cd, one.vector_cd, self.second_c, self.first_c / one.distance_c)
+        return StiffPairs(one.i_c, one.j_c, one.normal_cd, one.vector_cd, self.second_c, self.first_c / one.distance_c)
 
-    def factor(self, bonds: Bonds, regularization: float) -> Factored:
+    def factor(self, stiff: StiffPairs, regularization: float) -> Factored:
         """Return the factored system of the positions; `regularization` is added to every particle's stiffness."""
         assert self.system is not None
         extra = np.where(self.contacts.count_n() == 0, 1.0, regularization)
-        return self.system.factor(bonds.normal_cd, bonds.along_c, bonds.across_c, extra_n=extra)
+        return self.system.factor(stiff.normal_cd, stiff.along_c, stiff.across_c, extra_n=extra)
 
     def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coupling of the positions to the strains with that of the system's other unknowns below."""
@@ -183,18 +187,18 @@ class SoftNetwork:
 
     def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""
-        bonds, packing = self.bonds(), self.packing
-        factored = self.factor(bonds, regularization)
-        along, across = bonds.along_c, bonds.across_c
-        strained_ckd = np.einsum("kab,cb->cka", self.basis_kdd, bonds.vector_cd)
-        stretch_ck = np.einsum("ca,cka->ck", bonds.normal_cd, strained_ckd)
+        stiff, packing = self.stiff_pairs(), self.packing
+        factored = self.factor(stiff, regularization)
+        along, across = stiff.along_c, stiff.across_c
+        strained_ckd = np.einsum("kab,cb->cka", self.basis_kdd, stiff.vector_cd)
+        stretch_ck = np.einsum("ca,cka->ck", stiff.normal_cd, strained_ckd)
         pushed_ckd = across[:, None, None] * strained_ckd
-        pushed_ckd += ((along - across)[:, None] * stretch_ck)[:, :, None] * bonds.normal_cd[:, None, :]
+        pushed_ckd += ((along - across)[:, None] * stretch_ck)[:, :, None] * stiff.normal_cd[:, None, :]
         k, n, d = len(self.basis_kdd), packing.particles, packing.dimension
         coupling = np.zeros((n * d, k))
         for m in range(k):
             for a in range(d):
-                column = np.bincount(bonds.j_c, pushed_ckd[:, m, a], n) - np.bincount(bonds.i_c, pushed_ckd[:, m, a], n)
+                column = np.bincount(stiff.j_c, pushed_ckd[:, m, a], n) - np.bincount(stiff.i_c, pushed_ckd[:, m, a], n)
                 coupling[a::d, m] = column
         coupling = self.border(coupling)
         corner = np.einsum("cka,cla->kl", strained_ckd, pushed_ckd)
@@ -231,7 +235,7 @@ class LinkedNetwork(SoftNetwork):
         self._excluded = Excluded(packing)
         self.tension_l = np.zeros(len(links))
         self._cluster_n = links.clusters(packing.particles)
-        super().__init__(self._constraints.reaffixed(packing), units, basis_kdd, pressure)
+        super().__init__(self._constraints.projected(packing), units, basis_kdd, pressure)
 
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon, neither linked nor of one rigid cluster."""
@@ -254,23 +258,23 @@ class LinkedNetwork(SoftNetwork):
         self._stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, self.basis_kdd, vector)
         return -left, load_k + self._stretch_lk.T @ self.tension_l, virial + float((self.tension_l * distance).sum())
 
-    def bonds(self) -> Bonds:
+    def stiff_pairs(self) -> StiffPairs:
         """Return the contacts and the links, which are stiff across by their tension."""
         links, none = self.links, np.zeros(len(self.links))
-        own = Bonds(
+        own = StiffPairs(
             links.i_l, links.j_l, self._normal_ld, self._vector_ld, none, self.tension_l / self._distance_l
         )  # fmt: skip
-        return Bonds(*(np.concatenate(both) for both in zip(super().bonds(), own, strict=True)))
+        return StiffPairs(*(np.concatenate(both) for both in zip(super().stiff_pairs(), own, strict=True)))
 
-    def factor(self, bonds: Bonds, regularization: float) -> Factored:
+    def factor(self, stiff: StiffPairs, regularization: float) -> Factored:
         """Return the factored system of positions and tensions; negative pivots beyond one a link are unstable."""
         packing = self.packing
         n, d, count = packing.particles, packing.dimension, len(self.links)
         unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
-        normal = bonds.normal_cd
-        block = (bonds.along_c - bonds.across_c)[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        block += bonds.across_c[:, None, None] * np.eye(d)
-        i, j = bonds.i_c, bonds.j_c
+        normal = stiff.normal_cd
+        block = (stiff.along_c - stiff.across_c)[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        block += stiff.across_c[:, None, None] * np.eye(d)
+        i, j = stiff.i_c, stiff.j_c
         sign = np.array([1.0, 1.0, -1.0, -1.0])
         rows, columns = np.stack([i, j, i, j]), np.stack([i, j, j, i])
         values = sign[:, None, None, None] * block
@@ -311,14 +315,7 @@ class LinkedNetwork(SoftNetwork):
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing after displacements and strains, back on its links."""
-        return self._constraints.reaffixed(super().moved(u_nd, strain_k))
-
-
-# Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
-_PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-_WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
-
-Array = NDArray[np.float64]
+        return self._constraints.projected(super().moved(u_nd, strain_k))
 
 
 def energy_change(vector_cd: Array, change_cd: Array, sigma_c: Array, first: Callable[[Array, Array], Array]) -> float:

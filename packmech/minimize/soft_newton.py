@@ -24,6 +24,16 @@ from packmech.packing import Packing
 from packmech.result import Outcome
 
 _ITERATIONS = 40
+_ARMIJO = 1e-4
+_HALVINGS = 3
+# regularization of every coordinate, in units of the mean stiffness of a contact: a trace always, more where unstable
+_TRACE, _FIRST, _LARGEST_REGULARIZATION = 1e-10, 1e-9, 1e3
+# after a good step there is less of it, after a bad one more
+_LOOSER, _TIGHTER = 0.3, 10.0
+# falling back onto the floor of a valley: regularization of what is soft, and how often
+_STIFF, _CORRECTIONS = 1e-2, 3
+# Newton's method without safeguards goes on from here
+_NEAR = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +96,7 @@ def newton(
     pressure
         Pressure [reduced energy / reduced length^d], or None to hold the volume.
     iterations
-        Most iterations.
+        Maximum number of iterations.
 
     """
     network = network_of(packing, units, basis_kdd, pressure)
@@ -179,18 +189,6 @@ def judge(state: SoftState, tolerance: float) -> Outcome:
     return Outcome.ROUNDING_FLOOR if state.sound(tolerance) else Outcome.STALLED
 
 
-_ARMIJO = 1e-4
-_HALVINGS = 3
-# regularization of every coordinate, in units of the mean stiffness of a contact: a trace always, more where unstable
-_TRACE, _FIRST, _MOST = 1e-10, 1e-9, 1e3
-# after a good step there is less of it, after a bad one more
-_LOOSER, _TIGHTER = 0.3, 10.0
-# falling back onto the floor of a valley: regularization of what is soft, and how often
-_STIFF, _CORRECTIONS = 1e-2, 3
-# Newton's method without safeguards goes on from here
-_NEAR = 1e-7
-
-
 class _Step(NamedTuple):
     u_nd: NDArray[np.float64]
     strain_k: NDArray[np.float64]
@@ -238,7 +236,7 @@ def descend(
     packing, units, basis_kdd, pressure
         As in `newton`.
     iterations
-        Most iterations, those of the last digits not counted.
+        Maximum number of iterations, those of the last digits not counted.
     watch
         Called with the packing after each accepted step.
 
@@ -286,7 +284,7 @@ def descend(
         else:
             network.measure(start)
             regularization = max(_TIGHTER * regularization, _FIRST)
-            if regularization > _MOST:
+            if regularization > _LARGEST_REGULARIZATION:
                 break
             continue
         if watch is not None:
@@ -298,7 +296,7 @@ def descend(
 def _downhill(network: SoftNetwork, regularization: float) -> tuple[_Step, float] | None:
     """Return Newton's step with as much regularization as makes it go down, and how much."""
     mean = float(np.abs(network.second_c).mean()) if len(network.second_c) else 0.0
-    while regularization <= _MOST and mean > 0.0:
+    while regularization <= _LARGEST_REGULARIZATION and mean > 0.0:
         try:
             u_nd, strain_k, negative = network.direction(regularization * mean)
         except np.linalg.LinAlgError:

@@ -59,7 +59,7 @@ class StrainedFire:
     tolerance
         Both errors to stop at [1].
     step_limit
-        Most steps.
+        Maximum number of steps.
     watch
         Called with the packing every few steps.
 
@@ -82,7 +82,7 @@ class StrainedFire:
         self.position_nd, self.box = packing.position_nd.copy(), packing.box
         self.constraints = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
         if self.constraints is not None:
-            self.position_nd = self.constraints.reaffixed(packing).position_nd
+            self.position_nd = self.constraints.projected(packing).position_nd
         self._velocity_nd, self._rate_dd = np.zeros_like(self.position_nd), np.zeros((packing.dimension,) * 2)
         self._dt, self._mixing, self._downhill, self._mobility = _FIRE.dt, _FIRE.mixing, 0.0, 1.0
         # length that a unit strain counts as
@@ -162,7 +162,7 @@ class StrainedFire:
             position, box = position * factor, box.scaled(factor)
         if self.constraints is not None:
             moved = self.start.replace(position_nd=position, box=box)
-            self.constraints = self.constraints.at(self.constraints.reaffixed(moved))
+            self.constraints = self.constraints.at(self.constraints.projected(moved))
             position = self.constraints.packing.position_nd
             velocity, _, _ = self.constraints.project(velocity)
         self.position_nd, self.box, self._velocity_nd, self._rate_dd = position, box, velocity, rate

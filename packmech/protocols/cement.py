@@ -245,16 +245,16 @@ class HeldCompliance:
         self._strain = backbone.strain_em
         self._scale = float(np.sqrt((self._strain**2).sum(axis=1).max()))
         self.rank = 0
-        # parts of rows across those before: the least that counted, and the largest that did not
-        self.least_new, self.largest_old = 1.0, 0.0
+        # parts of rows across those before: the smallest that counted, and the largest that did not
+        self.smallest_new, self.largest_old = 1.0, 0.0
 
     def saved(self) -> tuple[int, NDArray[np.float64], float, float]:
         """Return what `restore` needs to come back here."""
-        return self.rank, self._strain, self.least_new, self.largest_old
+        return self.rank, self._strain, self.smallest_new, self.largest_old
 
     def restore(self, state: tuple[int, NDArray[np.float64], float, float]) -> None:
         """Take back what was held since."""
-        self.rank, self._strain, self.least_new, self.largest_old = state
+        self.rank, self._strain, self.smallest_new, self.largest_old = state
 
     def hold(self, pairs: list[HeldPair]) -> list[int]:
         """Hold the pairs; return which of them are independent of each other and of those before, in order."""
@@ -272,7 +272,7 @@ class HeldCompliance:
             self.largest_old = max(self.largest_old, float(part[count]))
         if not count:
             return []
-        self.least_new = min(self.least_new, float(part[count - 1]))
+        self.smallest_new = min(self.smallest_new, float(part[count - 1]))
         # parts that are small lose their right angle to the basis in proportion
         new = q[:, :count].T
         new = new - (new @ basis.T) @ basis
@@ -335,7 +335,7 @@ class Cementing:
         Particles that bear force; the others rattle.
     freeze, kind
         As given.
-    least_new, largest_old
+    smallest_new, largest_old
         Parts of links' gradients across those before [1]: the smallest that was taken for independent, the largest that
         was taken for rounding. Counts are safe where these are far apart.
     seconds
@@ -357,7 +357,7 @@ class Cementing:
     bearing: int
     freeze: str
     kind: str
-    least_new: float
+    smallest_new: float
     largest_old: float
     seconds: float
 
@@ -579,7 +579,7 @@ def cement_backbone(
         bearing=backbone.bearing,
         freeze=freeze,
         kind=kind,
-        least_new=course.compliance.least_new,
+        smallest_new=course.compliance.smallest_new,
         largest_old=course.compliance.largest_old,
         seconds=time.process_time() - began,
     )

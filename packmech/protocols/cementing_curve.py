@@ -28,7 +28,7 @@ from packmech.result import NotConverged
 from packmech.scene import Scene
 
 KIND = "trials of cementing"
-# jammed packings with other than one state of self stress are drawn anew
+# jammed packings with other than one state of self stress are drawn again
 _ATTEMPTS = 50
 _START_FRACTION = 0.5
 
@@ -79,7 +79,7 @@ class Trials:
         they are, and poisson [1].
     first_o, all_o
         (orders,) n_l at the first stiff direction, and at complete rigidity; -1 where it did not come.
-    least_new_o, largest_old_o
+    smallest_new_o, largest_old_o
         (orders,) as in `Cementing`.
     seconds
         CPU time of jamming and of all orders.
@@ -94,7 +94,7 @@ class Trials:
     curves: dict[str, NDArray[np.float64]]
     first_o: NDArray[np.int64]
     all_o: NDArray[np.int64]
-    least_new_o: NDArray[np.float64]
+    smallest_new_o: NDArray[np.float64]
     largest_old_o: NDArray[np.float64]
     seconds: float
 
@@ -138,7 +138,7 @@ def _row(cementing: Cementing, step: float) -> dict[str, NDArray[Any]]:
         "poisson": np.array([cementing.poisson_ratio(k) for k in steps]),
         "first": np.array(-1 if cementing.first_stiff is None else cementing.first_stiff),
         "all": np.array(-1 if cementing.all_stiff is None else cementing.all_stiff),
-        "parts": np.array([cementing.least_new, cementing.largest_old]),
+        "parts": np.array([cementing.smallest_new, cementing.largest_old]),
         "seconds": np.array(cementing.seconds),
     }
 
@@ -205,7 +205,7 @@ def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> T
         curves=curves,
         first_o=np.array([int(kept[f"first_{order}"]) for order in range(orders)]),
         all_o=np.array([int(kept[f"all_{order}"]) for order in range(orders)]),
-        least_new_o=part[:, 0],
+        smallest_new_o=part[:, 0],
         largest_old_o=part[:, 1],
         seconds=float(kept["jam_seconds"]) + sum(float(kept[f"seconds_{order}"]) for order in range(orders)),
     )
@@ -404,14 +404,14 @@ def cementing_curve(
     """Return bulk and shear modulus against the fraction of cemented contacts n_l/N, a curve for each N.
 
     Packings are jammed with all strains free (shear-stabilized), at a pressure near zero and with one state of self
-    stress; others are drawn anew. Each is cemented in several random orders up to complete rigidity (`cement`, moduli
+    stress; others are drawn again. Each is cemented in several random orders up to complete rigidity (`cement`, moduli
     of the unstressed network in units of energy_scale/diameter^d). This is figure 5 of the polymer source, which had
     N = 64 to 2048, 25 packings and 50 orders.
 
     Parameters
     ----------
     folder
-        Where results are kept: a file for each packing, written anew after each order, so that interrupted work goes on
+        Where results are kept: a file for each packing, rewritten after each order, so that interrupted work goes on
         where it was when called again, with the same numbers. More packings, orders or sizes may be asked for then.
         None keeps nothing.
     particles

@@ -21,12 +21,12 @@ from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
 from packmech.protocols.protocol import Protocol, finish
-from packmech.protocols.soft import soften
+from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 # first distance above the onset, and the largest ratio of successive ones
-_FIRST, _FACTOR, _LEAST_FACTOR = 1e-7, 2.0, 1.02
+_FIRST, _FACTOR, _MINIMUM_FACTOR = 1e-7, 2.0, 1.02
 _FIRE_TOLERANCE, _TIGHTER, _FIRE_ROUNDS, _FIRE_STEPS = 1e-3, 0.03, 3, 300_000
 
 
@@ -66,7 +66,7 @@ def compress(
         Net force over mean contact force (and stress missing over pressure) that counts as balance [1]; the floor of
         rounding also counts.
     iteration_limit
-        Most interior-point iterations for the onset.
+        Maximum number of interior-point iterations for the onset.
     time_limit
         Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
     progress
@@ -187,7 +187,7 @@ class _Ascent:
             return None
         depth = min(_FIRST, 0.5 * self.nearest)
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
-        state = soften(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
+        state = follow_pressure(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
         onset = protocol.report["jamming_packing_fraction"]
         return _Onset(state.packing, onset, depth, _pairs_of(hard.contacts))
 
@@ -200,7 +200,7 @@ class _Ascent:
             trial = newton(self._at(packing, onset + further), self.protocol.units, self.shears, None, iterations=25)
             self.iterations += trial.iterations
             if not trial.sound(max(self.tolerance, 1e-7)):
-                if factor > _LEAST_FACTOR:
+                if factor > _MINIMUM_FACTOR:
                     factor = factor**0.5
                     continue
                 self.rearrangements += 1

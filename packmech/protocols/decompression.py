@@ -42,9 +42,9 @@ class Decompression:
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
-        Most FIRE steps in one box.
+        Maximum number of FIRE steps in one box.
     iteration_limit
-        Most interior-point iterations for the hard packing.
+        Maximum number of interior-point iterations for the hard packing.
 
     """
 
@@ -100,9 +100,9 @@ class StepHalving:
     minimizer
         A minimizer such as pm.ConjugateGradient() or pm.DampedDynamics(damping=...); None: FIRE.
     quench_tolerance, quench_steps
-        Net force over mean contact force at which a relaxation stops [1], and its most steps.
+        Net force over mean contact force at which a relaxation stops [1], and its maximum number of steps.
     step_limit
-        Most compression steps.
+        Maximum number of compression steps.
 
     """
 

@@ -15,19 +15,24 @@ from packmech.measure.counting import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
-from packmech.protocols.soft import search_pressure, soften
+from packmech.protocols.soft import follow_pressure, search_pressure
 from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
 _ONSET, _ONSETS = 0.03, (0.001, 0.2)
+# dense enough that a quench ends jammed, and not much denser than the packing that is looked for
+START = {2: 0.87, 3: 0.68}
+_BARRIERS = (1e-12, 1e-13, 1e-14)
+# how often a packing found at a saddle is kicked off it
+_KICKS = 3
 
 
-def check_quench(start: float | None, tolerance: float, steps: int, *, least_steps: int = 1) -> None:
+def check_quench(start: float | None, tolerance: float, steps: int, *, minimum_steps: int = 1) -> None:
     """Check the settings of the quench that a method begins with."""
     if start is not None:
         positive("start_packing_fraction", start)
     real("quench_tolerance", tolerance, above=0.0, below=1.0)
-    integer("quench_steps", steps, at_least=least_steps)
+    integer("quench_steps", steps, at_least=minimum_steps)
 
 
 def decompress(
@@ -86,13 +91,6 @@ def decompress(
     return packing
 
 
-# dense enough that a quench ends jammed, and not much denser than the packing that is looked for
-START = {2: 0.87, 3: 0.68}
-_BARRIERS = (1e-12, 1e-13, 1e-14)
-# how often a packing found at a saddle is kicked off it
-_KICKS = 3
-
-
 @dataclass(frozen=True)
 class HardVertex:
     """Quench at a packing fraction, then find the exact hard packing nearby, then press it to the pressure asked for.
@@ -112,9 +110,9 @@ class HardVertex:
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
-        Most FIRE steps in one box.
+        Maximum number of FIRE steps in one box.
     iteration_limit
-        Most interior-point iterations.
+        Maximum number of interior-point iterations.
 
     """
 
@@ -125,7 +123,7 @@ class HardVertex:
     iteration_limit: int = 2000
 
     def __post_init__(self) -> None:
-        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps, least_steps=0)
+        check_quench(self.start_packing_fraction, self.quench_tolerance, self.quench_steps, minimum_steps=0)
         if self.stop_pressure is not None:
             positive("stop_pressure", self.stop_pressure)
         integer("iteration_limit", self.iteration_limit, at_least=1)
@@ -154,7 +152,7 @@ def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int
     packing
         Where to start, in the scene's units.
     iteration_limit
-        Most iterations.
+        Maximum number of iterations.
 
     """
     reduced = protocol.reduced(packing)
@@ -255,7 +253,7 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
     goal = protocol.reduced_pressure(pressure)
     tolerance = protocol.force_tolerance
     with protocol.stage("soft packing") as figures:
-        state = soften(hard, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
+        state = follow_pressure(hard, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)

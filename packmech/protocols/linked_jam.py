@@ -175,7 +175,7 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
     pressure
         Pressure to reach [energy_scale / diameter^d], from below or above; None holds the volume.
     step_limit
-        Most FIRE steps in one box.
+        Maximum number of FIRE steps in one box.
 
     """
     if pressure is not None:

@@ -35,13 +35,13 @@ class ProgramChain:
     stop_pressure
         FIRE stops decompressing at this pressure [energy_scale / diameter^d].
     quench_tolerance, quench_steps
-        Net force over mean contact force at which FIRE stops [1], and its most steps in one box.
+        Net force over mean contact force at which FIRE stops [1], and its maximum number of steps in one box.
     solver
         "clarabel" (interior point) or "highs" (dual simplex).
     trust_radius
         Largest displacement in the first program [mean diameter]; later ones follow the motion.
     program_limit
-        Most programs.
+        Maximum number of programs.
 
     """
 
@@ -138,7 +138,7 @@ class ProgramChain:
             position_nd=packing.position_nd + u_nd + packing.position_nd @ strain.T, box=packing.box.strained(strain)
         )
         slack = near.gap_c + both @ solution.x
-        # a contact of the solution has a force and no slack; the solver's tolerance is the least of either
+        # a contact of the solution has a force and no slack; the solver's tolerance is the smallest of either
         slack = np.maximum(slack, 1e-2 * tolerance)
         bearing = force > 1e-4 * force.mean()
         live = np.zeros(n, dtype=bool)

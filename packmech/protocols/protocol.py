@@ -280,7 +280,7 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
     none = {"particles": packing.particles, "rattlers": int(rattling.rattling_n.sum())}
     if rattling.empty:
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
-    held = ~rattling.loose_n
+    held = ~rattling.rattling_cluster_n
     number = np.where(held, np.cumsum(held) - 1, -1)
     links = packing.links
     assert links is not None

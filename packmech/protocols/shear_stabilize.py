@@ -46,7 +46,7 @@ def shear_stabilize(
         Net force over mean contact force, and stress missing over pressure, to reach [1]; the floor of rounding also
         counts.
     step_limit
-        Most FIRE steps.
+        Maximum number of FIRE steps.
     time_limit
         Stop after so much CPU time [s], with Outcome.INTERRUPTED.
     progress

@@ -18,6 +18,15 @@ from packmech.protocols.protocol import Protocol
 _FIRST_TOLERANCE = 1e-3
 _SEARCH_ROUNDS = 3
 _FIRE_STEPS = 30_000
+# mean relative overlap up to which the soft packing is as good as one linear step from the hard one
+_FIRST_DEPTH = 1e-7
+# gaps up to this fraction of the contact distance may close on the way to the first soft packing
+_NEAR = 1e-3
+_SWITCHES = 60
+_OPEN, _FURTHEST = 1e-9, 1e6
+_ROUNDS, _TURN = 8, 1e-3
+# where rounding of positions leaves no digits of the overlaps
+_MINIMUM_DEPTH = 1e-11
 
 
 def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftState:
@@ -52,17 +61,6 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftStat
         protocol.last = protocol.restored(best.packing)
         figures.residual, figures.force_evaluations = best.residual, figures.steps
     return best
-
-
-# mean relative overlap up to which the soft packing is as good as one linear step from the hard one
-_FIRST_DEPTH = 1e-7
-# gaps up to this fraction of the contact distance may close on the way to the first soft packing
-_NEAR = 1e-3
-_SWITCHES = 60
-_OPEN, _FURTHEST = 1e-9, 1e6
-_ROUNDS, _TURN = 8, 1e-3
-# where rounding of positions leaves no digits of the overlaps
-_LEAST_DEPTH = 1e-11
 
 
 def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
@@ -167,7 +165,7 @@ def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:
     return np.isin(label[len(some) :], label[: len(some)])
 
 
-def soften(
+def follow_pressure(
     hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float, *, tolerance: float = 1e-5
 ) -> SoftState:
     """Return the soft packing at the pressure, followed from the exact hard one.
@@ -200,7 +198,7 @@ def soften(
     now = pressure if depth == goal else pressure_at(depth)
     state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
     used = state.iterations
-    while not state.sound(tolerance) and depth > _LEAST_DEPTH:
+    while not state.sound(tolerance) and depth > _MINIMUM_DEPTH:
         depth *= 0.25
         now = pressure_at(depth)
         state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)

@@ -156,10 +156,3 @@ def check_arguments(
 def runs_file(checkpoint: Any) -> RunsFile | None:
     """Return the file of strained runs that is named; what is one already, or None, as it is."""
     return checkpoint if checkpoint is None or isinstance(checkpoint, RunsFile) else RunsFile(checkpoint, KIND)
-
-
-def two_axes(axes: Any) -> tuple[int, int]:
-    """Return the axes after checking that they are two of three."""
-    if not isinstance(axes, tuple | list) or len(axes) != 2:
-        raise TypeError(f"axes must be two axes, got {axes!r}")
-    return (integer("axes", axes[0], at_least=0, at_most=2), integer("axes", axes[1], at_least=0, at_most=2))

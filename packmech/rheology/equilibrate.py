@@ -11,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import integer, positive, real
+from packmech.check import integer, positive, real, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Repulsion, is_bound
 from packmech.honors import honors
@@ -20,7 +20,7 @@ from packmech.mechanics.elasticity import elastic_moduli
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
 from packmech.result import NotConverged, Outcome, Row, Run, Stage
-from packmech.rheology.arguments import AtRest, StrainSettings, check_arguments, listed, two_axes
+from packmech.rheology.arguments import AtRest, StrainSettings, check_arguments, listed
 from packmech.rheology.oscillatory import characteristic_time, frequency_of, rest_row
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.scene import Scene
@@ -157,7 +157,7 @@ def equilibrate(
     """
     settings = check_arguments(scene, **common)
     strain = OscillatoryStrain(positive("amplitude", amplitude), frequency_of(settings, frequency, relative_frequency))
-    strain = dataclasses.replace(strain, axes=two_axes(axes))
+    strain = dataclasses.replace(strain, axes=two_axes("axes", axes, dimension=scene.packing.dimension))
     direction = strain.direction(scene.packing.dimension)
     largest = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of, positive, real
+from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import Bonds, law_second, pair_second
 from packmech.honors import honors
@@ -17,7 +17,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
 from packmech.result import Outcome, Row, Run, particles_in_words
-from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed, two_axes
+from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.rheology.walls import WallModuli, wall_forces
 from packmech.scene import Scene
@@ -306,8 +306,8 @@ def oscillatory_shear(
     """
     settings = check_arguments(scene, **common)
     rate = frequency_of(settings, frequency, relative_frequency)
-    # checks amplitude and axes, and knows the direction
-    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=two_axes(axes))
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
+    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=pair)
     direction = strain.direction(scene.packing.dimension)
     pre = real("pre_periods", pre_periods, at_least=0.0)
     count = positive("periods", periods)

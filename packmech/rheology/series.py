@@ -13,16 +13,21 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function, instance, integer, one_of, positive, real
+from packmech.check import function, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import Bonds, Friction
 from packmech.effects.bonds import bond_contacts
 from packmech.honors import honors
 from packmech.loop.checkpoint import read_results, scene_fingerprints, write_checkpoint
 from packmech.loop.run_loop import Progress
 from packmech.measure.signals import ERRORS, mean_with_error, softening_strain, yield_strain
-from packmech.rheology.arguments import Several, listed, runs_file, two_axes
+from packmech.rheology.arguments import Several, listed, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
+
+KIND = "trials of oscillatory shear"
+CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
+# called as (control, friction, repeat, amplitude)
+TrialProgress = Callable[[str, float | None, int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,10 +176,6 @@ def _gathered(amplitudes: list[float], runs: list[OscillatoryShear]) -> Amplitud
     return AmplitudeSweep(np.array(amplitudes[: len(runs)]), storage, loss, storage_error, loss_error, tuple(runs))
 
 
-KIND = "trials of oscillatory shear"
-CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
-
-
 @dataclass(frozen=True)
 class Settings:
     """What decides the numbers of one trial, beside the scene."""
@@ -309,10 +310,6 @@ def write_trial(path: Path, table: dict[str, Any], trial: ShearTrial) -> None:
     """Write the file of a trial."""
     kept = {field.name: np.asarray(getattr(trial, field.name)) for field in dataclasses.fields(trial)}
     write_checkpoint(path, KIND, table, kept)
-
-
-# called as (control, friction, repeat, amplitude)
-TrialProgress = Callable[[str, float | None, int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -457,7 +454,7 @@ def shear_series(
         "pre_periods": pre_periods,
         "periods": periods,
         "post_periods": post_periods,
-        "axes": two_axes(axes),
+        "axes": two_axes("axes", axes),
         "dt": dt,
         "samples_per_period": samples_per_period,
     }

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import integer, one_of, positive, real
+from packmech.check import integer, one_of, positive, real, two_axes
 from packmech.dynamics.deformation import MODES, Ramp, SteadyStrain
 from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
@@ -19,11 +19,27 @@ from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_mean
 from packmech.result import Row, Summary, particles_in_words
-from packmech.rheology.arguments import Common, Several, StrainSettings, check_arguments, listed, two_axes
+from packmech.rheology.arguments import Common, Several, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.scene import Scene
 
 STAGE = "steady strain"
+FLOW_HEADINGS = ("rate", "stress", "+-", "pressure", "+-", "stress/rate", "stress/pressure", "contacts", "sliding")
+# arrays of a flow curve, by their names in files
+FLOW_COLUMNS = {
+    "rates": "rate_r",
+    "stresses": "stress_r",
+    "stress_errors": "stress_error_r",
+    "pressures": "pressure_r",
+    "pressure_errors": "pressure_error_r",
+    "contacts_per_particle": "contacts_r",
+    "sliding_fractions": "sliding_r",
+}
+_CREEP = "creep"
+# the strain's rate is renewed so often in the shortest time in which a box of this inertia answers
+_OFTEN = 0.02
+# spans from one call of `progress` to the next
+_REPORT = 100
 
 
 @listed(Common)
@@ -78,7 +94,8 @@ def ramp_strain(
     if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and end >= 1.0:
         raise ValueError(f"applied_strain must be below 1 where the box is compressed, got {end:g}")
     count = integer("samples", samples, at_least=1)
-    return _ramp(settings, speed, end, mode, two_axes(axes), count)
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension, different=mode == "shear")
+    return _ramp(settings, speed, end, mode, pair, count)
 
 
 def _ramp(
@@ -105,19 +122,6 @@ def _ramp(
     )
     shown = axes if mode == "shear" else (axes[0], axes[0])
     return task.run(lambda outcome: StrainRun(**task.fields(outcome, shown)))
-
-
-FLOW_HEADINGS = ("rate", "stress", "+-", "pressure", "+-", "stress/rate", "stress/pressure", "contacts", "sliding")
-# arrays of a flow curve, by their names in files
-FLOW_COLUMNS = {
-    "rates": "rate_r",
-    "stresses": "stress_r",
-    "stress_errors": "stress_error_r",
-    "pressures": "pressure_r",
-    "pressure_errors": "pressure_error_r",
-    "contacts_per_particle": "contacts_r",
-    "sliding_fractions": "sliding_r",
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -275,7 +279,7 @@ def steady_shear(
     def curve() -> FlowCurve:
         return _curve(speeds[: len(runs)], tuple(runs), skip, parts, time.process_time() - began)
 
-    pair = two_axes(axes)
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     for speed in speeds:
         try:
             runs.append(_ramp(settings, speed, end, "shear", pair, count, f"steady shear at {speed:g}"))
@@ -300,13 +304,6 @@ def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks:
         )
     stress, stress_error, pressure, pressure_error, contacts, sliding = np.array(table).T.copy()
     return FlowCurve(np.array(rates), stress, stress_error, pressure, pressure_error, contacts, sliding, runs, seconds)
-
-
-_CREEP = "creep"
-# the strain's rate is renewed so often in the shortest time in which a box of this inertia answers
-_OFTEN = 0.02
-# spans from one call of `progress` to the next
-_REPORT = 100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -431,7 +428,7 @@ def creep(
     answer = min(math.sqrt(weight / (volume * stiff)) if stiff > 0.0 else math.inf, time)
     chunk = max(1, int(_OFTEN * answer / settings.longest))
     turns = max(1, math.ceil(time / (settings.longest * chunk) * (1.0 - 1e-12)))
-    pair = two_axes(axes)
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     driven = {"applied_stress": load, "hold": held, "inertia": weight, "viscosity": eta}
     span = chunk * time / (turns * chunk)
 

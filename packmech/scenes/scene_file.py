@@ -153,7 +153,7 @@ def _reseed(tables: dict[str, Any], seed: int) -> None:
     packing["seed"] = seed
     effects = tables.get("effects")
     for table in effects if isinstance(effects, list) else []:
-        # cuts are drawn anew with the packing
+        # cuts are drawn again with the packing
         if isinstance(table, dict) and table.get("kind") == "bonds" and "seed" in table:
             table["seed"] = seed
 

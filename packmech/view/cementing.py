@@ -88,7 +88,7 @@ def cementing_markdown(curves: Sequence[CementingCurve], made_by: str) -> str:
     lines += ["Moduli in energy_scale/diameter^d, of the unstressed network; standard errors in parentheses.", ""]
     by_size = [(heading, *(row[k] for row in rows)) for k, heading in enumerate(headings) if k]
     lines += markdown_table((headings[0], *(row[0] for row in rows)), by_size).splitlines()
-    least = np.concatenate([trial.least_new_o for curve in curves for trial in curve.trials])
+    least = np.concatenate([trial.smallest_new_o for curve in curves for trial in curve.trials])
     largest = np.concatenate([trial.largest_old_o for curve in curves for trial in curve.trials])
     apart = (least / np.maximum(largest, 1e-16)).min()
     drawn = sum(trial.attempts for curve in curves for trial in curve.trials)

@@ -26,7 +26,7 @@ from packmech.view import drawing
 # the largest side of a picture [pixel]
 LARGEST = 8192
 # the cell's sides, and its bounding box, over the picture's: the cell keeps its size while it is sheared by less
-ROOM, LEAST_ROOM = 1.24, 1.05
+ROOM, MINIMUM_ROOM = 1.24, 1.05
 # in space: how bright the back is over the front
 BACK = 0.42
 OUTLINE_DIM = 0.75
@@ -214,7 +214,7 @@ class _Picture:
         seen = corner @ self.axes_ds[:, :2]
         low, high = seen.min(axis=0), seen.max(axis=0)
         extent = high - low
-        room = LEAST_ROOM * extent
+        room = MINIMUM_ROOM * extent
         if self.flat:  # the sides that a rectangle of the same volume would have keep the scale under shear
             room = np.maximum(room, ROOM * self.cell.box.volume / extent[::-1])
         else:

@@ -376,7 +376,7 @@ class LiveRecording:
         if engine is not None:
             self.show(self._frame(engine))
         elif isinstance(packing, Packing):
-            # protocols count the steps of each stage anew
+            # protocols count the steps of each stage from zero
             self._step = max(self._step + 1, int(figures.get("steps", 0)))
             self.show(Frame(self._step, float(figures.get("time", self._step)), packing))
         else:

@@ -31,7 +31,7 @@ REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
 _SPACINGS = 8.0
 # squared frequencies below this, in units of the largest, are rounding
 _ZERO = 1e-12
-# what a run says of itself that the report takes in; what is counted anew from its packing is left to the report
+# what a run says of itself that the report takes in; what is counted from its packing is left to the report
 _OF_RUN = (
     *(
         "outcome",

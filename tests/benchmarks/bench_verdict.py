@@ -19,7 +19,7 @@ from calibration import REFERENCE_NS, calibrate, cpu_seconds
 
 import packmech as pm
 from packmech.jamming.certificates import yield_to_loads
-from packmech.jamming.contact_selection import backbone_contacts, backbone_of, check_rest, find_touching
+from packmech.jamming.contact_selection import backbone_contacts, backbone_of, check_rest, select_contacts
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import largest_smallest_force
 
@@ -66,10 +66,10 @@ def measure_methods(seeds: int) -> None:
 def measure_parts() -> None:
     """Print where the time of one verdict goes, 2D N = 1024, every strain free."""
     packing = soft_packing(1024, 2, "free", 1)
-    network = backbone_contacts(find_touching(packing, None).contacts)
+    network = backbone_contacts(select_contacts(packing, None).contacts)
     cone = motion_cone(packing, network, strain="free")
     parts = {
-        "contacts at four tolerances": lambda: find_touching(packing, None),
+        "contacts at four tolerances": lambda: select_contacts(packing, None),
         "rest": lambda: check_rest(packing, None, 1e-5),
         "cone": lambda: motion_cone(packing, network, strain="free"),
         "rank": lambda: motion_cone(packing, network, strain="free").softest(),
@@ -118,7 +118,7 @@ def _longest(packing: pm.Packing, method: str) -> float:
     """Return the longest motion that the load programs leave, of their bound; NaN for the certificate."""
     if method != "loads":
         return np.nan
-    network, kept = backbone_of(packing, find_touching(packing, None).contacts)
+    network, kept = backbone_of(packing, select_contacts(packing, None).contacts)
     cone = motion_cone(packing, network, strain="free", kept_n=kept)
     return float(yield_to_loads(cone, np.random.default_rng(0)).longest)
 

@@ -22,7 +22,7 @@ from bench_verdict import soft_packing
 from calibration import calibrate, cpu_seconds
 
 import packmech as pm
-from packmech.jamming.contact_selection import backbone_of, find_touching
+from packmech.jamming.contact_selection import backbone_of, select_contacts
 
 GOAL = {"certificate": 150.0, "loads": 100.0}
 
@@ -32,7 +32,7 @@ def literal(packing: pm.Packing, gap_tolerance: float | None) -> tuple[float, fl
     import cvxpy as cp
 
     began = time.process_time()
-    network, kept = backbone_of(packing, find_touching(packing, gap_tolerance).contacts)
+    network, kept = backbone_of(packing, select_contacts(packing, gap_tolerance).contacts)
     d = packing.dimension
     strains = d * (d + 1) // 2
     moving = (kept[:, None] * d + np.arange(d)).ravel()

@@ -90,7 +90,7 @@ def test_writing_checkpoints_changes_no_bit_of_the_run(name, tmp_path):
 
 
 class Homecomings:
-    """Notes at which steps particles are brought home, and whether the lattice vectors were exchanged."""
+    """Notes at which steps particles are wrapped, and whether the lattice vectors were exchanged."""
 
     def __init__(self, monkeypatch):
         self.steps, self.exchanged = [], []
@@ -119,7 +119,7 @@ def test_restart_just_before_at_and_after_a_re_mapping_of_the_sheared_box_contin
         assert moved(pm.resume(tmp_path / "run.npz", scene, steps=STEPS)) == moved(whole)
 
 
-def test_restart_across_the_step_that_brings_free_particles_home_continues_with_the_same_bits(tmp_path):
+def test_restart_across_the_step_that_wraps_free_particles_continues_with_the_same_bits(tmp_path):
     scene, _ = dimers()
     manner = {"temperature": 20.0, "seed": 2, "dt": 0.01}
     whole = pm.simulate(scene, steps=1030, **manner)

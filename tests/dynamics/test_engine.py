@@ -124,14 +124,14 @@ def test_cutting_a_run_changes_no_bit():
     np.testing.assert_array_equal(whole.stretches().stretch_ck, cut.stretches().stretch_ck)
 
 
-def test_lists_made_anew_at_every_step_change_no_bit():
-    whole, anew = engine_of(EVERYTHING), engine_of(EVERYTHING)
+def test_lists_rebuilt_at_every_step_change_no_bit():
+    whole, rebuilt = engine_of(EVERYTHING), engine_of(EVERYTHING)
     whole.advance(40)
     for _ in range(40):
-        anew.advance(1)
-        anew._search()
-    np.testing.assert_array_equal(whole.state.body, anew.state.body)
-    np.testing.assert_array_equal(whole.stretches().stretch_ck, anew.stretches().stretch_ck)
+        rebuilt.advance(1)
+        rebuilt._search()
+    np.testing.assert_array_equal(whole.state.body, rebuilt.state.body)
+    np.testing.assert_array_equal(whole.stretches().stretch_ck, rebuilt.stretches().stretch_ck)
 
 
 @pytest.mark.slow

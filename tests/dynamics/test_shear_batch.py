@@ -163,7 +163,7 @@ def test_a_packing_that_moves_too_fast_is_put_back_and_rests_until_it_is_restart
     assert batch.advance(np.array([[0.0], [0.0]])).all()
 
 
-def test_a_strain_that_breaks_a_frame_after_particles_were_brought_home_leaves_the_last_good_packing():
+def test_a_strain_that_breaks_a_frame_after_particles_were_wrapped_leaves_the_last_good_packing():
     stiff = plain(0).replace(effects=(pm.Repulsion(law=pm.Harmonic(energy_scale=400.0)),))
     batch = pm.ShearBatch([stiff], control="strain", steps=50, dt=0.05)
     before = None

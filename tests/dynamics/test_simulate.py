@@ -239,7 +239,7 @@ def test_time_limit_interrupts(jammed):
 
 def test_a_scene_without_links_has_none_of_their_arrays(jammed):
     engine = build_engine(pm.Scene(jammed, REPULSION), dt=0.1, mass_n=np.ones(48), velocity_nd=np.zeros((48, 2)))
-    assert engine.space.linked is None and engine.links is None
+    assert engine.space.linked is None and engine.rattle is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import packmech as pm
 from packmech.jamming import classify as jamming
 from packmech.jamming.backbone import judge_network
 from packmech.jamming.classify import judged_by_fewest
-from packmech.jamming.contact_selection import check_rest, find_touching
+from packmech.jamming.contact_selection import check_rest, select_contacts
 from packmech.linalg import linear_programs
 from packmech.result import Outcome, Solve
 
@@ -57,13 +57,13 @@ def test_gap_tolerance_asked_for_is_taken_at_its_word():
 def test_rule_for_the_gap_tolerance_is_seven_mean_overlaps():
     packing = soft_packing()
     overlap = pm.find_contacts(packing).overlap_c
-    touching = find_touching(packing, None)
+    touching = select_contacts(packing, None)
     assert touching.tolerance == pytest.approx(7.0 * overlap.mean(), rel=1e-12)
     assert [level.tolerance / touching.tolerance for level in touching.levels] == pytest.approx([0.1, 1.0, 10.0])
 
 
 def test_crystal_without_overlap_gets_the_least_gap_tolerance():
-    touching = find_touching(pm.lattice_packing("fcc", (2, 2, 2)), None)
+    touching = select_contacts(pm.lattice_packing("fcc", (2, 2, 2)), None)
     assert touching.tolerance == 1e-9
     assert [level.contacts for level in touching.levels] == [48, 48, 48]
 
@@ -128,7 +128,7 @@ def test_loads_on_the_fewest_contacts_answer_for_the_others(monkeypatch, case):
 
 def test_fewest_contacts_answer_for_nothing_where_they_do_not_jam():
     packing = soft_packing(*DENSER[0])
-    touching = find_touching(packing, None)
+    touching = select_contacts(packing, None)
     unjammed = SimpleNamespace(jammed=(True, False))
     found = judged_by_fewest(packing, touching, None, lambda level: unjammed, "free")
     assert found is None
@@ -139,7 +139,7 @@ def test_fewest_contacts_are_not_asked_where_they_hold_fewer_particles_or_cannot
         raise AssertionError(level)
 
     packing = soft_packing(*DENSER[0])
-    touching = find_touching(packing, None)
+    touching = select_contacts(packing, None)
     few, at, many = touching.levels
     for fewer in (replace(few, particles=few.particles - 1), replace(few, excess=1), at):
         changed = replace(touching, levels=(fewer, at, many))
@@ -149,7 +149,7 @@ def test_fewest_contacts_are_not_asked_where_they_hold_fewer_particles_or_cannot
 @pytest.mark.parametrize("method", ["certificate", "loads"])
 def test_network_that_is_the_same_at_two_levels_is_judged_once(monkeypatch, method):
     packing = soft_packing(32, 1e-4, "free", 2)
-    levels = find_touching(packing, None).levels
+    levels = select_contacts(packing, None).levels
     assert levels[0].contacts == levels[1].contacts < levels[2].contacts
     judged = []
 

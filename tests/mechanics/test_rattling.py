@@ -15,7 +15,7 @@ def test_beads_that_turn_about_the_one_held_rattle_and_are_named(linked):
     found = pm.find_rattling_clusters(scene.packing)
     assert np.flatnonzero(found.rattling_n).tolist() == data["rattling_particles"] == [1, 2, 13, 14]
     assert np.flatnonzero(~found.rattling_n).tolist() == data["backbone_particles"]
-    assert np.array_equal(found.dangling_n, found.rattling_n) and not found.loose_n.any()
+    assert np.array_equal(found.dangling_n, found.rattling_n) and not found.rattling_cluster_n.any()
     assert not found.empty
 
 
@@ -54,7 +54,7 @@ def test_loose_end_of_a_chain_rattles_while_the_rest_is_held(linked):
     packing = with_end(linked("equilibrium_chain_2d")[0].packing, 0, 1.0)
     found = pm.find_rattling_clusters(packing)
     assert np.flatnonzero(found.rattling_n).tolist() == [10]
-    assert np.flatnonzero(found.dangling_n).tolist() == [10] and not found.loose_n.any()
+    assert np.flatnonzero(found.dangling_n).tolist() == [10] and not found.rattling_cluster_n.any()
 
 
 def test_linear_program_and_the_forces_at_rest_agree(linked):
@@ -74,7 +74,7 @@ def test_everything_rattles_without_a_backbone():
     touching = pm.Packing(place, [0.5, 0.5, 0.5, 0.6], pm.Box.cubic(9.0, 2), links)
     assert len(pm.find_contacts(touching)) == 1
     found = pm.find_rattling_clusters(touching)
-    assert found.empty and found.loose_n.all() and not found.backbone_c.any()
+    assert found.empty and found.rattling_cluster_n.all() and not found.backbone_c.any()
     assert np.flatnonzero(found.dangling_n).tolist() == [0, 1]
 
 

@@ -66,7 +66,7 @@ def test_links_hold_at_every_step_that_is_kept():
 def test_a_scene_without_links_carries_nothing_of_them():
     packing = pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=1)
     program = build_program(pm.Scene(packing, (pm.Repulsion(),)))
-    assert program.space.joints is None and program.links is None
+    assert program.space.links is None and program.row_links is None
 
 
 def test_linked_pairs_and_pairs_of_rigid_clusters_are_no_contacts_in_the_loop():
@@ -105,7 +105,7 @@ def test_the_stress_of_contacts_and_links_is_the_slope_of_the_relaxed_energy():
         for sign in (1.0, -1.0):
             box = packing.box.strained(sign * step * strain)
             moved = packing.position_nd @ (np.eye(2) + sign * step * strain).T
-            at = ConstraintFactor(packing).reaffixed(packing.replace(position_nd=moved, box=box))
+            at = ConstraintFactor(packing).projected(packing.replace(position_nd=moved, box=box))
             run = pm.quench(scene.replace(packing=at), force_tolerance=1e-12)
             energies.append(pm.energy(scene.replace(packing=run.packing)))
         slope = (energies[0] - energies[1]) / (2.0 * step * packing.box.volume)

@@ -55,8 +55,8 @@ def test_the_onset_is_that_of_the_exact_hard_packing_when_only_rattlers_are_link
     # a dimer in the largest hole of the packing: it touches nothing, and adds its own area alone
     place = packing.box.lattice_dd @ np.random.default_rng(0).uniform(size=(2, 3000))
     shift = packing.box.lattice_dd @ np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)]).T
-    home = packing.box.wrap(packing.position_nd)[0]
-    apart = np.linalg.norm(place.T[:, None, None] - home[:, None] - shift.T, axis=3) - packing.radius_n[:, None]
+    wrapped = packing.box.wrap(packing.position_nd)[0]
+    apart = np.linalg.norm(place.T[:, None, None] - wrapped[:, None] - shift.T, axis=3) - packing.radius_n[:, None]
     gap = apart.min(axis=(1, 2))
     hole, room = place[:, gap.argmax()], gap.max()
     more = pm.Packing(

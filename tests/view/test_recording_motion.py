@@ -116,7 +116,7 @@ def test_command_says_that_there_is_no_motion_where_the_packing_is_jammed(tmp_pa
     ("words", "message"),
     [
         (["unjam", "nonsense"], "packing must be a file or one of"),
-        (["unjam", "square", "--box", "open"], "box must be one of"),
+        (["unjam", "square", "--strain", "open"], "strain must be one of"),
         (["unjam", "square", "--repeats", "3", "3", "--amplitude", "-1"], "amplitude must be"),
         (["unjam", "square", "--repeats", "3", "3", "--record", "a.txt"], "record must be"),
     ],

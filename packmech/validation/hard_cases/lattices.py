@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import packmech as pm
 from packmech.generate.lattices import open_contact, random_strain, resize_particle, strain_packing
 from packmech.jamming.classify import METHODS
-from packmech.jamming.contact_selection import LEAST_GAP, OVERLAPS
+from packmech.jamming.contact_selection import MINIMUM_GAP_TOLERANCE, OVERLAPS
 from packmech.validation.hard_cases.case import HardCase
 
 # locally, collectively, strictly jammed
@@ -45,7 +45,9 @@ def _rule(fewest: Answers, most: Answers) -> tuple[str, ...]:
 
 def _at_gap(gap: float, shut: Answers, opened: Answers) -> tuple[str, ...]:
     """Return what must be said of hard particles with this one gap, by the answers with it counted and not counted."""
-    return _rule(shut if gap <= 0.1 * LEAST_GAP else opened, shut if gap <= 10 * LEAST_GAP else opened)
+    return _rule(
+        shut if gap <= 0.1 * MINIMUM_GAP_TOLERANCE else opened, shut if gap <= 10 * MINIMUM_GAP_TOLERANCE else opened
+    )
 
 
 def _wrong(pairs: Iterable[tuple[tuple[str, ...], tuple[str, ...]]]) -> float:
@@ -99,7 +101,7 @@ def _rectangular(repeats: int, answers: Answers) -> float:
 
 def _one_gap(crystal: pm.Packing, opened: Answers) -> float:
     """Wrong answers when exactly one contact opens, in turn some contacts all over the crystal."""
-    count = len(pm.find_contacts(crystal, gap_tolerance=LEAST_GAP))
+    count = len(pm.find_contacts(crystal, gap_tolerance=MINIMUM_GAP_TOLERANCE))
     chosen = range(0, count, max(1, count // 3))
     return _wrong(
         (_answers_of(open_contact(crystal, contact, gap)), _at_gap(gap, ALL, opened))
@@ -140,7 +142,7 @@ def _thin_reinforced() -> float:
 
 def _one_contact_less(crystal: pm.Packing, jammed: int) -> float:
     """How many contacts too many or too few can be taken away, one by one, and leave the crystal strictly jammed."""
-    contacts = pm.find_contacts(crystal, gap_tolerance=LEAST_GAP)
+    contacts = pm.find_contacts(crystal, gap_tolerance=MINIMUM_GAP_TOLERANCE)
     number_c = np.arange(len(contacts))
     answers = [pm.classify_jamming(crystal, contacts=contacts.select(number_c != gone)).strict for gone in number_c]
     doubtful = answers.count("ambiguous")
@@ -179,7 +181,7 @@ def _random_affine(size: float) -> float:
         change_k = np.einsum("kd,de,ke->k", BASAL, 2 * strain_dd + strain_dd @ strain_dd, BASAL)
         gap_k = change_k / (1 + np.sqrt(1 + change_k))
         overlap_k = -gap_k[gap_k < 0]
-        tolerance = max(OVERLAPS * float(overlap_k.mean()) if len(overlap_k) else 0.0, LEAST_GAP)
+        tolerance = max(OVERLAPS * float(overlap_k.mean()) if len(overlap_k) else 0.0, MINIMUM_GAP_TOLERANCE)
         fewest, most = (_by_directions(gap_k <= factor * tolerance) for factor in (0.1, 10.0))
         pairs.append((_answers_of(strain_packing(crystal, strain_dd)), _rule(fewest, most)))
     return _wrong(pairs)
@@ -190,7 +192,7 @@ def _naive(name: str) -> float:
     worst = 0.0
     for supercell in ([[2, 0], [0, 2]], [[3, 0], [0, 3]], [[2, 1], [0, 3]]):
         crystal = pm.lattice_packing(name, supercell=np.array(supercell))
-        contacts = pm.find_contacts(crystal, gap_tolerance=LEAST_GAP)
+        contacts = pm.find_contacts(crystal, gap_tolerance=MINIMUM_GAP_TOLERANCE)
         net_nd = np.zeros((crystal.particles, 2))
         np.add.at(net_nd, contacts.i_c, -contacts.normal_cd)
         np.add.at(net_nd, contacts.j_c, contacts.normal_cd)

@@ -286,21 +286,21 @@ def _of_chain(quantity: Callable[[pm.Packing], float], dimension: int) -> float:
     return quantity(chain(dimension))
 
 
-def _affixed(packing: pm.Packing, shove: float) -> float:
+def _projected(packing: pm.Packing, shove: float) -> float:
     """Return the largest error of a link after shoves and the compiled steps back.
 
     Infinite if a particle came to lie farther than ten shoves from where it was pushed to: those places have the
     lengths too, if at all, but they are not those nearby.
     """
     moved = packing.position_nd + shove * np.random.default_rng(4).normal(size=packing.position_nd.shape)
-    back = ConstraintFactor(packing).reaffixed(packing.replace(position_nd=moved))
+    back = ConstraintFactor(packing).projected(packing.replace(position_nd=moved))
     error = float(np.abs(back.link_error).max())
     return error if np.abs(back.position_nd - moved).max() < 10.0 * shove else math.inf
 
 
 def _angles_fixed(dimension: int, bend: float, shove: float) -> float:
     """Return that error for a chain of 1000 whose angles links hold."""
-    return _affixed(
+    return _projected(
         pm.chain_packing(1, 1000, dimension=dimension, packing_fraction=0.3, angles="fixed", bend=bend, seed=5), shove
     )
 
@@ -397,7 +397,7 @@ CASES = (
         "largest error of a link after shoves of 1e-3, by the compiled steps alone",
         8e-13,
         "coordinates of 1000 are rounded by 1.1e-13: three axes, two ends; infinite unless found within ten shoves",
-        lambda: _affixed(chain(3, 1000, 0.6, 3), 1e-3),
+        lambda: _projected(chain(3, 1000, 0.6, 3), 1e-3),
     ),
     HardCase(
         "basis of a nearly straight chain",

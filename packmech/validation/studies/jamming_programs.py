@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech.jamming.certificates import Finding, proven, yield_to_loads
-from packmech.jamming.contact_selection import backbone_of, find_touching
+from packmech.jamming.contact_selection import backbone_of, select_contacts
 from packmech.jamming.motion_cone import FLOPPY, MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, load_program, open_all
 from packmech.linalg.linear_programs import LinearProgram
@@ -61,7 +61,7 @@ def packings(dimension: int) -> Pair:
         PARTICLES[dimension], dimension=dimension, sizes=sizes, packing_fraction=fraction, seed=SEED
     )
     packing = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=PRESSURE, strain="free").packing
-    network, kept = backbone_of(packing, find_touching(packing, None).contacts)
+    network, kept = backbone_of(packing, select_contacts(packing, None).contacts)
     cone = motion_cone(packing, network, strain="free", kept_n=kept)
     states = cone.rows.shape[0] - (cone.unknowns - dimension - cone.floppy_modes())
     # the only state of self stress is what is left of any weights, to rounding
