@@ -174,9 +174,12 @@ def carry_out(wanted: Wanted) -> int:
     _finish(wanted, done, report)
     if code == OK and path is not None and wanted.checkpoint is None:
         path.unlink(missing_ok=True)
-    if code == OK and isinstance(done, Run) and not done.ok:
-        show(f"packmech: {done.outcome.value} (residual {done.residual:.1e})", error=True)
-        code = FAILED
+    if code == OK:
+        for one, label in _labeled(done):
+            if isinstance(one, Run) and not one.ok:
+                what = f"{label}: " if label else ""
+                show(f"packmech: {what}{one.outcome.value} (residual {one.residual:.1e})", error=True)
+                code = FAILED
     return code
 
 

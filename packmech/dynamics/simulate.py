@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
 from packmech.honors import honors
-from packmech.loop.checkpoint import check_scene, read_checkpoint, restore_from
+from packmech.loop.checkpoint import check_scene, damage_refused, read_checkpoint, restore_from
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.scene import Scene
 
@@ -220,18 +221,26 @@ def resume(
     """
     found = read_checkpoint(path, KIND)
     instance("scene", scene, Scene)
-    check_scene(scene, found.settings["scene"])
+    with damage_refused("path", path):
+        fingerprints = dict(found.settings["scene"])
+    check_scene(scene, fingerprints)
+    with damage_refused("path", path):
+        settings = saved_settings(found, scene)
+        reached = integer("reached", found.settings["reached"], at_least=0, at_most=settings.steps)
+        every = found.settings["checkpoint_every"]
+        if every is not None:
+            integer("checkpoint_every", every, at_least=1)
     limits = run_settings(
         time_limit=time_limit,
         checkpoint=path,
-        checkpoint_every=found.settings["checkpoint_every"],
+        checkpoint_every=every,
         threads=threads,
         progress=progress,
         check=check,
     )
-    reached = int(found.settings["reached"])
-    end = int(found.settings["steps"]) if steps is None else integer("steps", steps, at_least=reached)
-    task = SimulationTask(saved_settings(found, scene, end), RunLoop(limits))
+    if steps is not None:
+        settings = replace(settings, steps=integer("steps", steps, at_least=reached))
+    task = SimulationTask(settings, RunLoop(limits))
     return task.run(lambda: restore_from(found.arrays, task, "path", path))
 
 

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import Moment, moments_of, steps_between_observations, watch_of
 from packmech.dynamics.engine import Engine, build_engine
-from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet
+from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet, checked_method, start_of_motion
 from packmech.dynamics.observables import (
     ANGULAR,
     BONDED,
@@ -47,6 +48,7 @@ from packmech.loop.checkpoint import (
     Checkpoint,
     IndexBounds,
     check_indices,
+    saved_array,
     scene_fingerprints,
     write_checkpoint,
 )
@@ -285,16 +287,45 @@ def snapshot_bounds(particles: int, dimension: int) -> dict[str, IndexBounds]:
     }
 
 
-def snapshots_of(arrays: Mapping[str, Any]) -> list[Snapshot]:
-    """Return what `snapshot_arrays` took, step by step."""
-    if "snapshot_count_t" not in arrays:
+def snapshots_of(
+    arrays: Mapping[str, Any], steps: int, spins: tuple[int, int] | None, dimension: int
+) -> list[Snapshot]:
+    """Return what `snapshot_arrays` took at so many steps, step by step.
+
+    Parameters
+    ----------
+    arrays
+        Arrays by name.
+    steps
+        How many steps were kept.
+    spins
+        Shape of the spins at each of them; None where there are none.
+    dimension
+        Of the packing.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If arrays are missing or of other lengths.
+
+    """
+    if not steps:
         return []
-    ends = np.cumsum(arrays["snapshot_count_t"])[:-1]
-    parts = [np.split(arrays[f"snapshot_{name}"], ends) for name in Touching._fields]
-    spin = arrays.get("snapshot_spin_tnk")
+    lattice_tdd = saved_array(arrays, "snapshot_lattice_tdd", (steps, dimension, dimension))
+    spin_tnk = None if spins is None else saved_array(arrays, "snapshot_spin_tnk", (steps, *spins))
+    count_t = arrays["snapshot_count_t"]
+    if len(count_t) != steps:
+        raise ValueError(f"snapshot_count_t must be of length {steps}, as many as steps were kept, got {len(count_t)}")
+    columns = [arrays[f"snapshot_{name}"] for name in Touching._fields]
+    for name, column in zip(Touching._fields, columns, strict=True):
+        if column.shape[:1] != (count_t.sum(),):
+            raise ValueError(
+                f"snapshot_{name} must be of length {count_t.sum()}, the sum of snapshot_count_t, got {column.shape}"
+            )
+    parts = [np.split(column, np.cumsum(count_t)[:-1]) for column in columns]
     return [
-        Snapshot(lattice, None if spin is None else spin[t], Touching(*(part[t] for part in parts)))
-        for t, lattice in enumerate(arrays["snapshot_lattice_tdd"])
+        Snapshot(lattice, None if spin_tnk is None else spin_tnk[t], Touching(*(part[t] for part in parts)))
+        for t, lattice in enumerate(lattice_tdd)
     ]
 
 
@@ -394,23 +425,45 @@ class SimulationSettings:
         }
 
 
-def saved_settings(found: Checkpoint, scene: Scene, steps: int) -> SimulationSettings:
-    """Return the settings in a checkpoint, for the scene it was made of, to another end."""
+def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
+    """Return the settings in a checkpoint, for the scene it was made of.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If one is missing, of the wrong kind or out of its bounds.
+
+    """
     table, arrays = found
-    strain = table["applied_strain"]
+    strain, every = table["applied_strain"], table["trace_every"]
     if strain is not None:
         strain = from_table(strain, "applied_strain", kinds_of((SteadyStrain, OscillatoryStrain)))
+        strain.direction(scene.packing.dimension)  # which refuses axes that the packing does not have
+    instance("trace_positions", table["trace_positions"], bool)
+    start = start_of_motion(scene.packing, arrays["mass_n"], None, None, arrays.get("held_n"))
     return SimulationSettings(
         scene,
-        arrays["mass_n"],
-        float(table["dt"]),
-        steps,
-        from_table(table["method"], "method", kinds_of(INTEGRATORS)),
+        start.mass_n,
+        positive("dt", table["dt"]),
+        integer("steps", table["steps"], at_least=1),
+        checked_method(from_table(table["method"], "method", kinds_of(INTEGRATORS))),
         strain,
-        arrays.get("held_n"),
-        table["trace_every"],
-        bool(table["trace_positions"]),
+        start.held_n,
+        None if every is None else integer("trace_every", every, at_least=1),
+        table["trace_positions"],
     )
+
+
+def _kept_steps(step_t: NDArray[np.int64], every: int | None, reached: int) -> list[int]:
+    """Return the steps at which rows were kept on the way to the one that was reached, after checking that they are."""
+    turns = 0 if every is None else reached // every + 1
+    due_t = np.arange(min(turns, len(step_t))) * (every or 1)
+    # the end of a run is kept even where it is not its turn
+    end = [] if every is None or reached % every == 0 else [reached]
+    if len(due_t) < turns or (step_t[:turns] != due_t).any() or step_t[turns:].tolist() not in ([], end):
+        wanted = "empty" if every is None else f"0 and every {every} steps after it, up to {reached}"
+        raise ValueError(f"kept_step_t must be {wanted}, got {len(step_t)} steps")
+    return [int(step) for step in step_t]
 
 
 class SimulationTask:
@@ -585,26 +638,36 @@ class SimulationTask:
 
     def restore(self, arrays: Arrays) -> None:
         """Go back to where a checkpoint was made."""
-        self.engine.restore(arrays)
         table = json.loads(str(arrays["numbers_json"]))
-        self.start, self.last = arrays["start_row"], arrays["last_row"]
-        every = self.settings.trace_every
-        step_t = arrays["kept_step_t"].tolist()
+        every, packing = self.settings.trace_every, self.scene.packing
+        (n, d), spins = packing.position_nd.shape, self.engine.spins()
+        turning = None if spins is None else (n, spins.shape[1])
+        self.reached = integer("reached", table["reached"], at_least=0, at_most=int(arrays["engine.steps"]))
+        step_t = _kept_steps(arrays["kept_step_t"], every, self.reached)
+        row_tk = saved_array(arrays, "kept_row_tk", (len(step_t), COLUMNS))
+        self.engine.restore(arrays)
+        self.start, self.last = (saved_array(arrays, name, (COLUMNS,)) for name in ("start_row", "last_row"))
         # the last step of a run that goes on is kept no longer, unless its turn has come
         chosen = [t for t, step in enumerate(step_t) if every is not None and step % every == 0]
-        self.kept = [(step_t[t], arrays["kept_row_tk"][t]) for t in chosen]
-        added = added_rows(arrays, len(step_t), self.scene.packing.dimension)
+        self.kept = [(step_t[t], row_tk[t]) for t in chosen]
+        added = added_rows(arrays, len(step_t), d)
         self.added = [added[t] for t in chosen]
         if self.position_t is not None:
-            self.position_t = [arrays["kept_position_tnd"][t] for t in chosen]
-            self.velocity_t = [arrays["kept_velocity_tnd"][t] for t in chosen]
-            snapshots = snapshots_of(arrays)
+            position_tnd, velocity_tnd = (
+                saved_array(arrays, f"kept_{name}_tnd", (len(step_t), n, d)) for name in ("position", "velocity")
+            )
+            self.position_t = [position_tnd[t] for t in chosen]
+            self.velocity_t = [velocity_tnd[t] for t in chosen]
+            snapshots = snapshots_of(arrays, len(step_t), turning, d)
             self.snapshots = [snapshots[t] for t in chosen]
-        self.state = arrays["state_position_nd"], arrays["state_velocity_nd"]
-        self.box, self.tension_l = Box(arrays["state_lattice_dd"]), arrays["state_tension_l"]
-        self.spin_nk = arrays.get("state_spin_nk")
-        self.reached = int(table["reached"])
-        self.largest = {name: float(x) for name, x in table["largest"].items()}
+        position_nd, velocity_nd = (
+            saved_array(arrays, f"state_{name}_nd", (n, d)) for name in ("position", "velocity")
+        )
+        self.box = Box(saved_array(arrays, "state_lattice_dd", (d, d)))
+        self.state = packing.replace(position_nd=position_nd, box=self.box).position_nd, velocity_nd
+        self.tension_l = saved_array(arrays, "state_tension_l", self.tension_l.shape)
+        self.spin_nk = None if turning is None else saved_array(arrays, "state_spin_nk", turning)
+        self.largest = {name: float(table["largest"][name]) for name in self.largest}
         self.watch = dataclasses.replace(self.watch, **table["watch"])
         self.end, self.seconds_before = min(int(table["end"]), self.settings.steps), float(table["seconds"])
 

@@ -30,8 +30,8 @@ def check_derivatives(what: str, names: tuple[str, str, str], hooks: tuple[PairH
     names
         What it calls the three.
     hooks
-        Functions of the distance and the contact distance; distances where one of them fails, or is not finite, are
-        left out.
+        Functions of the distance and the contact distance. Each of the two derivatives is compared with differences of
+        the function before it, but not at distances where one of these two fails or is not finite.
 
     Raises
     ------
@@ -40,11 +40,11 @@ def check_derivatives(what: str, names: tuple[str, str, str], hooks: tuple[PairH
 
     """
     places = [((1.0 - overlap) * sigma, sigma) for sigma in _CONTACT_DISTANCES for overlap in _OVERLAPS]
-    found = [(place, pairs) for place in places if (pairs := _derivatives_at(*place, hooks)) is not None]
     for order in (0, 1):
-        scale = max((abs(value) for _, pairs in found for value in pairs[order]), default=0.0)
-        for (distance, sigma), pairs in found:
-            given, difference = pairs[order]
+        lower, upper = hooks[order : order + 2]
+        found = [(place, pair) for place in places if (pair := _derivatives_at(*place, lower, upper)) is not None]
+        scale = max((abs(value) for _, pair in found for value in pair), default=0.0)
+        for (distance, sigma), (given, difference) in found:
             if abs(given - difference) > _TOLERANCE * max(abs(given), abs(difference)) + _ROUNDING * scale:
                 raise ValueError(
                     f"{what}.{names[order + 1]} must be the derivative of {names[order]} with respect to distance: "
@@ -54,18 +54,16 @@ def check_derivatives(what: str, names: tuple[str, str, str], hooks: tuple[PairH
 
 
 def _derivatives_at(
-    distance: float, contact_distance: float, hooks: tuple[PairHook, PairHook, PairHook]
-) -> list[tuple[float, float]] | None:
-    """Return, for either derivative, what the hook gives beside what differences give; None where one fails."""
+    distance: float, contact_distance: float, lower: PairHook, upper: PairHook
+) -> tuple[float, float] | None:
+    """Return what the derivative gives beside what differences of the lower give; None where one of them fails."""
     half = _HALF_WIDTH * contact_distance
-    pairs = []
-    for lower, upper in zip(hooks[:-1], hooks[1:], strict=True):
-        try:
-            change = lower(distance + half, contact_distance) - lower(distance - half, contact_distance)
-            pairs.append((float(upper(distance, contact_distance)), float(change) / (2.0 * half)))
-        except Exception:  # outside a law's domain; a hook that never works is named where it is compiled
-            return None
-    return pairs if all(math.isfinite(value) for pair in pairs for value in pair) else None
+    try:
+        change = lower(distance + half, contact_distance) - lower(distance - half, contact_distance)
+        pair = float(upper(distance, contact_distance)), float(change) / (2.0 * half)
+    except Exception:  # outside a law's domain; a hook that never works is named where it is compiled
+        return None
+    return pair if all(map(math.isfinite, pair)) else None
 
 
 def default_record(cls: Any) -> Any | None:

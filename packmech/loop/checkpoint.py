@@ -13,7 +13,8 @@ import json
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -34,7 +35,7 @@ _SEAL = b"packmech checkpoint; SHA-256 of all bytes before: "
 _DIGITS = 64
 # what an archive that was damaged before its checksum was made, or by hand, makes of numpy and zipfile
 _UNREADABLE = (
-    OSError, EOFError, LookupError, TypeError, ValueError, RuntimeError, OverflowError, MemoryError,
+    OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, RuntimeError, OverflowError, MemoryError,
     zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 
@@ -103,6 +104,24 @@ def check_indices(arrays: Mapping[str, Any], bounds: Mapping[str, IndexBounds]) 
         bad = (array < bound.low) | (array >= bound.high)
         if bad.any():
             raise ValueError(f"{name} must be at least {bound.low} and below {bound.high}, got {array[bad].flat[0]}")
+
+
+def saved_array(arrays: Mapping[str, Any], name: str, shape: Sequence[int | None]) -> NDArray[np.float64]:
+    """Return a saved array of floats after checking that it is there, in this shape (None: any length).
+
+    Examples
+    --------
+    >>> saved_array({"x_nd": np.zeros((3, 2))}, "x_nd", (4, 2))
+    Traceback (most recent call last):
+    ...
+    ValueError: x_nd must be float64 of shape (4, 2), got float64 of (3, 2)
+
+    """
+    array = np.asarray(arrays[name])
+    fits = array.dtype == np.float64 and array.ndim == len(shape)
+    if not fits or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name} must be float64 of shape {tuple(shape)}, got {array.dtype} of {array.shape}")
+    return array
 
 
 def write_checkpoint(path: Path, kind: str, settings: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
@@ -285,11 +304,26 @@ def restore_from(arrays: Arrays, run: Restorable, argument: str, path: Any) -> N
         If it cannot be what such a run left, naming the argument, the file and what is wrong in it.
 
     """
-    try:
+    with damage_refused(argument, path):
         check_indices(arrays, run.index_bounds())
         run.restore(arrays)
+
+
+@contextmanager
+def damage_refused(argument: str, path: Any) -> Iterator[None]:
+    """Turn what goes wrong while a run is made of a checkpoint into one error.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the file and what is wrong in it.
+
+    """
+    try:
+        yield
     except _UNREADABLE as reason:
-        raise ValueError(f"{argument} must hold a run that can go on, got {str(path)!r}: {reason}") from reason
+        words = f"it must hold {reason}, got none" if isinstance(reason, KeyError) else str(reason)
+        raise ValueError(f"{argument} must hold a run that can go on, got {str(path)!r}: {words}") from reason
 
 
 class RunsFile:
@@ -322,7 +356,11 @@ class RunsFile:
         if self.path.exists():
             found, arrays = read_checkpoint(self.path, kind, argument="checkpoint")
             try:
-                self.settings, self.finished = found["runs"], found["finished"]
+                self.settings, self.finished = [dict(one) for one in found["runs"]], list(found["finished"])
+                if len(self.finished) != len(self.settings):
+                    raise ValueError(
+                        f"finished must be of length {len(self.settings)}, as runs are, got {len(self.finished)}"
+                    )
                 self.arrays = [{} for _ in self.settings]
                 for name, value in arrays.items():
                     run, _, rest = name.partition(".")

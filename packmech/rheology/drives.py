@@ -148,7 +148,7 @@ def _oscillatory_shear(
 def _steady_shear(
     drive: SteadyShearDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
 ) -> FlowCurve:
-    return steady_shear(scene, **_arguments(drive, scene, frames, progress, checkpoint))
+    return steady_shear(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
 
 
 def _ramp_strain(

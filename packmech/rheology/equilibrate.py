@@ -131,19 +131,22 @@ def equilibrate(
     checkpoint
         As in `oscillatory_shear`, one file for all periods.
     check
-        Raise NotConverged when the oscillation did not come down; otherwise return what it came to all the same.
+        Raise NotConverged when the frictionless minimum was not found or the oscillation did not come down; otherwise
+        return what it came to all the same.
 
     Returns
     -------
     Equilibration
-        Outcome.CONVERGED, or Outcome.STEP_LIMIT.
+        Outcome.CONVERGED, or Outcome.STEP_LIMIT. Where the frictionless minimum was not found, the outcome of that
+        minimization, after one period from where it ended; `expected_stress` is nan unless given.
 
     Raises
     ------
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If the oscillation did not come down and `check` is set; its `.run` holds what was.
+        If the frictionless minimum was not found or the oscillation did not come down, and `check` is set; its `.run`
+        holds what was.
 
     Examples
     --------
@@ -165,18 +168,18 @@ def equilibrate(
     if frictionless is not None and not isinstance(frictionless, bool):
         raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
     stages: list[Stage] = []
-    packing = scene.packing
+    packing, start = scene.packing, Outcome.CONVERGED
     if frictionless or (frictionless is None and not bonded):
         minimum = _Minimum(_frictionless(scene), settings)
-        packing, stages = minimum.packing, minimum.stages
-        if minimum.outcome is Outcome.INTERRUPTED:
+        packing, stages, start = minimum.packing, minimum.stages, minimum.outcome
+        if start is Outcome.INTERRUPTED:
             # the file keeps whole minimizations only
             settings = dataclasses.replace(settings, file=None)
     if expected_stress is not None:
         expected = positive("expected_stress", expected_stress)
     else:
         # what is not at rest has no modulus
-        expected = math.nan if settings.loop.late else _expected(scene, packing, amplitude)
+        expected = _expected(scene, packing, amplitude) if start.ok and not settings.loop.late else math.nan
 
     each = max(_SAMPLES, math.ceil(1.0 / (strain.frequency * settings.longest)))
     every = max(1, each // _SAMPLES)
@@ -190,13 +193,13 @@ def equilibrate(
         stress = run.shear_stress_t
         oscillation = 0.5 * float(stress.max() - stress.min())
         found = oscillation < largest * expected
-        if found or outcome is not Outcome.FINISHED or taken + 2 * each > limit:
+        if found or outcome is not Outcome.FINISHED or not start.ok or taken + 2 * each > limit:
             break
         settled, outcome = _period(settings, _dragged(scene, settings), packing, strain, direction, each, every)
         periods, taken, packing = periods + 1, taken + settled.steps, settled.packing
         stages += settled.stages
     if outcome is Outcome.FINISHED:
-        outcome = Outcome.CONVERGED if found else Outcome.STEP_LIMIT
+        outcome = (Outcome.CONVERGED if found else Outcome.STEP_LIMIT) if start.ok else start
     made = Equilibration(
         packing=packing,
         outcome=outcome,
@@ -238,7 +241,7 @@ class _Minimum:
             check=False,
         )
         self.packing, self.stages, self.outcome = found.packing, list(found.stages), found.outcome
-        if not found.ok and found.outcome is not Outcome.INTERRUPTED:
+        if loop.settings.check and not found.ok and found.outcome is not Outcome.INTERRUPTED:
             raise NotConverged(found)
         if file is not None and found.ok:
             file.write(self, finished=True)

@@ -18,7 +18,7 @@ from packmech.dynamics.observables import tensors
 from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_mean
-from packmech.result import Row, Summary, particles_in_words
+from packmech.result import Outcome, Row, Summary, particles_in_words
 from packmech.rheology.arguments import Common, Several, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.scene import Scene
@@ -126,7 +126,7 @@ def _ramp(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FlowCurve:
-    """Stress against rate in steady shear; errors are those of block means.
+    """Stress against rate in steady shear; errors are those of block means. All are nan where a run did not finish.
 
     Attributes
     ----------
@@ -155,6 +155,16 @@ class FlowCurve:
     runs: tuple[StrainRun, ...]
     seconds: float
     headings: ClassVar[tuple[str, ...]] = FLOW_HEADINGS
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the runs ended: as the first of them that is no success, if there is one."""
+        return next((run.outcome for run in self.runs if not run.ok), Outcome.FINISHED)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every run is a success."""
+        return self.outcome.ok
 
     @property
     def viscosity_r(self) -> NDArray[np.float64]:
@@ -190,6 +200,7 @@ class FlowCurve:
             "particles": packing.particles,
             "dimension": packing.dimension,
             "packing_fraction": packing_fraction(packing),
+            "outcome": self.outcome.name.lower(),
             **{name: getattr(self, column).tolist() for name, column in FLOW_COLUMNS.items()},
             "seconds": self.seconds,
         }
@@ -200,8 +211,12 @@ class FlowCurve:
         title = f"{particles_in_words(packing)} under steady shear"
         unit = self.runs[0].stress_unit
         rows = [
-            (f"rate {rate}", f"stress {stress} +- {error}", f"pressure {pressure}; {sliding} slide; {unit}")
-            for rate, stress, error, pressure, _, _, _, _, sliding in self.lines()
+            (
+                f"rate {rate}",
+                f"stress {stress} +- {error}",
+                f"pressure {pressure}; {sliding} slide; {unit}" if run.ok else run.outcome.value,
+            )
+            for (rate, stress, error, pressure, *_, sliding), run in zip(self.lines(), self.runs, strict=True)
         ]
         return Summary(title, tuple(rows), tuple(stage for run in self.runs for stage in run.stages))
 
@@ -221,6 +236,7 @@ def steady_shear(
     blocks: int = 8,
     samples: int = 400,
     axes: tuple[int, int] = (0, 1),
+    check: bool = True,
     **common: Unpack[Several],
 ) -> FlowCurve:
     """Return the flow curve: mean stress in steady shear at several rates, each from the scene as it is.
@@ -239,6 +255,9 @@ def steady_shear(
         How often figures are kept at each rate.
     axes, dt, method, mass_n, held_n, frames
         As in `oscillatory_shear`; as many frames of each run.
+    check
+        Raise NotConverged at the first run that does not finish; otherwise its place in the curve is nan, and
+        `FlowCurve.outcome` says how it ended.
     progress
         Called now and then as progress(stage, figures), the stage naming the rate.
     checkpoint
@@ -249,7 +268,7 @@ def steady_shear(
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a time step is too long; its `.run` holds that run.
+        If a time step is too long and `check` is set; its `.run` holds that run.
     KeyboardInterrupt
         Passed on with `.run` set to the curve of the rates that were finished, or None.
 
@@ -273,7 +292,7 @@ def steady_shear(
     count = integer("samples", samples, at_least=1)
     if count * (1.0 - skip / end) < 2 * parts:
         raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
-    settings = check_arguments(scene, **common)
+    settings = check_arguments(scene, check=check, **common)
     runs: list[StrainRun] = []
 
     def curve() -> FlowCurve:
@@ -292,6 +311,9 @@ def steady_shear(
 def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks: int, seconds: float) -> FlowCurve:
     table = []
     for run in runs:
+        if not run.ok:
+            table.append([math.nan] * 6)
+            continue
         on = run.strain_t >= skip * (1.0 - 1e-12)
         particles = run.packing.particles
         table.append(

@@ -11,12 +11,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import integer
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.energy_drift import RowWatch
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import VelocityVerlet
 from packmech.dynamics.observables import (
     BONDED,
+    COLUMNS,
     CONTACTS,
     KINETIC,
     LARGEST_FORCE,
@@ -36,7 +38,7 @@ from packmech.dynamics.pair_forces import Touching, touching_of
 from packmech.dynamics.simulation import Snapshot, snapshot_arrays, snapshot_bounds, snapshots_of
 from packmech.effects import Bonds, Friction
 from packmech.jit.interrupts import safe_interrupts
-from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
+from packmech.loop.checkpoint import Arrays, IndexBounds, saved_array, scene_fingerprints
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.kernels import RUNNING
 from packmech.observables import (
@@ -382,7 +384,16 @@ class StrainTask:
 
     def restore(self, kept: Arrays) -> None:
         """Go on from what a checkpoint kept."""
-        rows = kept["rows"]
+        n, d = self.settings.scene.packing.position_nd.shape
+        steps = integer("engine.steps", kept["engine.steps"], at_least=0, at_most=self.end)
+        rows = saved_array(kept, "rows", (steps // (self.span or self.every) + 1, COLUMNS))
+        frames = self._frames_at(steps)
+        frame_time_f = saved_array(kept, "frame_time_f", (frames,))
+        position_fnd = saved_array(kept, "position_fnd", (frames, n, d))
+        spins = self._spins()
+        snapshots = snapshots_of(kept, frames, None if spins is None else (n, spins.shape[1]), d)
+        if self.walls is not None:
+            self.walls.restore(kept, steps)
         self.engine.restore(kept)
         self.first = rows[0]
         if self.drive is not None:
@@ -390,13 +401,16 @@ class StrainTask:
         else:
             self.ledger.row_tk[: len(rows) - 1] = rows[1:]
             self.ledger.written[0] = len(rows) - 1
-        self.frame_time_f = kept["frame_time_f"].tolist()
-        self.position_f = list(kept["position_fnd"])
-        self.snapshot_f = snapshots_of(kept)
-        self.added = added_rows(kept, len(rows), self.settings.scene.packing.dimension)
-        self.seconds_before = float(kept["seconds"])
-        if self.walls is not None:
-            self.walls.restore(kept)
+        self.frame_time_f, self.position_f, self.snapshot_f = frame_time_f.tolist(), list(position_fnd), snapshots
+        self.added = added_rows(kept, len(rows), d)
+        self.seconds_before = float(saved_array(kept, "seconds", ()))
+
+    def _frames_at(self, steps: int) -> int:
+        """Return how many frames are kept after so many steps."""
+        # the end of the span in which each is due, or of the one after that of the frame before
+        number_f, span = np.arange(len(self.due_f)), self.span or 1
+        span_f = np.maximum.accumulate(-(-self.due_f // span) - number_f) + number_f
+        return int(np.count_nonzero(span_f <= steps // span))
 
     def save(self) -> None:
         """Write the checkpoint."""

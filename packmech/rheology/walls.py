@@ -16,6 +16,7 @@ from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import PairForces, pair_forces
 from packmech.effects import Walls
 from packmech.honors import honors
+from packmech.loop.checkpoint import saved_array
 from packmech.measure.signals import Demodulation
 from packmech.packing import Packing
 from packmech.result import Row
@@ -213,10 +214,10 @@ class WallForces:
         """Return what a checkpoint must keep."""
         return {"wall_rows": np.array(self.rows), "wall_ends": np.array([self.low, self.high])}
 
-    def restore(self, kept: Any) -> None:
-        """Go on from what a checkpoint kept."""
-        self.rows = list(kept["wall_rows"])
-        self.low, self.high = kept["wall_ends"].tolist()
+    def restore(self, kept: Any, steps: int) -> None:
+        """Go on from what a checkpoint kept after so many steps."""
+        self.rows = list(saved_array(kept, "wall_rows", (steps // self.every + 1, _COLUMNS)))
+        self.low, self.high = saved_array(kept, "wall_ends", (2,)).tolist()
 
     def _hold_back(self, engine: Engine) -> None:
         # In the loops what the box carries along is pushed so that it follows (SLLOD). Without that push velocities

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.cli import INTERRUPTED, execute
+from packmech.cli import FAILED, INTERRUPTED, execute
 from packmech.dynamics.engine import Engine
 from packmech.rheology import strain_run as travel
 
@@ -86,6 +86,18 @@ def test_the_same_command_goes_on_after_an_interrupt_and_ends_with_the_same_numb
     assert plain(folder / "again.json") == plain(folder / "whole.json")
     assert pm.read_packing("again.npz") == pm.read_packing("whole.npz")
     assert not kept.exists()
+
+
+def test_a_flow_curve_with_a_rate_that_did_not_finish_is_written_and_the_exit_code_says_so(folder, capsys):
+    text = (CRYSTAL + DRIVES["flow"]).replace("rates = [0.1, 0.2]", "rates = [0.001, 0.5]\ndt = 3.0")
+    (folder / "flow.toml").write_text(
+        text.replace('law = "linear-spring"', 'law = { kind = "linear-spring", stiffness = 50.0 }')
+    )
+    assert run("flow.toml", "--json", "flow.json") == FAILED
+    assert "packmech: rate-0.001: The time step is too long" in capsys.readouterr().err
+    numbers = plain(folder / "flow.json")
+    assert numbers["outcome"] == "step_too_long"
+    assert numbers["stresses"][0] is None and numbers["stresses"][1] > 0.0
 
 
 def test_a_checkpoint_that_was_asked_for_stays_and_spares_the_work(folder, monkeypatch):

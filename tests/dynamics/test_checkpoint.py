@@ -1,6 +1,7 @@
 """Facts about checkpoints: a simulation that goes on from one has the bits of one that was never stopped."""
 
 import dataclasses
+import json
 import signal
 import threading
 import time
@@ -11,7 +12,8 @@ import pytest
 
 import packmech as pm
 from packmech.dynamics.engine import Engine
-from packmech.loop.checkpoint import check_scene, scene_fingerprints
+from packmech.dynamics.simulation import KIND
+from packmech.loop.checkpoint import check_scene, read_checkpoint, scene_fingerprints, write_checkpoint
 
 DT, STEPS = 0.02, 60
 
@@ -230,6 +232,71 @@ def test_files_that_are_no_checkpoints_are_refused(tmp_path):
     np.savez(tmp_path / "later.npz", checkpoint_json=np.array('{"version": 99}'))
     with pytest.raises(ValueError, match="version must be 2, got 99"):
         pm.resume(tmp_path / "later.npz", scene)
+
+
+# a checkpoint without them is that of another run
+OPTIONAL = ("held_n",)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A scene, and the checkpoint of a simulation of it that goes on."""
+    path = tmp_path_factory.mktemp("kept") / "run.npz"
+    scene, manner = spheres()
+    pm.simulate(scene, steps=33, checkpoint=path, **manner)
+    return scene, read_checkpoint(path, KIND)
+
+
+def refused(scene, path, settings, arrays):
+    """Resume from a checkpoint with a right checksum; it must be refused. Return the words."""
+    write_checkpoint(path, KIND, settings, arrays)
+    with pytest.raises(ValueError, match=r"^path must hold a run that can go on, got .*run\.npz': ") as caught:
+        pm.resume(path, scene, steps=STEPS)
+    return str(caught.value)
+
+
+def test_a_checkpoint_that_lacks_an_array_is_refused(kept, tmp_path):
+    scene, (settings, arrays) = kept
+    for gone in arrays.keys() - OPTIONAL:
+        refused(scene, tmp_path / "run.npz", settings, {name: arrays[name] for name in arrays if name != gone})
+    rest = {name: arrays[name] for name in arrays if name != "mass_n"}
+    assert refused(scene, tmp_path / "run.npz", settings, rest).endswith("it must hold 'mass_n', got none")
+
+
+@pytest.mark.parametrize("change", [lambda array: array[:-1], lambda array: np.concatenate([array, array[-1:]])])
+def test_a_checkpoint_with_an_array_of_another_length_is_refused(change, kept, tmp_path):
+    scene, (settings, arrays) = kept
+    for name in [name for name in arrays if arrays[name].ndim and arrays[name].size]:
+        refused(scene, tmp_path / "run.npz", settings, arrays | {name: change(arrays[name])})
+
+
+def test_a_checkpoint_whose_rows_are_not_those_of_its_steps_is_refused(kept, tmp_path):
+    scene, (settings, arrays) = kept
+    assert arrays["kept_step_t"].tolist() == [0, 10, 20, 30, 33]
+    names = [name for name in arrays if name.startswith("kept_")]
+    fewer = arrays | {name: arrays[name][[0, 1, 2, 4]] for name in names}
+    assert "kept_step_t must be 0 and every 10 steps" in refused(scene, tmp_path / "run.npz", settings, fewer)
+    shifted = arrays | {"kept_step_t": np.array([0, 10, 20, 31, 33])}
+    assert "kept_step_t must be 0 and every 10 steps" in refused(scene, tmp_path / "run.npz", settings, shifted)
+    count_t = arrays["snapshot_count_t"] + np.array([1, 0, 0, 0, 0])
+    longer = arrays | {"snapshot_count_t": count_t}
+    assert "the sum of snapshot_count_t" in refused(scene, tmp_path / "run.npz", settings, longer)
+
+
+def test_a_checkpoint_with_wrong_settings_is_refused(kept, tmp_path):
+    scene, (settings, arrays) = kept
+    for gone in settings:
+        rest = {name: settings[name] for name in settings if name != gone}
+        assert refused(scene, tmp_path / "run.npz", rest, arrays).endswith(f"it must hold '{gone}', got none")
+    for name, wrong in (
+        ("dt", -0.1), ("dt", "short"), ("steps", 0), ("reached", 10**9), ("trace_every", 0), ("method", {"kind": ""}),
+        ("trace_positions", 1), ("checkpoint_every", -1), ("scene", 3), ("applied_strain", {"kind": "steady-strain"}),
+    ):  # fmt: skip
+        refused(scene, tmp_path / "run.npz", settings | {name: wrong}, arrays)
+    for name, wrong in (("mass_n", -arrays["mass_n"]), ("held_n", arrays["mass_n"])):
+        refused(scene, tmp_path / "run.npz", settings, arrays | {name: wrong})
+    for wrong in ({}, [], {**json.loads(str(arrays["numbers_json"])), "largest": []}):
+        refused(scene, tmp_path / "run.npz", settings, arrays | {"numbers_json": np.array(json.dumps(wrong))})
 
 
 def test_an_end_that_lies_behind_is_refused(tmp_path):

@@ -340,6 +340,10 @@ def turned(self, r, sigma):
     return self.energy_scale * (1.0 - r / sigma) / sigma
 
 
+def fails(self, r, sigma):
+    raise ArithmeticError
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -348,6 +352,8 @@ def turned(self, r, sigma):
         ({"first": lambda self, r, sigma: -1.01 * self.energy_scale * (1.0 - r / sigma) / sigma}, "Harmony.first"),
         ({"second": lambda self, r, sigma: -self.energy_scale / sigma**2}, r"Harmony\.second must be the derivative"),
         ({"second": lambda self, r, sigma: 0.0}, r"differences give 1, got 0"),
+        ({"first": turned, "second": fails}, r"Harmony\.first must be the derivative of energy"),
+        ({"energy": fails, "second": lambda self, r, sigma: 0.0}, r"Harmony\.second must be the derivative of first"),
     ],
 )
 def test_a_law_with_a_wrong_derivative_is_refused_where_it_is_registered(changes, message):

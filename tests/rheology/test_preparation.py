@@ -1,5 +1,6 @@
 """Facts about preparation: a material's constants, and scenes that are at rest before they are sheared."""
 
+import functools
 import math
 
 import numpy as np
@@ -103,6 +104,39 @@ def test_a_scene_that_cannot_settle_in_time_says_so(microgel):
         pm.equilibrate(scene, **how)
     assert caught.value.run.outcome is pm.Outcome.STEP_LIMIT
     assert pm.equilibrate(scene, check=False, **how).ratio > 0.1
+
+
+def test_a_frictionless_minimum_that_is_not_found_is_an_outcome_where_that_is_not_checked(microgel, monkeypatch):
+    scene = microgel.replace(effects=microgel.effects[:3])
+    drawn = scene.replace(packing=pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1))
+    short = functools.partial(pm.quench, step_limit=3)
+    monkeypatch.setattr("packmech.rheology.equilibrate.quench", short)
+    how = {"amplitude": 0.2, "relative_frequency": 0.025}
+    with pytest.raises(pm.NotConverged) as caught:
+        pm.equilibrate(drawn, **how)
+    minimum = caught.value.run
+    assert minimum.outcome is pm.Outcome.STEP_LIMIT
+    rest = pm.equilibrate(drawn, check=False, **how)
+    assert rest.outcome is pm.Outcome.STEP_LIMIT and rest.periods == 1
+    assert rest.packing == minimum.packing
+    assert math.isnan(rest.expected_stress) and math.isnan(rest.ratio) and rest.oscillation > 0.0
+    assert "step limit" in repr(rest)
+    given = pm.equilibrate(drawn, expected_stress=1e9, check=False, **how)
+    assert given.outcome is pm.Outcome.STEP_LIMIT and given.ratio < 0.1
+    assert not pm.run(drawn.replace(drive=pm.OscillatoryShearDrive(periods=1, largest_oscillation=0.1, **how))).ok
+
+
+def test_time_that_runs_out_within_the_frictionless_minimum_is_an_outcome(microgel):
+    drawn = pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1)
+    scene = microgel.replace(packing=drawn, effects=microgel.effects[:3])
+    how = {"amplitude": 0.2, "relative_frequency": 0.025, "time_limit": 1e-9}
+    rest = pm.equilibrate(scene, check=False, **how)
+    assert rest.outcome is pm.Outcome.INTERRUPTED and not rest.ok
+    assert rest.stages[0].name == "FIRE" and rest.stages[0].residual > 1e-10
+    assert rest.steps <= 1 and math.isnan(rest.expected_stress)
+    with pytest.raises(pm.NotConverged, match="Stopped from outside") as caught:
+        pm.equilibrate(scene, **how)
+    assert isinstance(caught.value.run, pm.Equilibration)
 
 
 def test_without_bonds_the_frictionless_minimum_comes_first(microgel):

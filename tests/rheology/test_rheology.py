@@ -84,6 +84,24 @@ def test_faster_steady_shear_bears_more_stress_and_blocks_give_errors(scene):
     assert curve.runs[0].kinetic_t[-50:].mean() < 1.0
 
 
+def test_a_rate_at_which_the_time_step_is_too_long_is_nan_in_the_curve_and_raises_only_where_that_is_checked(scene):
+    # the fast shear has short steps, as its samples are close
+    given = {"rates": (0.003, 0.5), "applied_strain": 0.4, "skip_strain": 0.1, "samples": 40, "dt": 3.0}
+    curve = pm.steady_shear(scene, check=False, **given)
+    assert [run.outcome for run in curve.runs] == [pm.Outcome.STEP_TOO_LONG, pm.Outcome.FINISHED]
+    assert curve.outcome is pm.Outcome.STEP_TOO_LONG and not curve.ok
+    for name in ("stress_r", "stress_error_r", "pressure_r", "pressure_error_r", "contacts_r", "sliding_r"):
+        assert np.isnan(getattr(curve, name)).tolist() == [True, False]
+    assert curve.to_dict()["outcome"] == "step_too_long"
+    assert "time step is too long" in repr(curve)
+    with pytest.raises(pm.NotConverged) as caught:
+        pm.steady_shear(scene, **given)
+    assert caught.value.run.steps == curve.runs[0].steps
+    drive = pm.SteadyShearDrive(**given)
+    again = pm.run(scene.replace(drive=drive))
+    np.testing.assert_array_equal(again.stress_r, curve.stress_r)
+
+
 def test_an_amplitude_sweep_is_linear_at_small_amplitudes_and_softens_at_large_ones(scene):
     sweep = pm.amplitude_sweep(scene, amplitudes=[1e-5, 1e-4, 0.3], frequency=0.05, periods=6, samples_per_period=40)
     assert sweep.storage_a[1] == pytest.approx(sweep.storage_a[0], rel=1e-2)

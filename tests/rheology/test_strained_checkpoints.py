@@ -10,8 +10,9 @@ import pytest
 import packmech as pm
 from packmech.dynamics.engine import Engine
 from packmech.loop import run_loop
-from packmech.loop.checkpoint import scene_fingerprints, write_checkpoint
+from packmech.loop.checkpoint import read_checkpoint, scene_fingerprints, write_checkpoint
 from packmech.rheology import strain_run
+from packmech.rheology.arguments import KIND
 
 LAW = pm.LinearSpring()
 
@@ -227,6 +228,37 @@ def test_another_scene_is_refused_by_what_differs(scene, tmp_path):
     effects = (*scene.effects[:-1], pm.BackgroundDamping(0.03))
     with pytest.raises(ValueError, match=r"another scene.effects\[4\]"):
         call(scene.replace(effects=effects), **given)
+
+
+@pytest.mark.parametrize("name", [*CALLS, "plates"])
+def test_a_checkpoint_that_lacks_an_array_or_has_one_of_another_length_is_refused(name, scene, tmp_path):
+    call, given = CALLS["sine" if name == "plates" else name]
+    plates = {"held_n": pm.rough_plates(scene.packing)} if name == "plates" else {}
+    given = {**given, **plates, "frames": 3000 if name == "creep" else 60, "checkpoint": tmp_path / "run.npz"}
+    with pytest.raises(KeyboardInterrupt):
+        call(scene, progress=StopAt(7), **given)
+    settings, kept = read_checkpoint(tmp_path / "run.npz", KIND)
+    steps, rows, frames = (kept[f"0.{name}"] for name in ("engine.steps", "rows", "frame_time_f"))
+    assert steps > 0 and len(rows) > 1 and len(frames) > 1
+    assert ("0.wall_rows" in kept) == (name == "plates")
+    long = [one for one in kept if kept[one].ndim and kept[one].size]
+    damaged = [
+        *({other: kept[other] for other in kept if other != one} for one in kept),
+        *(kept | {one: kept[one][:-1]} for one in long),
+        *(kept | {one: np.concatenate([kept[one], kept[one][-1:]])} for one in long),
+        *(kept | {"0.engine.steps": np.array(other)} for other in (0, 10**9)),
+        kept | {"0.snapshot_count_t": kept["0.snapshot_count_t"] + 1},
+    ]
+    for arrays in damaged:
+        write_checkpoint(tmp_path / "run.npz", KIND, settings, arrays)
+        with pytest.raises(ValueError, match="^checkpoint must hold a run that can go on, got "):
+            call(scene, **given)
+    for table in ({"runs": settings["runs"], "finished": []}, {"runs": 3, "finished": [False]}, {}):
+        write_checkpoint(tmp_path / "run.npz", KIND, table, kept)
+        with pytest.raises(ValueError, match="^checkpoint must hold runs, got "):
+            call(scene, **given)
+    write_checkpoint(tmp_path / "run.npz", KIND, settings, kept)
+    assert call(scene, **given).ok
 
 
 def test_checkpoints_of_simulate_and_of_strained_runs_are_told_apart(scene, tmp_path):
