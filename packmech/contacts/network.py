@@ -16,6 +16,9 @@ from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
 
+# gaps and overlaps of packings whose particles just touch, relative to the contact distance
+_ROUNDING = 1e-9
+
 
 class Candidates(NamedTuple):
     """Pairs whose distance is at most scale * (radius_i + radius_j) + skin, each once, sorted by (i, j, image).
@@ -257,7 +260,7 @@ def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension:
 
 
 @honors("links", packing_only=True)
-def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
+def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Contacts:
     """Return all touching pairs: gap <= gap_tolerance * (radius_i + radius_j), over every periodic image.
 
     Linked pairs at the link's image, and pairs within a rigid cluster, are no contacts.
@@ -267,7 +270,10 @@ def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
     packing
         The packing.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts; a negative one asks for overlap.
+        Largest gap relative to the contact distance [1] at which a pair counts; a negative one asks for overlap. None,
+        the default of all calls that count contacts or take their stiffness: 0 in a packing whose particles overlap,
+        and 1e-9, which admits rounding, in one where no overlap is larger than that: a crystal or an exact packing of
+        hard particles at its touching point.
 
     Raises
     ------
@@ -283,11 +289,13 @@ def find_contacts(packing: Packing, *, gap_tolerance: float = 0.0) -> Contacts:
 
     """
     instance("packing", packing, Packing)
-    tolerance = real("gap_tolerance", gap_tolerance, above=-1.0)
+    tolerance = _ROUNDING if gap_tolerance is None else real("gap_tolerance", gap_tolerance, above=-1.0)
     scale = (1.0 + tolerance) * (1.0 + 1e-9)
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
     if packing.links is not None:
         touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
+    if gap_tolerance is None and (touching & (contacts.gap_c < -_ROUNDING * contacts.contact_distance_c)).any():
+        touching &= contacts.gap_c <= 0.0
     return contacts.select(touching)

@@ -173,7 +173,7 @@ def rattling_particles(packing: Packing, contacts: Contacts) -> NDArray[np.bool_
 
 @honors("links", packing_only=True)
 def find_rattlers(
-    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
+    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None
 ) -> NDArray[np.bool_]:
     """Return, for each particle, whether it rattles: its contacts with particles that do not rattle fail to hold it.
 
@@ -186,8 +186,8 @@ def find_rattlers(
     packing
         The packing.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching. The default, 1e-9, admits
-        the rounding of crystals and of exact hard-particle packings. It is not the rule of `classify_jamming`, which
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`. It is not that of `classify_jamming`, which
         goes by the mean overlap: `contacts=verdict.touching.contacts` gives the pairs that a verdict took.
     contacts
         The contacts to judge by instead of those within `gap_tolerance`.
@@ -219,7 +219,7 @@ def find_rattlers(
 
 @honors("links", packing_only=True)
 def remove_rattlers(
-    packing: Packing, *, gap_tolerance: float = 1e-9, contacts: Contacts | None = None
+    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None
 ) -> tuple[Packing, NDArray[np.int64]]:
     """Return the packing without its rattlers, and the (N',) numbers that its particles had before.
 
@@ -344,7 +344,7 @@ def packing_fraction(packing: Packing) -> float:
 
 
 @honors("links", packing_only=True)
-def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattlers: str = "remove") -> float:
+def coordination_number(packing: Packing, *, gap_tolerance: float | None = None, rattlers: str = "remove") -> float:
     """Return the mean number of contacts of a particle, 2 N_c / N' [1], in the periodic box.
 
     Parameters
@@ -352,7 +352,8 @@ def coordination_number(packing: Packing, *, gap_tolerance: float = 0.0, rattler
     packing
         The packing.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`.
     rattlers
         "remove" leaves rattlers and their contacts out of N' and N_c; "keep" counts everything.
 

@@ -28,7 +28,6 @@ from packmech.measure.stress import contact_stress, sum_forces
 from packmech.mechanics.hessian import KINDS, BondSums, bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, relax_linked, soft_shift
 from packmech.mechanics.rattling import held_network
-from packmech.mechanics.rigidity import TOUCHING
 from packmech.scene import Scene
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
@@ -463,7 +462,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 
 @honors("repulsion links", at_rest=True)
 def elastic_moduli(
-    scene: Scene, *, kind: str = "exact", rattlers: str = "remove", gap_tolerance: float = TOUCHING
+    scene: Scene, *, kind: str = "exact", rattlers: str = "remove", gap_tolerance: float | None = None
 ) -> Moduli:
     """Return the elastic moduli of a packing at rest, its particles free to relax.
 
@@ -485,7 +484,7 @@ def elastic_moduli(
         stiffen the packing.
     gap_tolerance
         Pairs with a gap up to this times the contact distance [1] are contacts; those that do not overlap count with
-        u''(1-).
+        u''(1-). None: the rule of `find_contacts`.
 
     Returns
     -------
@@ -580,7 +579,7 @@ def compliance_matrix(
     kind: str = "exact",
     method: str = "sparse",
     rattlers: str = "remove",
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
 ) -> NDArray[np.float64]:
     """Return the (s, s) compliance [length^d/energy] in Mandel components: the inverse of `Moduli.energy`.
@@ -634,7 +633,7 @@ def compliance_matrix(
 
 
 def _pseudoinverse(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float, memory_limit: float
+    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
 ) -> NDArray[np.float64]:
     packing = scene.packing
     backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)

@@ -39,7 +39,6 @@ from packmech.measure.counting import remove_rattlers
 from packmech.measure.stress import contact_stress
 from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
 from packmech.mechanics.rattling import held_network
-from packmech.mechanics.rigidity import TOUCHING
 from packmech.scene import Scene
 
 
@@ -302,7 +301,7 @@ def hessian(
     kind: str = "exact",
     *,
     volume_curvature: str = "det",
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
 ) -> sp.csr_array:
     """Return the (N d + s, N d + s) second derivatives of the energy, or (N d, N d) without strain.
 
@@ -332,6 +331,7 @@ def hessian(
     gap_tolerance
         Contacts are pairs with a gap up to this times the contact distance [1]; those that do not overlap count with
         the second derivative of the closed side, u''(1-), so that a crystal at its touching point has its stiffness.
+        None: the rule of `find_contacts`, by which the matrix is the derivative of the forces wherever pairs overlap.
 
     Raises
     ------
@@ -377,7 +377,7 @@ def dynamical_matrix(
     volume_curvature: str = "det",
     mass_n: ArrayLike | None = None,
     strain_scale: float | None = None,
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
 ) -> sp.csr_array:
     """Return M^-1/2 H M^-1/2, whose eigenvalues are squared frequencies [1/time^2].
@@ -453,7 +453,7 @@ def perturbation_energy(
     strain: str = "free",
     kind: str = "exact",
     volume_curvature: str = "det",
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
 ) -> float:
     """Return the second-order energy of a perturbation, (1/2) y.H.y [energy]; equation 34 of the polymer source.
 
@@ -553,7 +553,7 @@ def is_stable(scene: Scene, *, strain: str, gap_tolerance: float = 0.0, free_tur
     return True
 
 
-def _is_stable_with_links(scene: Scene, strain: str, gap_tolerance: float, allowed: float) -> bool:
+def _is_stable_with_links(scene: Scene, strain: str, gap_tolerance: float | None, allowed: float) -> bool:
     """Return whether no motion is unstable, those softer than counts as zero being `allowed` (1) or not (-1)."""
     contacts, index, links = held_network(scene.packing, gap_tolerance=gap_tolerance)
     if not len(index) or not len(contacts):

@@ -27,7 +27,6 @@ from packmech.mechanics.hessian import (
 )
 from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
 from packmech.mechanics.rattling import held_network
-from packmech.mechanics.rigidity import TOUCHING
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
@@ -120,7 +119,7 @@ def normal_modes(
     mass_n: ArrayLike | None = None,
     strain_scale: float | None = None,
     rattlers: str = "remove",
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     method: str = "auto",
 ) -> Modes:
     """Return the lowest normal modes of a packing, or all of them.
@@ -398,7 +397,7 @@ def density_of_states(
     *,
     kind: str = "exact",
     rattlers: str = "remove",
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
 ) -> StateDensity:
     """Return the density of vibrational states D(omega) = (N(omega + d omega) - N(omega)) / d omega, normalized to 1.
 

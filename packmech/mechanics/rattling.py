@@ -27,7 +27,7 @@ from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
-from packmech.mechanics.rigidity import TOUCHING, contacts_of
+from packmech.mechanics.rigidity import contacts_of
 from packmech.packing import Packing
 from packmech.result import Outcome
 
@@ -80,7 +80,7 @@ class Rattling:
 
 @honors("links", packing_only=True)
 def find_rattling_clusters(
-    packing: Packing, *, gap_tolerance: float = TOUCHING, contacts: Contacts | None = None
+    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None
 ) -> Rattling:
     """Return which particles rattle, alone or with their clusters, in the fixed box.
 
@@ -89,7 +89,8 @@ def find_rattling_clusters(
     packing
         The packing, with links or without.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`.
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
 
@@ -276,7 +277,7 @@ def _by_cluster(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
     return rattling
 
 
-def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "remove") -> Network:
+def held_network(packing: Packing, *, gap_tolerance: float | None, rattlers: str = "remove") -> Network:
     """Return the contacts within the gap tolerance, without those of rattlers unless these are to be kept.
 
     Linked particles go together: a cluster is taken out if it can be moved as a whole. One that can only turn stays,
@@ -287,7 +288,8 @@ def held_network(packing: Packing, *, gap_tolerance: float, rattlers: str = "rem
     packing
         The packing.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`.
     rattlers
         "remove" or "keep".
 

@@ -17,10 +17,9 @@ from packmech.linalg.mandel import STRAINS, normal_strains, strain_directions
 from packmech.packing import Packing
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
-TOUCHING = 1e-9
 
 
-def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float) -> Contacts:
+def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float | None) -> Contacts:
     """Return the given contacts after checking that they fit the packing, or else those within the gap tolerance."""
     instance("packing", packing, Packing)
     if contacts is None:
@@ -36,7 +35,7 @@ def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
 
 @honors("links", packing_only=True)
 def rigidity_matrix(
-    packing: Packing, strain: str = "free", *, contacts: Contacts | None = None, gap_tolerance: float = TOUCHING
+    packing: Packing, strain: str = "free", *, contacts: Contacts | None = None, gap_tolerance: float | None = None
 ) -> sp.csr_array:
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
 
@@ -56,8 +55,8 @@ def rigidity_matrix(
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching; the default admits the
-        rounding of crystals and of exact hard-particle packings.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`.
 
     Raises
     ------
@@ -144,7 +143,7 @@ def constrained_rigidity_matrix(
     *,
     strain_scale: float | None = None,
     contacts: Contacts | None = None,
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
 ) -> NDArray[np.float64]:
     """Return R_E = R B, the (C, N_dof) changes of contact distances under the motions of `change_of_basis`.
@@ -159,7 +158,8 @@ def constrained_rigidity_matrix(
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def n_matrix(
     *,
     strain_scale: float | None = None,
     contacts: Contacts | None = None,
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
 ) -> NDArray[np.float64]:
     """Return the N-matrix R_E R_E^T, (C, C): what contact forces do to contact distances through motions.

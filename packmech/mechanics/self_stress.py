@@ -25,7 +25,7 @@ from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
 from packmech.mechanics.modes import signed_columns
-from packmech.mechanics.rigidity import TOUCHING, contacts_of, strain_columns
+from packmech.mechanics.rigidity import contacts_of, strain_columns
 from packmech.packing import Packing
 
 # what the box may do; with isotropic strains alone nobody counts
@@ -218,7 +218,7 @@ def _prepare(
     packing: Packing,
     strain: str,
     contacts: Contacts | None,
-    gap_tolerance: float,
+    gap_tolerance: float | None,
     tolerance: float,
     method: str,
     limit: float,
@@ -263,7 +263,7 @@ def states_of_self_stress(
     strain: str = "none",
     *,
     contacts: Contacts | None = None,
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
     method: str = "auto",
     basis_limit: float = BASIS_LIMIT,
@@ -280,7 +280,8 @@ def states_of_self_stress(
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching.
+        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
+        `find_contacts`.
     rank_tolerance
         Singular values below this fraction of the (bound on the) largest count as zero [1].
     method
@@ -324,7 +325,7 @@ def floppy_modes(
     strain: str = "none",
     *,
     contacts: Contacts | None = None,
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
     method: str = "auto",
     basis_limit: float = BASIS_LIMIT,

@@ -24,7 +24,6 @@ from packmech.links import Links
 from packmech.mechanics.elasticity import Average, inverse_across, voigt_average
 from packmech.mechanics.hessian import bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.rattling import held_network
-from packmech.mechanics.rigidity import TOUCHING
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -191,7 +190,7 @@ class Backbone:
         return rows
 
 
-def backbone_of(scene: Scene, kind: str, gap_tolerance: float) -> Backbone:
+def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbone:
     """Return the factored backbone of a packing.
 
     Raises
@@ -418,7 +417,7 @@ def cement(
     step: float = 0.05,
     freeze: str = "angles",
     kind: str = "unstressed",
-    gap_tolerance: float = TOUCHING,
+    gap_tolerance: float | None = None,
 ) -> Cementing:
     """Return the moduli of a packing while random contacts become rigid links, up to complete rigidity.
 
@@ -469,7 +468,7 @@ def cement(
     step = positive("step", step)
     one_of("freeze", freeze, FREEZE)
     one_of("kind", kind, KINDS)
-    gap_tolerance = real("gap_tolerance", gap_tolerance, at_least=0.0)
+    gap_tolerance = None if gap_tolerance is None else real("gap_tolerance", gap_tolerance, at_least=0.0)
     began = time.process_time()
     with single_thread():
         backbone = backbone_of(scene, kind, gap_tolerance)

@@ -20,7 +20,6 @@ from packmech.generate import random_packing
 from packmech.generate.random import Monodisperse, Sizes, sizes_of
 from packmech.jit.blas import single_thread
 from packmech.loop.checkpoint import read_results, write_checkpoint
-from packmech.mechanics.rigidity import TOUCHING
 from packmech.packing import Packing
 from packmech.protocols.cement import FREEZE, Cementing, backbone_of, cement_backbone, step_end
 from packmech.protocols.jam import jam
@@ -170,7 +169,7 @@ def run_trials(
         for order in range(orders):
             if f"cemented_{order}" not in kept:
                 if backbone is None:
-                    backbone = backbone_of(Scene(packing, (Repulsion(),)), "unstressed", TOUCHING)
+                    backbone = backbone_of(Scene(packing, (Repulsion(),)), "unstressed", None)
                     kept["bearing"] = np.array(backbone.bearing)
                 sequence = np.random.default_rng(settings.draw(1, order)).permutation(len(backbone.contacts))
                 row = _row(

@@ -66,7 +66,7 @@ class Decompression:
         start = self.start_packing_fraction
         if protocol.scene.packing.links is not None:
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
-        start = _START[protocol.scene.packing.dimension] if start is None else start
+        start = protocol.start_fraction(start, _START)
         packing = decompress(
             protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps
         )  # fmt: skip
@@ -125,8 +125,7 @@ class StepHalving:
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing whose energy lies in the window, and how the protocol ended."""
         first = protocol.scene.packing
-        fraction = self.start_packing_fraction
-        fraction = _HALVING_START[first.dimension] if fraction is None else fraction
+        fraction = protocol.start_fraction(self.start_packing_fraction, _HALVING_START)
         packing = protocol.at_fraction(first, fraction)
         change, side = self.increment, 0
         outcome = Outcome.STEP_LIMIT

@@ -23,6 +23,8 @@ _ONSET, _ONSETS = 0.03, (0.001, 0.2)
 # dense enough that a quench ends jammed, and not much denser than the packing that is looked for
 START = {2: 0.87, 3: 0.68}
 _BARRIERS = (1e-12, 1e-13, 1e-14)
+# pressure [energy_scale / diameter^d] down to which a jammed packing is followed by FIRE
+FOLLOWED_TO = 1e-4
 # how often a packing found at a saddle is kicked off it
 _KICKS = 3
 
@@ -103,10 +105,11 @@ class HardVertex:
     Parameters
     ----------
     start_packing_fraction
-        Where the quench happens; None: .87 in two dimensions, .68 in three.
+        Where the quench happens; None: .87 in two dimensions, .68 in three, and where it stands for a jammed packing
+        that is followed.
     stop_pressure
         FIRE goes on decompressing until the pressure is at most this [energy_scale / diameter^d]; None: the quench is
-        enough.
+        enough, and a jammed packing that is followed goes down to 1e-4.
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
@@ -130,12 +133,9 @@ class HardVertex:
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
-        start = (
-            START[protocol.scene.packing.dimension]
-            if self.start_packing_fraction is None
-            else self.start_packing_fraction
-        )
-        packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
+        start = protocol.start_fraction(self.start_packing_fraction, START)
+        stop = FOLLOWED_TO if self.stop_pressure is None and protocol.continues else self.stop_pressure
+        packing = decompress(protocol, start, stop, 0.15, self.quench_tolerance, self.quench_steps)
         hard = find_hard_packing(protocol, packing, self.iteration_limit)
         if hard is None:
             return protocol.last, Outcome.NOT_JAMMED

@@ -12,12 +12,17 @@ from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.stress import force_balance
+from packmech.measure.stress import pressure as pressure_of
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
+
+# largest net force over mean contact force of a packing that a protocol goes on from
+_BALANCED = 1e-3
 
 
 def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
@@ -37,6 +42,12 @@ def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
     return mandel_basis(dimension).copy()
 
 
+def is_jammed(scene: Scene) -> bool:
+    """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
+    largest, mean = force_balance(scene)
+    return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
+
+
 @honors("repulsion links", at_rest=True)
 def jam(
     scene: Scene,
@@ -44,6 +55,7 @@ def jam(
     pressure: float | None = None,
     strain: str = "free",
     method: JamMethod | None = None,
+    start: str = "continue",
     energy_tolerance: float | None = None,
     force_tolerance: float = 1e-5,
     time_limit: float | None = None,
@@ -52,8 +64,9 @@ def jam(
 ) -> Run:
     """Return the run that ends in a jammed packing at the pressure asked for.
 
-    The packing's box is scaled to the start of the protocol, whatever its packing fraction. Every figure is
-    recomputed from the packing that is returned.
+    A packing that is jammed already, its forces balanced under pressure, is followed in pressure from where it stands
+    and keeps its contact network as far as pressure lets it. Any other is scaled to the start of the protocol, whatever
+    its packing fraction. Every figure is recomputed from the packing that is returned.
 
     Parameters
     ----------
@@ -68,6 +81,8 @@ def jam(
     method
         HardVertex() (the default), ProgramChain(), StepHalving() or Decompression() (the default with links, where
         only it and StepHalving with a fixed box know the way); their parameters are those of the protocol.
+    start
+        "continue", or "anew": a jammed packing is scaled to the start of the protocol, too.
     energy_tolerance
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
@@ -85,7 +100,8 @@ def jam(
         `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
         (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
-        held redundantly), stress_anisotropy, method, strain, and, where a hard packing was found, hard_packing,
+        held redundantly), stress_anisotropy, method, strain, start ("continued" or "anew"), and, where a hard packing
+        was found, hard_packing,
         hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With links in two dimensions
         also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress; start
         dilute, as pm.cluster_packing(..., largest_overlap=0.1) does, to keep them apart.
@@ -111,6 +127,7 @@ def jam(
     instance("scene", scene, Scene)
     asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("isotropic", "free"))
+    one_of("start", start, ("continue", "anew"))
     tolerance = positive("force_tolerance", force_tolerance)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     if energy_tolerance is not None:
@@ -136,6 +153,8 @@ def jam(
     protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
 
     def work() -> Outcome:
+        protocol.continues = start == "continue" and is_jammed(scene)
+        protocol.report["start"] = "continued" if protocol.continues else "anew"
         protocol.last, outcome = method.follow(protocol, asked)
         return outcome
 

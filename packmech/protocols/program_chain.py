@@ -62,8 +62,7 @@ class ProgramChain:
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
-        start = self.start_packing_fraction
-        start = START[protocol.scene.packing.dimension] if start is None else start
+        start = protocol.start_fraction(self.start_packing_fraction, START)
         packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
         hard = self._chain(protocol, packing)
         if hard is None:

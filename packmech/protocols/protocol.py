@@ -82,6 +82,8 @@ class Protocol:
         self.stages: list[Stage] = []
         self.last = scene.packing
         self.report: dict[str, Any] = {}
+        # whether the scene's packing is jammed, and followed from where it stands
+        self.continues = False
         self.length = length_unit(scene.packing)
         self.units = Units(scene.effects, self.length, scene.energy_scale)
         self._program: Program | None = None
@@ -148,6 +150,13 @@ class Protocol:
     def at_fraction(self, packing: Packing, fraction: float) -> Packing:
         """Return the packing with its box, and the centers of particles or clusters, scaled to a packing fraction."""
         return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
+
+    def start_fraction(self, given: float | None, usual: dict[int, float]) -> float:
+        """Return the packing fraction to start at: the one given, the packing's own if it is followed, or the usual."""
+        if given is not None:
+            return given
+        packing = self.scene.packing
+        return packing_fraction(packing) if self.continues else usual[packing.dimension]
 
     def relax(
         self,
