@@ -237,13 +237,13 @@ def _gram_schmidt(rest_lx, twice, tolerance):  # type: ignore[no-untyped-def]
         for x in range(size):
             square[k] += rest_lx[k, x] * rest_lx[k, x]
     rank = 0
-    least = tolerance * tolerance * np.max(square)
+    smallest = tolerance * tolerance * np.max(square)
     for rank in range(min(count, size) + 1):
         best = rank
         for k in range(rank, count):
             if square[order[k]] > square[order[best]]:
                 best = k
-        if rank == min(count, size) or not square[order[best]] > least:
+        if rank == min(count, size) or not square[order[best]] > smallest:
             break
         order[rank], order[best] = order[best], order[rank]
         vector = basis[rank]

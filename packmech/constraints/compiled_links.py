@@ -183,13 +183,13 @@ def _project_rows(links, axes, row, space):
     refill(system, row, lattice)
     links.number[ERROR] = error
     links.number[ITERATIONS] += iterations
-    most = 0.0
+    largest = 0.0
     for i in range(row.shape[0]):
         own = 0.0
         for a in range(len(axes)):
             own += (row[i, a] - spare[i, a]) ** 2
-        most = max(most, own)
-    return math.sqrt(most)
+        largest = max(largest, own)
+    return math.sqrt(largest)
 
 
 @device
@@ -203,17 +203,17 @@ def projected(links, axes, force_nd, velocity_nd):
     project_force(links.system, force_nd, force_nd, links.multiplier_l)
     power = 0.0
     square = 0.0
-    most = 0.0
+    largest = 0.0
     for i in range(force_nd.shape[0]):
         own = 0.0
         for a in range(len(axes)):
             own += force_nd[i, a] * force_nd[i, a]
             power += force_nd[i, a] * velocity_nd[i, a]
         square += own
-        most = max(most, own)
+        largest = max(largest, own)
     if not links.number[ERROR] < _LOST:
-        most = np.inf
-    return power, square, most
+        largest = np.inf
+    return power, square, largest
 
 
 def has_links(links: Any) -> bool:
@@ -279,27 +279,29 @@ def _choose_along(links: Any, vector_nd: Any) -> Any:
     return project_it if has_links(links) else nothing
 
 
-def speeds(links: CompiledLinks | None, axes: Any, velocity_nd: NDArray[np.float64], square: float, most: float) -> Any:
+def speeds(
+    links: CompiledLinks | None, axes: Any, velocity_nd: NDArray[np.float64], square: float, largest: float
+) -> Any:
     """Project velocities; return v.v over all and the largest squared speed, known already where nothing is linked."""
-    return (square, most) if links is None else _speeds(links, axes, velocity_nd)
+    return (square, largest) if links is None else _speeds(links, axes, velocity_nd)
 
 
 @device
 def _speeds(links, axes, velocity_nd):
     _along(links, velocity_nd)
     square = 0.0
-    most = 0.0
+    largest = 0.0
     for i in range(velocity_nd.shape[0]):
         own = 0.0
         for a in range(len(axes)):
             own += velocity_nd[i, a] * velocity_nd[i, a]
         square += own
-        most = max(most, own)
-    return square, most
+        largest = max(largest, own)
+    return square, largest
 
 
 @compiled_form(speeds)
-def _choose_speeds(links: Any, axes: Any, velocity_nd: Any, square: Any, most: Any) -> Any:
+def _choose_speeds(links: Any, axes: Any, velocity_nd: Any, square: Any, largest: Any) -> Any:
     if has_links(links):
-        return lambda links, axes, velocity_nd, square, most: _speeds(links, axes, velocity_nd)
-    return lambda links, axes, velocity_nd, square, most: (square, most)
+        return lambda links, axes, velocity_nd, square, largest: _speeds(links, axes, velocity_nd)
+    return lambda links, axes, velocity_nd, square, largest: (square, largest)

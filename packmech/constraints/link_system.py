@@ -425,7 +425,7 @@ def measure_lengths(system, lengths, position, lattice):
 
 
 @device
-def whole_of(system, r):
+def diagonal_of_a(system, r):
     """Return the diagonal of A, the sum of the inverse masses at the ends; 0 for a link of a particle to itself."""
     i, j = system.i_r[r], system.j_r[r]
     if i == j:
@@ -440,7 +440,7 @@ def _cholesky(system, begin, end):
     smallest, dependent = 1.0, 0
     for r in range(begin, end):
         first, own = first_r[r], start_r[r] - first_r[r]
-        whole = whole_of(system, r)
+        whole = diagonal_of_a(system, r)
         rest = whole
         for c in range(first, r):
             other = start_r[c] - first_r[c]
@@ -489,7 +489,7 @@ def _enlarges(system, begin, end):
     """Return whether A^-1, times its diagonal, enlarges a vector of scattered signs beyond what Cholesky bears."""
     row = system.row_r
     for r in range(begin, end):
-        row[r] = whole_of(system, r) * (1.0 if (((r - begin + 1) * 2654435761) >> 13) & 1 else -1.0)
+        row[r] = diagonal_of_a(system, r) * (1.0 if (((r - begin + 1) * 2654435761) >> 13) & 1 else -1.0)
     _solve_rows(system, row, begin, end)
     largest = 0.0
     for r in range(begin, end):
@@ -551,7 +551,7 @@ def _rotations(system, b, damping):
     while q < last_q or damped < end:
         if damped < end and (q == last_q or damped < system.near_k[system.from_q[q]]):
             column = reach = damped
-            row[damped] = math.sqrt(damping * whole_of(system, damped))
+            row[damped] = math.sqrt(damping * diagonal_of_a(system, damped))
             damped += 1
         else:
             low, high = system.from_q[q], system.from_q[q + 1]
@@ -566,7 +566,7 @@ def _rotations(system, b, damping):
         _rotate_in(system, column, reach)
     smallest, dependent = 1.0, 0
     for r in range(begin, end):
-        whole = whole_of(system, r)
+        whole = diagonal_of_a(system, r)
         square = diagonal[r] * diagonal[r]
         if square > _DEPENDENT_ROTATED * whole or (damping > 0.0 and square > 0.0):
             inverse_r[r] = 1.0 / diagonal[r]
@@ -721,13 +721,13 @@ def _copy(d, source, target):
 
 @device
 def _farthest(d, source, target):
-    most = 0.0
+    largest = 0.0
     for i in range(source.shape[0]):
         for a in range(d):
             part = abs(target[i, a] - source[i, a])
-            if not part <= most:
-                most = part
-    return most
+            if not part <= largest:
+                largest = part
+    return largest
 
 
 @device
@@ -735,7 +735,7 @@ def _squares(system):
     """Return the sum of the squared errors over the diagonal of A."""
     total = 0.0
     for r in range(system.error_r.shape[0]):
-        whole = whole_of(system, r)
+        whole = diagonal_of_a(system, r)
         if whole > 0.0:
             total += system.error_r[r] * system.error_r[r] / whole
     return total
@@ -753,7 +753,7 @@ def _step(system, position, lattice, damping):
     predicted = 0.0
     for r in range(value.shape[0]):
         left = damping * value[r]
-        predicted += left * left * whole_of(system, r)
+        predicted += left * left * diagonal_of_a(system, r)
     push(system, value, position, False)
     return pivot, predicted
 

@@ -88,17 +88,17 @@ class IndependentLinks:
 
 def _spread(direction: list[NDArray[np.float64]]) -> float:
     """Return the smallest sine between one of these unit vectors and the span of those before it."""
-    least = 1.0
+    smallest = 1.0
     basis: list[NDArray[np.float64]] = []
     for vector in direction:
         rest = vector
         for one in basis:
             rest = rest - (one @ rest) * one
         size = float(np.sqrt(rest @ rest))
-        least = min(least, size)
+        smallest = min(smallest, size)
         if size > 0.0:
             basis.append(rest / size)
-    return least
+    return smallest
 
 
 def _core(links: Links, normal_ld: NDArray[np.float64], particles: int, tolerance: float) -> NDArray[np.bool_]:

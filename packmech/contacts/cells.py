@@ -113,10 +113,10 @@ def _wrap(axes, row, frame):
     fraction = np.empty((n, 3))
     point = np.empty((n, 4))
     step = np.empty((n, 3), np.int32)
-    least = np.empty(3, np.int64)
-    most = np.empty(3, np.int64)
+    smallest = np.empty(3, np.int64)
+    largest = np.empty(3, np.int64)
     for k in range(3):
-        least[k] = most[k] = 0
+        smallest[k] = largest[k] = 0
     for i in range(n):
         for k in range(d, 3):
             fraction[i, k] = point[i, k] = 0.0
@@ -128,10 +128,10 @@ def _wrap(axes, row, frame):
             whole = np.floor(raw)
             fraction[i, k] = min(raw - whole, 1.0 - 1e-16)
             step[i, k] = int(whole)
-            if i == 0 or step[i, k] < least[k]:
-                least[k] = step[i, k]
-            if i == 0 or step[i, k] > most[k]:
-                most[k] = step[i, k]
+            if i == 0 or step[i, k] < smallest[k]:
+                smallest[k] = step[i, k]
+            if i == 0 or step[i, k] > largest[k]:
+                largest[k] = step[i, k]
         for k in range(d):
             x = row[i, k]
             for m in range(d):
@@ -139,8 +139,8 @@ def _wrap(axes, row, frame):
             point[i, k] = x
         point[i, 3] = row[i, 3]
     for k in range(3):
-        most[k] -= least[k]
-    return fraction, point, step, most
+        largest[k] -= smallest[k]
+    return fraction, point, step, largest
 
 
 @device
@@ -207,12 +207,12 @@ def _images(axes, sizes, frame, scale, skin, spread):
     for a in range(sizes.largest_a.shape[0]):
         widest = max(widest, sizes.largest_a[a])
     reach = scale * 2.0 * widest + skin
-    most = np.empty(3, np.int64)
+    largest = np.empty(3, np.int64)
     for k in range(3):
-        most[k] = 0
+        largest[k] = 0
     for k in range(len(axes)):
-        most[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
-    return most
+        largest[k] = int(reach / frame.height_d[k] + 1e-9) + 1 + spread[k]
+    return largest
 
 
 @device
@@ -224,14 +224,14 @@ def _turns(cell, cells):
 
 
 @device
-def _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p):
+def _scan(axes, row, sizes, frame, scale, skin, grid, largest, bits, i_p, code_p):
     """Write the pairs, row by row, as far as they fit; return their number."""
     d = len(axes)
     n = row.shape[0]
     lattice = frame.lattice_dd
     fraction, point, step, cells, first, start, order, placed = grid
-    n1 = 2 * most[1] + 1
-    n2 = 2 * most[2] + 1
+    n1 = 2 * largest[1] + 1
+    n2 = 2 * largest[2] + 1
     found = 0
     hit = np.empty(n + 1, np.int32)
     low = np.empty(3, np.int64)
@@ -285,7 +285,9 @@ def _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p):
                                 continue
                             if found < i_p.shape[0]:
                                 i_p[found] = i
-                                code_p[found] = (j << bits) | (((most[0] + z0) * n1 + most[1] + z1) * n2 + most[2] + z2)
+                                code_p[found] = (j << bits) | (
+                                    ((largest[0] + z0) * n1 + largest[1] + z1) * n2 + largest[2] + z2
+                                )
                             found += 1
         sort_row(code_p, begin, min(found, i_p.shape[0]))
     return found
@@ -302,10 +304,10 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
     fraction, point, step, spread = _wrap(axes, row, frame)
     cells = _grids(axes, sizes, frame, scale, skin)
     grid = (fraction, point, step, cells, *_fill(sizes, cells, fraction, point))
-    most = _images(axes, sizes, frame, scale, skin, spread)
-    n1 = 2 * most[1] + 1
-    n2 = 2 * most[2] + 1
-    table = (2 * most[0] + 1) * n1 * n2
+    largest = _images(axes, sizes, frame, scale, skin, spread)
+    n1 = 2 * largest[1] + 1
+    n2 = 2 * largest[2] + 1
+    table = (2 * largest[0] + 1) * n1 * n2
     bits = 0
     while (1 << bits) < table:
         bits += 1
@@ -313,14 +315,14 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
         raise ValueError("packing must not reach over so many periodic images: the box is too small for its particles")
     image = np.empty((table, 3))
     for k in range(table):
-        image[k, 0] = k // (n1 * n2) - most[0]
-        image[k, 1] = k // n2 % n1 - most[1]
-        image[k, 2] = k % n2 - most[2]
+        image[k, 0] = k // (n1 * n2) - largest[0]
+        image[k, 1] = k // n2 % n1 - largest[1]
+        image[k, 2] = k % n2 - largest[2]
     i_p = np.empty(6 * n + 64, np.uint32)
     code_p = np.empty(6 * n + 64, np.uint32)
-    found = _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p)
+    found = _scan(axes, row, sizes, frame, scale, skin, grid, largest, bits, i_p, code_p)
     if found > i_p.shape[0]:
         i_p = np.empty(found, np.uint32)
         code_p = np.empty(found, np.uint32)
-        _scan(axes, row, sizes, frame, scale, skin, grid, most, bits, i_p, code_p)
+        _scan(axes, row, sizes, frame, scale, skin, grid, largest, bits, i_p, code_p)
     return PairTable(i_p[:found], code_p[:found], image, bits)

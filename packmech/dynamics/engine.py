@@ -551,9 +551,9 @@ def refuse_misfits(scene: Scene) -> None:
             bond = int(one.j_b.argmax())
             raise ValueError(f"scene.effects[{k}].j_b must be below {n}, got {int(one.j_b[bond])} for bond {bond}")
         length = np.linalg.norm(position[one.j_b] - position[one.i_b] + one.image_bd @ lattice.T, axis=1)
-        least = int(np.argmin(length))
-        if length[least] == 0.0:
-            raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {least}")
+        smallest = int(np.argmin(length))
+        if length[smallest] == 0.0:
+            raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {smallest}")
 
 
 def build_engine(

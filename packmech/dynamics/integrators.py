@@ -122,9 +122,9 @@ def choose_time_step(scene: Scene, mass_n: NDArray[np.float64], fraction: float)
 
     """
     stiffest, most_damped, drag = stiffness_and_damping(scene)
-    least = float(mass_n.min())
+    smallest = float(mass_n.min())
     # one over each of the two times
-    fastest = max(math.sqrt(stiffest / least), most_damped / least + drag)
+    fastest = max(math.sqrt(stiffest / smallest), most_damped / smallest + drag)
     if not fastest > 0.0:
         raise ValueError("dt must be given for effects without stiffness, got None")
     return fraction / fastest

@@ -83,7 +83,7 @@ def measure_motion(axes, state, flowing, out):
     """Write the observables of single particles and their motion."""
     d = len(axes)
     body, push, mass_n, weight = state.body, state.push, state.mass_n, state.weight_nk
-    kinetic = rotational = impulse = most = 0.0
+    kinetic = rotational = impulse = largest = 0.0
     motion = spinning = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     px = py = pz = lx = ly = lz = 0.0
     for i in range(np.uint64(body.shape[0])):
@@ -120,11 +120,11 @@ def measure_motion(axes, state, flowing, out):
         square = 0.0
         for a in range(d):
             square += push[i, a] * push[i, a]
-        most = max(most, square)
+        largest = max(largest, square)
     out[KINETIC] = kinetic
     out[ROTATIONAL] = rotational
     out[IMPULSE] = impulse
-    out[LARGEST_FORCE] = math.sqrt(most)
+    out[LARGEST_FORCE] = math.sqrt(largest)
     write(out, MOTION, motion)
     write(out, SPINNING, spinning)
     # w w - w^2 1, whose last number is zero in a plane

@@ -49,9 +49,13 @@ def pair_forces(engine: Engine) -> PairForces:
         engine.begin()
     d = len(engine.axes)
     bonds = 0 if engine.space.bonds is None else len(engine.space.bonds.i_b)
-    most = len(engine.pairs.i_p) + bonds
+    capacity = len(engine.pairs.i_p) + bonds
     # rows, forces and branch vectors
-    pair_list = row_k2, force, branch = np.zeros((most, 2), dtype=np.int64), np.zeros((most, 3)), np.zeros((most, 3))
+    pair_list = row_k2, force, branch = (
+        np.zeros((capacity, 2), dtype=np.int64),
+        np.zeros((capacity, 3)),
+        np.zeros((capacity, 3)),
+    )
     count = 0
     if engine.acting.pairs is not None:
         count = _list_contacts(

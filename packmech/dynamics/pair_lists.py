@@ -340,14 +340,14 @@ def displaced(flow, body, anchor_nd, since):
     else:
         map_between(flow, flow.number[since], flow.number[GAMMA], flow.step_dd)
         g = entries(flow.step_dd)
-    most = 0.0
+    largest = 0.0
     for i in range(body.shape[0]):
         ax, ay, az = anchor_nd[i, 0], anchor_nd[i, 1], anchor_nd[i, 2]
         x = body[i, 0] - (g[0][0] * ax + g[0][1] * ay + g[0][2] * az)
         y = body[i, 1] - (g[1][0] * ax + g[1][1] * ay + g[1][2] * az)
         z = body[i, 2] - (g[2][0] * ax + g[2][1] * ay + g[2][2] * az)
-        most = max(most, x * x + y * y + z * z)
-    return math.sqrt(most)
+        largest = max(largest, x * x + y * y + z * z)
+    return math.sqrt(largest)
 
 
 @device
@@ -440,10 +440,10 @@ def rebuild_inner(axes, body, space, pairs, track):
 @device
 def largest_contact(sizes):
     """Return the largest contact distance."""
-    most = 0.0
+    largest = 0.0
     for a in range(sizes.largest_a.shape[0]):
-        most = max(most, sizes.largest_a[a])
-    return 2.0 * most
+        largest = max(largest, sizes.largest_a[a])
+    return 2.0 * largest
 
 
 @inlined

@@ -135,13 +135,13 @@ def largest(thread, value):
         return value
     thread.message_t[thread.rank * _APART] = value
     wait(thread)
-    most = 0.0
+    largest = 0.0
     for t in range(thread.size):
         sent = thread.message_t[t * _APART]
         # written so that what is not a number is the largest
-        if not sent <= most:
-            most = sent
-    return most
+        if not sent <= largest:
+            largest = sent
+    return largest
 
 
 @device

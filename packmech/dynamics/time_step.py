@@ -61,7 +61,7 @@ def _kick_spins(axes, state, i, early, ahead):
 @inlined
 def _drift_in_still_box(axes, state, low, high, dt, early, ahead):
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    most = 0.0
+    largest = 0.0
     # unsigned, here and below, so that no index can count from the end
     for i in range(np.uint64(low), np.uint64(high)):
         kick = early * weight[i, 0]
@@ -76,16 +76,16 @@ def _drift_in_still_box(axes, state, low, high, dt, early, ahead):
         _kick_spins(axes, state, i, early, ahead)
         _clear(axes, state.spins, push, i)
         # written so that a speed that is not a number is the largest
-        if not square <= most:
-            most = square
-    return dt * dt * most
+        if not square <= largest:
+            largest = square
+    return dt * dt * largest
 
 
 @inlined
 def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
     """Drift in a simple shear that carries x along y and leaves all else alone."""
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    most = 0.0
+    largest = 0.0
     for i in range(np.uint64(low), np.uint64(high)):
         kick = early * weight[i, 0]
         u, v = body[i, 4], body[i, 5]
@@ -110,9 +110,9 @@ def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
         _kick_spins(axes, state, i, early, ahead)
         _clear(axes, state.spins, push, i)
         # written so that a displacement that is not a number is the largest
-        if not square <= most:
-            most = square
-    return most
+        if not square <= largest:
+            largest = square
+    return largest
 
 
 @device
@@ -140,7 +140,7 @@ def _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead):
     d = len(axes)
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
     g, b, h = _maps(flow, time, dt)
-    most = 0.0
+    largest = 0.0
     for i in range(np.uint64(low), np.uint64(high)):
         kick = early * weight[i, 0]
         x, y = body[i, 0], body[i, 1]
@@ -178,9 +178,9 @@ def _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead):
         _kick_spins(axes, state, i, early, ahead)
         _clear(axes, state.spins, push, i)
         # written so that a displacement that is not a number is the largest
-        if not square <= most:
-            most = square
-    return most
+        if not square <= largest:
+            largest = square
+    return largest
 
 
 @inlined

@@ -536,7 +536,7 @@ def elastic_moduli(
         # along stiff directions there is no motion: lift them out of the way of soft and unstable ones
         lift = scale or 1.0
         lifted = cauchy + lift * (stiff.T @ stiff) if len(stiff) else cauchy
-        least = float(np.linalg.eigvalsh((lifted + lifted.T) / 2.0)[0])
+        smallest = float(np.linalg.eigvalsh((lifted + lifted.T) / 2.0)[0])
         _, size, direction = np.linalg.svd(lifted)
         soft = direction[size <= SOFT * lift]
         inverse = _across(inverse_across(lifted, soft), stiff)
@@ -555,7 +555,7 @@ def elastic_moduli(
         stiff_directions=stiff,
         negative_positions=relaxation.negative,
         negative_strains=negative,
-        cauchy_least=least,
+        cauchy_least=smallest,
         floppy_positions=relaxation.floppy,
         particles=contacts.particles,
         contacts=len(contacts),

@@ -362,7 +362,7 @@ def _measure(effects, axes, packing, figure_k, stress_dd):
     figure_k[FRACTION] = bodies.volume / volume
     figure_k[ENERGY] = totals.energy
     figure_k[PRESSURE] = (0.0 - trace) / d
-    figure_k[MAX_FORCE] = math.sqrt(sums.most)
+    figure_k[MAX_FORCE] = math.sqrt(sums.largest)
     figure_k[MEAN_FORCE] = sums.total / sums.touching if sums.touching else 0.0
     figure_k[CONTACTS] = sums.touching
     _count(axes, row, pairs, bodies, figure_k)

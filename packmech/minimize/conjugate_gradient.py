@@ -108,6 +108,6 @@ def conjugate_gradient_steps(
         number[_STEP] += 1.0
         step += 1
         if steepest and not reached.good:
-            status = FLOOR if math.sqrt(sums.most) <= _FLOORS * number[_STIFFNESS] * space.resolution else STALLED
+            status = FLOOR if math.sqrt(sums.largest) <= _FLOORS * number[_STIFFNESS] * space.resolution else STALLED
             break
     return status, pairs

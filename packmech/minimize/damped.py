@@ -115,7 +115,7 @@ def damped_steps(
         dt = min(settings.dt, 0.7 / math.sqrt(settings.mobility * number[_STIFFNESS]), 0.1 / settings.damping)
         push = dt * settings.mobility
         keep = 1.0
-        reach = dt * (number[_FASTEST] + push * math.sqrt(sums.most))
+        reach = dt * (number[_FASTEST] + push * math.sqrt(sums.largest))
         if reach > largest_step:
             keep = largest_step / reach
             push *= keep

@@ -190,7 +190,7 @@ def fire_steps(
             else:
                 push = kick + alpha * math.sqrt(speed2 / sums.square)
         # nobody moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
-        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.most))
+        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
         if reach > largest_step:
             keep *= largest_step / reach
             push *= largest_step / reach

@@ -68,7 +68,7 @@ def gradient_descent_steps(
         if status != RUNNING or step == steps:
             break
         push = settings.step / number[_STIFFNESS]
-        push = min(push, largest_step / math.sqrt(sums.most))
+        push = min(push, largest_step / math.sqrt(sums.largest))
         _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
         if is_stale(pairs, math.sqrt(fastest2) + project_rows(space.links, axes, row, space)):
             pairs = follow(axes, row, space, pairs)

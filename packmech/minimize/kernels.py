@@ -64,7 +64,7 @@ class Sums(NamedTuple):
     touching: int
     power: float
     square: float
-    most: float
+    largest: float
 
 
 @device
@@ -102,7 +102,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     touching = 0
     power = 0.0
     whole = 0.0
-    most = 0.0
+    largest = 0.0
     for p in range(pairs.count_b[1]):
         i = pairs.crossing_i_p[p]
         j = pairs.crossing_j_p[p]
@@ -146,14 +146,14 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 own += fz * fz
                 power += fz * velocity_nd[i, 2]
             whole += own
-            most = max(most, own)
-    return Sums(total, touching, power, whole, most)
+            largest = max(largest, own)
+    return Sums(total, touching, power, whole, largest)
 
 
 @device
 def _project_forces(links, axes, force_nd, velocity_nd, sums):
-    power, square, most = projected(links, axes, force_nd, velocity_nd)
-    return Sums(sums.total, sums.touching, power, square, most)
+    power, square, largest = projected(links, axes, force_nd, velocity_nd)
+    return Sums(sums.total, sums.touching, power, square, largest)
 
 
 def project_forces(links: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Sums) -> Sums:
@@ -172,7 +172,7 @@ def _choose_project_forces(links: Any, axes: Any, force_nd: Any, velocity_nd: An
 def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
     """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
     square = 0.0
-    most = 0.0
+    largest = 0.0
     for i in range(row.shape[0]):
         vx = keep * velocity_nd[i, 0] + push * force_nd[i, 0]
         vy = keep * velocity_nd[i, 1] + push * force_nd[i, 1]
@@ -190,8 +190,8 @@ def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
             force_nd[i, 2] = 0.0
             own += vz * vz
         square += own
-        most = max(most, own)
-    return square, most
+        largest = max(largest, own)
+    return square, largest
 
 
 @device
@@ -281,13 +281,13 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
 @device
 def judge(sums, stiffness, space, goal):
     """Return how things stand after a pass over the forces."""
-    if not (sums.total < np.inf and sums.most < np.inf):
+    if not (sums.total < np.inf and sums.largest < np.inf):
         return NOT_FINITE
     floor = stiffness * space.resolution
     if sums.total <= sums.touching * max(floor, goal.force_floor):
         return UNJAMMED
-    if math.sqrt(sums.most) * sums.touching <= goal.force_tolerance * sums.total:
+    if math.sqrt(sums.largest) * sums.touching <= goal.force_tolerance * sums.total:
         return CONVERGED
-    if math.sqrt(sums.most) <= floor:
+    if math.sqrt(sums.largest) <= floor:
         return FLOOR
     return RUNNING

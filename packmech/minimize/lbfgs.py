@@ -133,7 +133,9 @@ def lbfgs_steps(
         step += 1
         if not reached.good:
             if steepest:
-                status = FLOOR if math.sqrt(sums.most) <= _FLOORS * number[_STIFFNESS] * space.resolution else STALLED
+                status = (
+                    FLOOR if math.sqrt(sums.largest) <= _FLOORS * number[_STIFFNESS] * space.resolution else STALLED
+                )
                 break
             number[_KNOWN] = 0.0
             continue

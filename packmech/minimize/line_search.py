@@ -146,10 +146,10 @@ def read_places(axes, row, place_f):
 @device
 def longest(axes, vector_nd):
     """Return the largest length of a particle's part of the vector."""
-    most = 0.0
+    largest = 0.0
     for i in range(vector_nd.shape[0]):
         own = 0.0
         for a in range(len(axes)):
             own += vector_nd[i, a] * vector_nd[i, a]
-        most = max(most, own)
-    return most**0.5
+        largest = max(largest, own)
+    return largest**0.5

@@ -87,13 +87,13 @@ def empty_list(particles: int, skin: float) -> PairList:
 
 @device
 def _farthest(row, anchor_nd):
-    most = 0.0
+    largest = 0.0
     for i in range(row.shape[0]):
         x = row[i, 0] - anchor_nd[i, 0]
         y = row[i, 1] - anchor_nd[i, 1]
         z = row[i, 2] - anchor_nd[i, 2]
-        most = max(most, x * x + y * y + z * z)
-    return np.sqrt(most)
+        largest = max(largest, x * x + y * y + z * z)
+    return np.sqrt(largest)
 
 
 @device

@@ -257,7 +257,7 @@ class Program:
         if self.row_links is not None:
             stress += self._link_virial() / self.box.volume
         mean = sums.total / sums.touching if sums.touching else 0.0
-        largest = math.sqrt(sums.most)
+        largest = math.sqrt(sums.largest)
         return Evaluation(
             energy=float(totals.energy),
             pressure=(0.0 - float(np.trace(stress))) / d,
