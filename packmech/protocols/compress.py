@@ -78,7 +78,7 @@ def compress(
     -------
     tuple of Run
         `report` as for `jam`, and distance, onset, rearrangements (on the way from the distance before),
-        contacts_closed and contacts_opened (since the distance before).
+        contacts_closed and contacts_opened (since the distance before); pressure_asked is None.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def compress(
     ascent, runs = _Ascent(protocol, float(goals[0]), limit), list[Run]()
 
     def finished(outcome: Outcome) -> Run:
-        return finish(protocol, protocol.last, outcome, 0.0, "compress", began)
+        return finish(protocol, protocol.last, outcome, None, "compress", began)
 
     with single_thread():
         try:

@@ -6,11 +6,12 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.box import Box
 from packmech.check import integer
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.energy_drift import RowWatch
@@ -191,6 +192,19 @@ class StrainRun(Run):
 R = TypeVar("R", bound=StrainRun)
 
 
+class _Motion(NamedTuple):
+    """Positions in a box, peculiar velocities, and spins (None where particles do not turn)."""
+
+    position_nd: NDArray[np.float64]
+    box: Box
+    velocity_nd: NDArray[np.float64]
+    spin_nk: NDArray[np.float64] | None
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.position_nd).all())
+
+
 class StrainTask:
     """One strained run as the run loop steps it: its engine, the rows and frames that are kept, and its checkpoint.
 
@@ -273,6 +287,8 @@ class StrainTask:
                 self._keep_frame()
                 if walls is not None:
                     walls.begin(self.engine)
+            # what is returned where nothing finite is left in the end
+            self.last_finite = self._now()
         self.build_seconds = time.process_time() - self.began
 
     def _named(self, profile: Any, direction_dd: NDArray[np.float64], further: dict[str, Any]) -> dict[str, Any]:
@@ -310,6 +326,10 @@ class StrainTask:
             state = State(packing, scene.effects, engine.steps, engine.time, engine.velocities(), self._spins())
             self.added.append(measure_added(lambda: state))
 
+    def _now(self) -> _Motion:
+        engine = self.engine
+        return _Motion(engine.positions(), engine.box(), engine.velocities(), self._spins())
+
     def _spins(self) -> NDArray[np.float64] | None:
         return self.engine.spins() if _turns(self.settings.scene) else None
 
@@ -329,6 +349,8 @@ class StrainTask:
     def advance(self, steps: int) -> Outcome | None:
         """Take so many steps."""
         if self.drive is not None and self.steps % self.span == 0:
+            if not self._can_be_driven():
+                return Outcome.STEP_TOO_LONG
             self.drive(self)
         end = self.steps + steps
         while self.steps < end:
@@ -339,13 +361,20 @@ class StrainTask:
                 self.walls.after(self.engine)
         return None
 
+    def _can_be_driven(self) -> bool:
+        """Whether the last row, which the rate of strain follows from, is finite."""
+        return self.driven_rows is not None and bool(np.isfinite(self.driven_rows[-1]).all())
+
     def observe(self) -> Outcome | None:
         """Keep a frame or a row where one is due; end the run where energy grows without work."""
+        if self.driven_rows is None or len(self.driven_rows) % self.report_every == 0:
+            now = self._now()
+            self.last_finite = now if now.is_finite else self.last_finite
         self._keep_frame()
         self._measure_added()
         if self.driven_rows is not None:
             self.driven_rows.append(self.engine.observe())
-            return None
+            return None if self._can_be_driven() else Outcome.STEP_TOO_LONG
         # walls that are driven, and what is held by them, do work that is not in the stress
         watched = self.walls is None and self.settings.held_n is None
         return Outcome.STEP_TOO_LONG if watched and not self.energy.is_calm(self.rows()) else None
@@ -445,13 +474,15 @@ class StrainTask:
         volume = packing.box.volume * stretch[:, None, None]
         stress = tensors(rows, d, 1.0)
         stress["bond"] = rows[:, BONDED : BONDED + 9].reshape(-1, 3, 3)[:, :d, :d]
-        now = engine.observe()
+        motion, now = self._now(), engine.observe()
+        if not motion.is_finite:
+            motion, now = self.last_finite, rows[-1]
         mean = now[TOTAL] / now[CONTACTS] if now[CONTACTS] else 0.0
         residual = float(now[LARGEST_FORCE] / mean) if mean > 0.0 else 0.0
         seconds = self.seconds()
         snapshots = self.snapshot_f
         return {
-            "packing": packing.replace(position_nd=engine.positions(), box=engine.box()),
+            "packing": packing.replace(position_nd=motion.position_nd, box=motion.box),
             "outcome": outcome,
             "residual": residual,
             "steps": engine.steps,
@@ -472,8 +503,8 @@ class StrainTask:
             "axes": axes,
             "dt": self.dt,
             "mass_n": settings.mass_n,
-            "velocity_nd": engine.velocities(),
-            "spin_nk": self._spins(),
+            "velocity_nd": motion.velocity_nd,
+            "spin_nk": motion.spin_nk,
             "frame_time_f": np.array(self.frame_time_f),
             "position_fnd": np.array(self.position_f).reshape(-1, n, d),
             "lattice_fdd": np.array([one.lattice_dd for one in snapshots]).reshape(-1, d, d),

@@ -304,6 +304,21 @@ def test_the_default_route_leaves_a_saddle():
     assert pm.energy(pm.Scene(run.packing, REPULSION)) < 0.9 * pm.energy(scene)
 
 
+def test_the_step_limit_of_the_default_route_does_not_count_newtons_steps():
+    # columns of a square crystal moved as a wave: Newton's method ends at the saddle, and FIRE goes on from there
+    crystal = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=0.05)
+    position = crystal.position_nd.copy()
+    position[:, 0] += 1e-2 * np.sin(2.0 * np.pi * position[:, 0] / crystal.box.lattice_dd[0, 0])
+    scene = pm.Scene(crystal.replace(position_nd=position), (pm.Repulsion(law=pm.Hertz()),))
+    whole = pm.quench(scene, force_tolerance=1e-10)
+    assert [stage.name for stage in whole.stages] == ["FIRE", "Newton", "FIRE, off the saddle", "Newton"]
+    own = sum(stage.steps for stage in whole.stages if stage.name != "Newton")
+    assert whole.stages[1].steps > 0 and whole.steps > own
+    assert pm.quench(scene, force_tolerance=1e-10, step_limit=own).packing == whole.packing
+    short = pm.quench(scene, force_tolerance=1e-10, step_limit=own - 1, check=False)
+    assert short.outcome is pm.Outcome.STEP_LIMIT and short.steps == own - 1 + whole.stages[1].steps
+
+
 @pm.law
 class Quartic(NamedTuple):
     energy_scale: float = 1.0

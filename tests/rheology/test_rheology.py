@@ -84,6 +84,23 @@ def test_faster_steady_shear_bears_more_stress_and_blocks_give_errors(scene):
     assert curve.runs[0].kinetic_t[-50:].mean() < 1.0
 
 
+@pytest.mark.parametrize(
+    ("call", "given"),
+    [(pm.ramp_strain, {"rate": 0.1, "applied_strain": 0.4}), (pm.creep, {"stress": 1e-3, "duration": 10.0})],
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_run_whose_forces_overflow_ends_with_a_step_too_long_and_the_last_finite_positions(call, given):
+    packing = pm.random_packing(24, dimension=3, packing_fraction=0.7, seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(law=LAW), pm.ContactDamping(0.3), pm.Friction(0.5, 0.6, 0.2)))
+    spin = np.zeros((24, 3))
+    spin[3] = 1e300
+    run = call(scene, spin_nk=spin, check=False, **given)
+    assert run.outcome is pm.Outcome.STEP_TOO_LONG
+    assert np.isfinite(run.packing.position_nd).all()
+    with pytest.raises(pm.NotConverged, match="time step is too long"):
+        call(scene, spin_nk=spin, **given)
+
+
 def test_a_rate_at_which_the_time_step_is_too_long_is_nan_in_the_curve_and_raises_only_where_that_is_checked(scene):
     # the fast shear has short steps, as its samples are close
     given = {"rates": (0.003, 0.5), "applied_strain": 0.4, "skip_strain": 0.1, "samples": 40, "dt": 3.0}
