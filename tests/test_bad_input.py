@@ -313,7 +313,7 @@ BAD = {
     "coefficient": [NAN, INF, -1.0, "1", None, True],
     "onset": [NAN, INF, -1.0, "fast", None, True],
     # contacts and measures
-    "gap_tolerance": [NAN, INF, -2.0, "0", None, [0.0]],
+    "gap_tolerance": [NAN, INF, -2.0, "0", [0.0]],
     "contacts": [3, "contacts", contacts_of_another()],
     "parts": CHOICE,
     "rattlers": CHOICE,
@@ -456,6 +456,7 @@ BAD = {
     # mechanics
     "solver": CHOICE,
     "method": CHOICE,
+    "start": CHOICE,
     "bound": CHOICE,
     "volume": CHOICE,
     "kind": CHOICE,

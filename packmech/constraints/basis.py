@@ -363,7 +363,7 @@ def constraint_basis(
     method: str = "householder",
     form: str = "exact",
     rank_tolerance: float = RANK,
-    strain_scale: float | None = None,
+    strain_scale: float | None = 1.0,
     basis_limit: float = BASIS_LIMIT,
 ) -> ConstraintBasis:
     """Return orthonormal bases of the constraints and of the motions they leave free, with rank and orthogonality.
@@ -385,7 +385,7 @@ def constraint_basis(
     rank_tolerance
         A link depends on others when the part of its gradient outside their span is below this [1].
     strain_scale
-        Length by which strains are multiplied to be coordinates; V^(1/d) when left out.
+        Length by which strains are multiplied to be coordinates. None: V^(1/d).
     basis_limit
         Largest size of the basis [bytes].
 

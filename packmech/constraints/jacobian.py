@@ -25,7 +25,7 @@ FORMS = ("exact", "paper")
 
 
 def scale_of_strain(packing: Packing, strain_scale: float | None) -> float:
-    """Return the length that multiplies strains, V^(1/d) unless given."""
+    """Return the length that multiplies strains; None: V^(1/d)."""
     if strain_scale is None:
         return float(packing.box.volume ** (1.0 / packing.dimension))
     return positive("strain_scale", strain_scale)

@@ -144,7 +144,7 @@ def project_force(
     *,
     strain: str = "free",
     method: str = "clusters",
-    strain_scale: float | None = None,
+    strain_scale: float | None = 1.0,
 ) -> ConstrainedForce:
     """Return the part of a force that links (and a fixed volume) do not take up, with the multipliers of the rest.
 
@@ -167,7 +167,7 @@ def project_force(
         "gram-schmidt-twice", "whole-matrix" (see `constraint_basis`). What "clusters" prepared for the last packing is
         kept, for further forces on it.
     strain_scale
-        Length by which strains are multiplied to be coordinates; V^(1/d) when left out.
+        Length by which strains are multiplied to be coordinates. None: V^(1/d).
 
     Raises
     ------

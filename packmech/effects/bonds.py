@@ -125,7 +125,7 @@ def bond_contacts(
     damping: float = 0.0,
     tangential_damping: float = 0.0,
     rest: str = "contact",
-    gap_tolerance: float = 0.0,
+    gap_tolerance: float | None = None,
 ) -> Bonds:
     """Return bonds between all particles that touch.
 

@@ -301,6 +301,7 @@ def hessian(
     kind: str = "exact",
     *,
     volume_curvature: str = "det",
+    strain_scale: float | None = 1.0,
     gap_tolerance: float | None = None,
 ) -> sp.csr_array:
     """Return the (N d + s, N d + s) second derivatives of the energy, or (N d, N d) without strain.
@@ -328,6 +329,9 @@ def hessian(
     volume_curvature
         Of a fixed volume: "det" keeps the determinant, and adds P V (tr E tr F - tr E F); "trace" keeps the trace of
         the strain coordinate, which has no curvature.
+    strain_scale
+        Length by which strains are multiplied to be coordinates, as in `rigidity_matrix` and `change_of_basis`; their
+        rows and columns are divided by it. None: V^(1/d).
     gap_tolerance
         Contacts are pairs with a gap up to this times the contact distance [1]; those that do not overlap count with
         the second derivative of the closed side, u''(1-), so that a crystal at its touching point has its stiffness.
@@ -359,7 +363,8 @@ def hessian(
     corner = sums.strain_ee
     if kind == "exact" and strain == "isochoric" and volume_curvature == "det":
         corner = corner + volume_curvature_term(contacts, terms, links)
-    return bordered(position, sums.coupling_xe, corner)
+    scale = scale_of_strain(scene.packing, strain_scale)
+    return bordered(position, sums.coupling_xe / scale, corner / scale**2)
 
 
 def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:
@@ -396,7 +401,8 @@ def dynamical_matrix(
     mass_n
         (N,) masses; 1 for all by default.
     strain_scale
-        Length that a unit strain counts as [length]; V^(1/d) by default.
+        Length by which strains are multiplied to be coordinates of unit mass [length]. None: V^(1/d), by which
+        frequencies do not depend on the unit of length.
     memory_limit
         Largest memory of the matrix of a packing with links [bytes].
 

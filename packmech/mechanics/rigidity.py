@@ -35,7 +35,12 @@ def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
 
 @honors("links", packing_only=True)
 def rigidity_matrix(
-    packing: Packing, strain: str = "free", *, contacts: Contacts | None = None, gap_tolerance: float | None = None
+    packing: Packing,
+    strain: str = "free",
+    *,
+    strain_scale: float | None = 1.0,
+    contacts: Contacts | None = None,
+    gap_tolerance: float | None = None,
 ) -> sp.csr_array:
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
 
@@ -52,6 +57,8 @@ def rigidity_matrix(
     strain
         What the box may do: "free" appends the d(d+1)/2 strain columns [length]; "isochoric" and "isotropic" only their
         parts without trace, or along it; "none" appends nothing.
+    strain_scale
+        Length by which strains are multiplied to be coordinates; their columns are divided by it. None: V^(1/d).
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
@@ -80,6 +87,7 @@ def rigidity_matrix(
     if strain != "free":
         admitted = strain_directions(packing.dimension, strain)
         columns = columns @ admitted @ admitted.T
+    columns = columns / scale_of_strain(packing, strain_scale)
     return sp.csr_array(sp.hstack([position, sp.csr_array(columns)], format="csr"))
 
 
@@ -88,7 +96,7 @@ def change_of_basis(
     packing: Packing,
     strain: str = "free",
     *,
-    strain_scale: float | None = None,
+    strain_scale: float | None = 1.0,
     memory_limit: float = MEMORY_LIMIT,
 ) -> NDArray[np.float64]:
     """Return the (N d + s, N_dof) motions that the links admit to first order, or (N d, N_dof) without strain.
@@ -96,7 +104,8 @@ def change_of_basis(
     N_dof = N d + s - rank of the links (one less for isochoric strains; N d - rank in a fixed box), uniform
     translations included. The columns of B are a basis of the null space of the links' gradients (equations 28-32 of
     the polymer source with their errata): Gamma^T B = 0, and the reduced forms are B^T H B and R B. They are
-    orthonormal in x.x + strain_scale^2 e.e. Strains that the links forbid altogether are in no column.
+    orthonormal in the coordinates of `constraint_jacobian`, `rigidity_matrix` and `hessian`, where strains are
+    multiplied by `strain_scale`. Strains that the links forbid altogether are in no column.
 
     Parameters
     ----------
@@ -106,7 +115,7 @@ def change_of_basis(
         What the box may do: "none", "isotropic", "isochoric" or "free". But for "none" the last rows are Mandel
         strains.
     strain_scale
-        Length that a unit strain counts as [length]; V^(1/d) by default.
+        Length by which strains are multiplied to be coordinates [length]. None: V^(1/d).
     memory_limit
         Largest memory of the answer [bytes]. `elastic_moduli`, `normal_modes` and the others need no such matrix.
 
@@ -127,13 +136,16 @@ def change_of_basis(
     one_of("strain", strain, STRAINS)
     positive("memory_limit", memory_limit)
     directions = None if strain == "none" else strain_directions(packing.dimension, strain)
-    return motion_basis(
+    scale = scale_of_strain(packing, strain_scale)
+    basis = motion_basis(
         ConstraintFactor(packing),
         directions,
         mass_n=np.ones(packing.particles),
-        strain_scale=scale_of_strain(packing, strain_scale),
+        strain_scale=scale,
         memory_limit=memory_limit,
     )
+    basis[packing.position_nd.size :] *= scale
+    return basis
 
 
 @honors("links", packing_only=True)
@@ -141,7 +153,7 @@ def constrained_rigidity_matrix(
     packing: Packing,
     strain: str = "free",
     *,
-    strain_scale: float | None = None,
+    strain_scale: float | None = 1.0,
     contacts: Contacts | None = None,
     gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
@@ -175,7 +187,11 @@ def constrained_rigidity_matrix(
     """
     basis = change_of_basis(packing, strain, strain_scale=strain_scale, memory_limit=memory_limit)
     matrix = rigidity_matrix(
-        packing, "none" if strain == "none" else "free", contacts=contacts, gap_tolerance=gap_tolerance
+        packing,
+        "none" if strain == "none" else "free",
+        strain_scale=strain_scale,
+        contacts=contacts,
+        gap_tolerance=gap_tolerance,
     )
     check_memory(matrix.shape[0], basis.shape[1], memory_limit)
     reduced: NDArray[np.float64] = matrix @ basis
@@ -187,7 +203,7 @@ def n_matrix(
     packing: Packing,
     strain: str = "free",
     *,
-    strain_scale: float | None = None,
+    strain_scale: float | None = 1.0,
     contacts: Contacts | None = None,
     gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
