@@ -207,6 +207,7 @@ _PUBLIC = {
     "compress": "packmech.protocols.compress",
     "jam": "packmech.protocols.jam",
     "shear_stabilize": "packmech.protocols.shear_stabilize",
+    "sweep_pressure": "packmech.protocols.sweep",
     # compiled functions of users
     "kernel": "packmech.jit.compiled",
     # outcomes

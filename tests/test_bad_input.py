@@ -85,6 +85,10 @@ def scene():
     return pm.Scene(touching(), (pm.Repulsion(),))
 
 
+def pressed():
+    return scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3))
+
+
 def traced():
     return pm.Trace(np.arange(2), np.zeros(2), np.zeros(2), np.arange(2), np.zeros(2))
 
@@ -603,6 +607,10 @@ def good(name, folder):
         "softening_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5]},
         "play_motion": {"packing": touching(), "motion": np.eye(9, 2), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
+        "sweep_pressure": {
+            "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
+            "pressures": [2e-3],
+        },
         "cementing_curve": {
             "particles": [16],
             "packings": 1,

@@ -80,6 +80,7 @@ RESTING = {
     "quench": lambda scene: pm.quench(scene, force_tolerance=1e-8).packing.position_nd,
     "jam": lambda scene: pm.jam(scene, pressure=1e-4).packing.position_nd,
     "compress": lambda scene: pm.compress(scene, [1e-3])[0].packing.position_nd,
+    "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,
     "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
     "hessian": lambda scene: pm.hessian(scene).toarray(),
     "dynamical_matrix": lambda scene: pm.dynamical_matrix(scene).toarray(),

@@ -166,7 +166,7 @@ class _Ascent:
             figures.force_evaluations = self.iterations
             figures.note = f"{self.rearrangements} rearrangements"
         now = find_contacts(protocol.last)
-        pairs = _pairs_of(now)
+        pairs = pairs_of(now)
         protocol.report.update(
             rearrangements=self.rearrangements,
             contacts_closed=len(pairs - place.pairs),
@@ -181,7 +181,7 @@ class _Ascent:
             found = find_onset(protocol, self.nearest)
             if found is None:
                 return None
-            return _Onset(found.state.packing, found.fraction, found.depth, _pairs_of(found.contacts))
+            return _Onset(found.state.packing, found.fraction, found.depth, pairs_of(found.contacts))
         hard = find_hard_packing(protocol, protocol.scene.packing, self.iteration_limit)
         if hard is None:
             return None
@@ -189,7 +189,7 @@ class _Ascent:
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
         state = follow_pressure(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
         onset = protocol.report["jamming_packing_fraction"]
-        return _Onset(state.packing, onset, depth, _pairs_of(hard.contacts))
+        return _Onset(state.packing, onset, depth, pairs_of(hard.contacts))
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""
@@ -235,5 +235,6 @@ class _Ascent:
         return state
 
 
-def _pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:
+def pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:
+    """Return the pairs that touch as (i, j, image)."""
     return {tuple(row) for row in np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd]).tolist()}

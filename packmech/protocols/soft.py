@@ -208,7 +208,7 @@ def follow_pressure(
     while depth < goal and factor > 1.02:
         further = min(goal, depth * factor)
         now = pressure if further == goal else pressure_at(further)
-        ahead = _extrapolated(before, before_depth, state.packing, depth, further)
+        ahead = extrapolated(before, before_depth, state.packing, depth, further)
         trial = newton(ahead, units, basis_kdd, now, iterations=20)
         used += trial.iterations
         if trial.sound(tolerance):
@@ -220,7 +220,7 @@ def follow_pressure(
     return replace(state, iterations=used, reached=depth / goal)
 
 
-def _extrapolated(before: Packing, at: float, now: Packing, depth: float, further: float) -> Packing:
+def extrapolated(before: Packing, at: float, now: Packing, depth: float, further: float) -> Packing:
     """Return the packing on the straight line through two others, in the coordinates of the cell."""
     if at == 0.0 or further / depth > 100.0:
         return now

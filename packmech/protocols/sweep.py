@@ -1,0 +1,189 @@
+"""`sweep_pressure`: one jammed packing followed from pressure to pressure, up and down."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Iterable
+
+from packmech.check import instance, one_of, positive, positive_array
+from packmech.contacts import find_contacts
+from packmech.honors import honors
+from packmech.jit.blas import single_thread
+from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.stress import pressure as pressure_of
+from packmech.minimize.soft_newton import SoftState, descend, judge, newton
+from packmech.packing import Packing, no_own_images
+from packmech.protocols.compress import pairs_of
+from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.protocol import Protocol, finish
+from packmech.protocols.soft import extrapolated, search_pressure
+from packmech.result import Outcome, Run
+from packmech.scene import Scene
+
+# largest ratio of successive pressures, the first one tried, and the smallest before contacts are let rearrange
+_FACTOR, _FIRST, _MINIMUM_FACTOR = 4.0, 2.0, 1.05
+_ALMOST = 0.01
+_ITERATIONS = 25
+
+
+@honors("repulsion links", at_rest=True)
+def sweep_pressure(
+    scene: Scene,
+    pressures: Iterable[float],
+    *,
+    strain: str = "isotropic",
+    force_tolerance: float = 1e-9,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> tuple[Run, ...]:
+    """Return one run for each pressure: the jammed packing followed along its contact network, up or down.
+
+    The packing goes from pressure to pressure in the order given, in steps that Newton's method can take; contacts
+    close and open on the way. Where no step ends in a minimum, contacts rearrange: the way down in enthalpy leads to
+    the next packing, and the report counts it. Up and down again is the same path as long as nothing rearranged.
+
+    Parameters
+    ----------
+    scene
+        The scene of a jammed packing: `scene.replace(packing=run.packing)` of a run of `jam`.
+    pressures
+        In the order in which they are visited [energy_scale / diameter^d], all positive.
+    strain
+        "isotropic": the box keeps its shape. "free": strains relax, so that the stress is isotropic.
+    force_tolerance
+        Net force over mean contact force (and stress missing over pressure) that counts as balance [1]; the floor of
+        rounding also counts.
+    time_limit
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+    progress
+        Called as progress(stage, figures).
+    check
+        Raise NotConverged when a packing does not come to rest.
+
+    Returns
+    -------
+    tuple of Run
+        `report` as for `jam`, and rearrangements (on the way from the pressure before), contacts_closed and
+        contacts_opened (since the pressure before).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If a packing does not come to rest and `check` is set.
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
+    >>> jammed = pm.jam(scene, pressure=1e-6, strain="isotropic")
+    >>> runs = pm.sweep_pressure(scene.replace(packing=jammed.packing), [1e-5, 1e-4, 1e-6])
+    >>> [round(run.report["pressure"], 9) for run in runs]
+    [1e-05, 0.0001, 1e-06]
+
+    """
+    instance("scene", scene, Scene)
+    no_own_images("scene.packing", scene.packing)
+    if isinstance(pressures, str) or not isinstance(pressures, Iterable):
+        raise TypeError(f"pressures must be a sequence of positive numbers, got {pressures!r}")
+    goals = positive_array("pressures", list(pressures), shape=(None,), what="pressure")
+    one_of("strain", strain, ("isotropic", "free"))
+    tolerance = positive("force_tolerance", force_tolerance)
+    if not is_jammed(scene):
+        raise ValueError(
+            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
+        )
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    path, runs, began = _Path(protocol), list[Run](), time.process_time()
+    with single_thread():
+        try:
+            for goal in goals.tolist():
+
+                def finished(outcome: Outcome, goal: float = goal, began: float = began) -> Run:
+                    return finish(protocol, protocol.last, outcome, goal, "sweep_pressure", began)
+
+                runs.append(loop.run(functools.partial(path.go, goal), finished))
+                if runs[-1].outcome is Outcome.INTERRUPTED:
+                    break
+                protocol.stages, began = [], time.process_time()
+        except KeyboardInterrupt as stop:
+            stop.runs = tuple(runs)  # type: ignore[attr-defined]
+            raise
+    return tuple(runs)
+
+
+class _Path:
+    """One packing on its way from pressure to pressure; pressures and packings are in reduced units."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        scene = protocol.scene
+        self.packing = protocol.reduced(scene.packing)
+        self.pressure = protocol.reduced_pressure(pressure_of(scene) / scene.pressure_unit)
+        self.before: tuple[Packing, float] | None = None
+        self.pairs = pairs_of(find_contacts(scene.packing))
+
+    def go(self, pressure: float) -> Outcome:
+        """Go on to a pressure [energy_scale / diameter^d]; return how that ended."""
+        protocol, rearrangements, iterations = self.protocol, 0, 0
+        goal, factor = protocol.reduced_pressure(pressure), _FIRST
+        tolerance = max(protocol.force_tolerance, 1e-7)
+        # what is not reached is not in the report
+        for name in ("rearrangements", "contacts_closed", "contacts_opened"):
+            protocol.report.pop(name, None)
+        with protocol.stage("following the pressure") as figures:
+            while True:
+                protocol.loop.check_time()
+                far = math.log(goal / self.pressure)
+                reach = math.log(factor)
+                # a last step of a per cent would leave a line through two packings that are almost the same
+                further = goal if abs(far) < reach + _ALMOST else self.pressure * math.exp(math.copysign(reach, far))
+                state = self._step(further)
+                iterations += state.iterations
+                if not state.sound(tolerance):
+                    if factor > _MINIMUM_FACTOR:
+                        factor = factor**0.5
+                        continue
+                    rearrangements += 1
+                    state = descend(self.packing, protocol.units, protocol.basis_kdd, further)
+                    iterations += state.iterations
+                    if not state.sound(tolerance) and self.packing.links is None:
+                        state = search_pressure(protocol, self.packing, further)
+                    self.before = None
+                    if not state.sound(tolerance):
+                        break
+                elif abs(math.log(further / self.pressure)) > _ALMOST:
+                    self.before = self.packing, self.pressure
+                self.packing, self.pressure = state.packing, further
+                if further == goal:
+                    break
+                factor = min(_FACTOR, factor**1.5)
+            protocol.last = protocol.restored(state.packing)
+            figures.residual, figures.steps, figures.force_evaluations = state.residual, iterations, iterations
+            figures.note = f"{rearrangements} rearrangements"
+        pairs = pairs_of(find_contacts(protocol.last))
+        protocol.report.update(
+            rearrangements=rearrangements,
+            contacts_closed=len(pairs - self.pairs),
+            contacts_opened=len(self.pairs - pairs),
+        )
+        self.pairs = pairs
+        return judge(state, protocol.force_tolerance)
+
+    def _step(self, pressure: float) -> SoftState:
+        """Return the packing at another pressure, looked for on the line through the last two."""
+        start = self.packing
+        if self.before is not None:
+            start = extrapolated(*self.before, start, self.pressure, pressure)
+        units, basis = self.protocol.units, self.protocol.basis_kdd
+        if start.links is not None:
+            return descend(start, units, basis, pressure)
+        return newton(start, units, basis, pressure, iterations=_ITERATIONS)
