@@ -128,9 +128,10 @@ class Packing:
 
 
 def no_own_images(name: str, packing: Packing) -> None:
-    """Check that no link joins a particle to an image of itself, for calls that move particles or strain the box.
+    """Check that no link joins a particle to an image of itself, for calls that would not honor it.
 
-    Such a link holds a strain and no particle: in a box that keeps its shape it is kept or broken, whatever moves.
+    Such a link holds a strain and no particle. Calls that move particles, strain the box, or tell which particles can
+    be taken out refuse it; those that take it into account as a constraint on strains accept it.
 
     Raises
     ------

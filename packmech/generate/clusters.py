@@ -16,7 +16,7 @@ from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05
@@ -180,6 +180,7 @@ def scattered_packing(
     rng = generator_of(seed, rng)
     overlap = real("largest_overlap", largest_overlap, at_least=0.0, at_most=1.0)
     radius, n, d = packing.radius_n, packing.particles, packing.dimension
+    no_own_images("packing", packing)
     box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
     links = packing.links
     if links is None:
