@@ -10,6 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, integer, positive
 
+# lengths between these have squares, and volumes, that double precision carries [length]
+SHORTEST, LONGEST = 1e-60, 1e60
+# wrapping from further away, in lattice vectors, leaves few digits of the place in the cell
+_FARTHEST = 2.0**31
+
 
 @dataclass(frozen=True, eq=False)
 class Box:
@@ -39,6 +44,12 @@ class Box:
         lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")
         if lattice.shape not in ((2, 2), (3, 3)):
             raise ValueError(f"lattice_dd must have shape (2, 2) or (3, 3), got {lattice.shape}")
+        column = np.abs(lattice).max(axis=0)
+        for k in np.flatnonzero((column > 0.0) & ((column < SHORTEST) | (column > LONGEST))):
+            raise ValueError(
+                f"lattice_dd must have columns of lengths between {SHORTEST:g} and {LONGEST:g} (take another unit of "
+                f"length), got {lattice[:, k].tolist()} for column {k}"
+            )
         length = np.linalg.norm(lattice, axis=0)
         if not (length > 0).all() or abs(np.linalg.det(lattice / length)) < 1e-12:
             raise ValueError(f"lattice_dd must have linearly independent columns, got {lattice.tolist()}")
@@ -89,11 +100,24 @@ class Box:
         Parameters
         ----------
         position_nd
-            (N, d) Cartesian positions [length].
+            (N, d) Cartesian positions [length], at most 2^31 lattice vectors away.
+
+        Raises
+        ------
+        ValueError
+            If a position is so far away that rounding leaves too few digits of its place in the cell.
 
         """
         position = finite_array("position_nd", position_nd, shape=(None, self.dimension), empty=True)
-        image = np.floor(position @ self.inverse_dd.T)
+        fraction = _fraction(position, self.inverse_dd)
+        far = ~(np.abs(fraction) <= _FARTHEST).all(axis=1)
+        if far.any():
+            n = int(np.argmax(far))
+            raise ValueError(
+                f"position_nd must stay within {_FARTHEST:.0f} lattice vectors of the cell, got {position[n].tolist()} "
+                f"for particle {n}"
+            )
+        image = np.floor(fraction)
         wrapped = position - image @ self.lattice_dd.T
         return wrapped, image.astype(np.int64)
 
@@ -125,6 +149,12 @@ class Box:
         """
         lattice, change = self._reduction
         return Box(lattice), change.copy()
+
+
+def _fraction(position_nd: NDArray[np.float64], inverse_dd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return positions in units of the lattice vectors; those too far away for any number are infinite or nan."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return position_nd @ inverse_dd.T
 
 
 def _reduce(lattice_dd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
+from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive_array
 from packmech.links import Links
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
 DISCRETE_SIZES = 10
+# largest rounding of a position, relative to the smallest radius, at which contacts still mean something [1]
+_COARSEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,8 @@ class Packing:
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what is required, what came and for which particle.
+        Naming the argument, what is required, what came and for which particle; also where lengths are beyond double
+        precision, or a particle so far away that rounding of its position exceeds 1e-6 of the smallest radius.
 
     Examples
     --------
@@ -57,6 +60,7 @@ class Packing:
         radius = positive_array("radius_n", self.radius_n, shape=(None,))
         if len(radius) != len(position):
             raise ValueError(f"radius_n must have one entry per particle ({len(position)}), got {len(radius)}")
+        _check_digits(position, radius, self.box)
         for name, array in (("position_nd", position), ("radius_n", radius)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -107,6 +111,11 @@ class Packing:
         distinct = 1 + int(np.count_nonzero(np.diff(diameter) > 1e-9 * diameter[1:]))
         return float(diameter[0] if distinct <= DISCRETE_SIZES else diameter.mean())
 
+    @property
+    def rounding(self) -> float:
+        """Largest rounding of a position, relative to the smallest radius [1]."""
+        return float(np.spacing(np.abs(self.position_nd).max()) / self.radius_n.min())
+
     def replace(self, **changes: Any) -> Packing:
         """Return a packing with the named fields exchanged."""
         return dataclasses.replace(self, **changes)
@@ -127,10 +136,43 @@ class Packing:
         return float((error / np.maximum(self.links.length_l, self.diameter_n.mean())).max())
 
 
-def no_own_images(name: str, packing: Packing) -> None:
-    """Check that no link joins a particle to an image of itself, for calls that move particles or strain the box.
+def _check_digits(position_nd: NDArray[np.float64], radius_n: NDArray[np.float64], box: Box) -> None:
+    """Check that double precision carries the lengths, and places to a small part of the smallest radius.
 
-    Such a link holds a strain and no particle: in a box that keeps its shape it is kept or broken, whatever moves.
+    Raises
+    ------
+    ValueError
+        Naming the argument, what came and for which particle.
+
+    """
+    smallest, largest = int(radius_n.argmin()), int(radius_n.argmax())
+    for n in (smallest, largest):
+        if not SHORTEST <= radius_n[n] <= LONGEST:
+            raise ValueError(
+                f"radius_n must lie between {SHORTEST:g} and {LONGEST:g} (take another unit of length), "
+                f"got {radius_n[n]} for particle {n}"
+            )
+    coarsest = _COARSEST * float(radius_n[smallest])
+    reach_n = np.abs(position_nd).max(axis=1)
+    far = int(reach_n.argmax())
+    if np.spacing(reach_n[far]) > coarsest:
+        raise ValueError(
+            f"position_nd must be so near that rounding is below {_COARSEST:g} of the smallest radius "
+            f"({radius_n[smallest]:g}), got {position_nd[far].tolist()} for particle {far}"
+        )
+    longest = float(np.abs(box.lattice_dd).max())
+    if np.spacing(longest) > coarsest:
+        raise ValueError(
+            f"box must be so small that rounding is below {_COARSEST:g} of the smallest radius "
+            f"({radius_n[smallest]:g}), got a lattice vector with a component of {longest:g}"
+        )
+
+
+def no_own_images(name: str, packing: Packing) -> None:
+    """Check that no link joins a particle to an image of itself, for calls that would not honor it.
+
+    Such a link holds a strain and no particle. Calls that move particles, strain the box, or tell which particles can
+    be taken out refuse it; those that take it into account as a constraint on strains accept it.
 
     Raises
     ------

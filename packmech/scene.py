@@ -14,6 +14,7 @@ from typing import Any, ClassVar, TypeVar
 from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     SIGNED,
+    Repulsion,
     check_effect,
     check_law,
     energy_scale_of,
@@ -26,6 +27,8 @@ from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
 
 D = TypeVar("D", bound=type)
+# units of energy, force and stiffness between these have squares that double precision carries
+_WEAKEST, _STRONGEST = 1e-120, 1e120
 
 
 @dataclass(frozen=True)
@@ -563,9 +566,22 @@ class Scene:
                 continue
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
+        self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:
             known = ", ".join(cls.__name__ for cls in _DRIVES)
             raise TypeError(f"drive must be one of {known} or None, got {self.drive!r}")
+
+    def _check_scales(self) -> None:
+        """Check that squares of forces and stiffnesses are numbers that double precision carries."""
+        if not any(isinstance(one, Repulsion) for one in self.effects):
+            return
+        scale, length = self.energy_scale, self.packing.reference_diameter
+        for unit, what in ((scale, ""), (scale / length, " / diameter"), (scale / length**2, " / diameter^2")):
+            if not _WEAKEST <= unit <= _STRONGEST:
+                raise ValueError(
+                    f"effects must have energy_scale{what} between {_WEAKEST:g} and {_STRONGEST:g} (take another unit "
+                    f"of energy or length), got {unit:g} for energy_scale = {scale:g} and diameter = {length:g}"
+                )
 
     @property
     def energy_scale(self) -> float:

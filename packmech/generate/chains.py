@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
+from packmech.contacts.crossing import crossing_links
+from packmech.contacts.fused_volume import lens, shared_volume
 from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
-from packmech.links import Links
+from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
 Point = tuple[float, ...]
@@ -24,6 +26,9 @@ Point = tuple[float, ...]
 CROSSING = ("avoided", "allowed")
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
 _SLACK = 1e-9
+# volumes that chains share count as equal up to this part of the box; how often chains may be drawn for it, and how
+# often with the same random numbers
+_SAME, _ANEW, _AGAIN = 1e-13, 100, 25
 
 
 class SegmentGrid(NamedTuple):
@@ -584,8 +589,10 @@ def chain_packing(
     dimension
         2 (discs) or 3 (spheres).
     packing_fraction
-        Sum of the areas or volumes of all beads over that of the box [1]; what neighbors along a chain share, where
-        links are shorter than the sum of their radii, counts twice.
+        Area or volume of all chains over that of the box [1]. Neighbors along a chain fill their union where links are
+        shorter than the sum of their radii, and so do all beads of a chain that is rigid, as in ``packing_fraction``.
+        Where held angles decide on overlaps the box is scaled after the chains have grown, and chains grow anew where
+        bonds would then cross.
     link_length
         Length of the bonds [length].
     radii
@@ -647,29 +654,81 @@ def chain_packing(
     tries = integer("tries", tries, at_least=1)
     radius_n = _radius_n(radii, sizes, count, beads, rng)
 
-    scaled = box_for(radius_n, packing_fraction, shape_dd)
-    around = () if closing is None else tuple(np.einsum("de,e->d", scaled.lattice_dd, np.array(closing)).tolist())
-    reach = math.sqrt(math.fsum(x * x for x in around))
-    if reach >= beads * link_length:
-        least = math.floor(reach / link_length) + 1
-        raise ValueError(f"beads must be at least {least} for a chain to reach around the box, got {beads}")
-    plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
     avoid = dimension == 2 and crossing == "avoided"
-    bonds = BondGrid(scaled, count * len(_bonds(plan)), link_length) if avoid else None
+    bond = [(a, b) for a, b, _ in _bonds(Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, ()))]
+    shared = math.fsum(
+        lens(dimension == 2, first, second, link_length)
+        for radius_b in radius_n.reshape(count, beads).tolist()
+        for first, second in ((radius_b[a], radius_b[b]) for a, b in bond)
+    )
+    state = rng.bit_generator.state
+    for number in range(_ANEW):
+        # a chain around the box changes with it: the same random numbers, again, until it fits the box
+        if closing is not None and any(closing) and number % _AGAIN:
+            rng.bit_generator.state = state
+        state = rng.bit_generator.state
+        scaled = box_for(radius_n, packing_fraction, shape_dd, shared)
+        around = () if closing is None else tuple(np.einsum("de,e->d", scaled.lattice_dd, np.array(closing)).tolist())
+        reach = math.sqrt(math.fsum(x * x for x in around))
+        if reach >= beads * link_length:
+            least = math.floor(reach / link_length) + 1
+            raise ValueError(f"beads must be at least {least} for a chain to reach around the box, got {beads}")
+        plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
+        slithers = avoid and isinstance(form, str) and form == "open" and bend_b is None
+        packing = _grown(plan, count, radius_n, scaled, rng, avoid=avoid, slithers=slithers, tries=tries)
+        found = shared_volume(packing)
+        if abs(found - shared) <= _SAME * scaled.volume:
+            return packing.wrapped()
+        shared = found
+        if closing is None or not any(closing):
+            fitted = _spread(packing, box_for(radius_n, packing_fraction, shape_dd, shared))
+            if not (avoid and len(crossing_links(fitted))):
+                return fitted
+    raise ValueError(
+        "packing_fraction must be lower, or crossing 'allowed', or links longer where held angles let beads of a chain "
+        f"overlap, got {packing_fraction:g} and no box that chains drawn {_ANEW} times would fill"
+    )
+
+
+def _grown(
+    plan: Plan,
+    count: int,
+    radius_n: NDArray[np.float64],
+    box: Box,
+    rng: np.random.Generator,
+    *,
+    avoid: bool,
+    slithers: bool,
+    tries: int,
+) -> Packing:
+    """Return chains grown in a box."""
+    bonds = BondGrid(box, count * len(_bonds(plan)), plan.link_length) if avoid else None
     walk = Walk(plan, rng, bonds)
-    slithers = bonds is not None and isinstance(form, str) and form == "open" and bend_b is None
-    places = walk.grow(count, scaled, max(1, tries // 10) if slithers else tries)
+    places = walk.grow(count, box, max(1, tries // 10) if slithers else tries)
     if places is None and slithers and bonds is not None:
         bonds.take_back(0)
-        places = slither(walk, bonds, count, scaled, tries)
+        places = slither(walk, bonds, count, box, tries)
     if places is None:
         raise ValueError(
             "bend must be larger, or crossing 'allowed', or the packing fraction lower where a chain finds no way, "
-            f"got bend = {bend:g} and no way in {tries} tries per bead"
+            f"got bend = {plan.bend:g} and no way in {tries} tries per bead"
         )
-    position_nd, image_nd = _folded(places, plan, scaled)
-    links = _links(plan, count, position_nd, image_nd, scaled)
-    return Packing(position_nd, radius_n, scaled, links).wrapped()
+    position_nd, image_nd = _folded(places, plan, box)
+    return Packing(position_nd, radius_n, box, _links(plan, count, position_nd, image_nd, box))
+
+
+def _spread(packing: Packing, box: Box) -> Packing:
+    """Return the packing with its box, and the centers of its chains, scaled to another box of the same shape."""
+    links = packing.links
+    assert links is not None
+    offset, _ = image_offsets(links, packing.particles)
+    apart = np.einsum("de,ne->nd", packing.box.lattice_dd, offset)
+    cluster = links.clusters(packing.particles)
+    size, place = np.bincount(cluster), packing.position_nd + apart
+    center = np.stack([np.bincount(cluster, place[:, a]) / size for a in range(packing.dimension)], axis=1)
+    further = (box.volume / packing.box.volume) ** (1.0 / packing.dimension) - 1.0
+    position = packing.position_nd + further * (center[cluster] - apart)
+    return packing.replace(position_nd=position, box=box).wrapped()
 
 
 def _form(form: Any, winding: Any, beads: int, dimension: int) -> tuple[tuple[int, ...], tuple[int, ...] | None]:

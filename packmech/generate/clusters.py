@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
+from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, BondGrid
 from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05
@@ -51,8 +52,8 @@ def cluster_packing(
     dimension
         2 (discs) or 3 (spheres).
     packing_fraction
-        Sum of the areas or volumes of all beads over that of the box [1]; what beads of one cluster share, where they
-        are closer than the sum of their radii, counts twice.
+        Area or volume of all clusters over that of the box [1]. That of a rigid cluster is its beads' union; what
+        clusters share counts for each of them, as in ``packing_fraction``.
     sizes
         Distribution of the sizes of whole clusters: each is the shape times a diameter drawn from it. All equal to the
         shape when nothing is said.
@@ -106,14 +107,21 @@ def cluster_packing(
             )
 
     radius_n = np.concatenate([factor * one.radius_b for factor, one in zip(factor_k, cluster_k, strict=True)])
-    scaled = box_for(radius_n, packing_fraction, shape_dd)
+    centered_kbd = np.stack(
+        [
+            factor * (one.position_bd - one.position_bd.mean(axis=0))
+            for factor, one in zip(factor_k, cluster_k, strict=True)
+        ]
+    )
+    links = _links(cluster_k, factor_k)
+    anywhere = Packing(centered_kbd.reshape(-1, dimension), radius_n, Box.cubic(1.0, dimension), links)
+    scaled = box_for(radius_n, packing_fraction, shape_dd, shared_volume(anywhere))
     bonds = _Bonds(cluster_k, factor_k, scaled) if avoid else None
     placed = None if largest_overlap is None else Placed(scaled, radius_n, largest_overlap)
-    position = np.empty((count, *cluster_k[0].position_bd.shape))
+    position = np.empty_like(centered_kbd)
     for k in range(count):
-        centered_bd = cluster_k[k].position_bd - cluster_k[k].position_bd.mean(axis=0)
         for _ in range(tries if avoid or placed is not None else 1):
-            position[k] = _at_random(factor_k[k] * centered_bd, scaled, rng)
+            position[k] = _at_random(centered_kbd[k], scaled, rng)
             if (placed is None or placed.admits(position[k])) and (bonds is None or bonds.place(k, position[k])):
                 break
         else:
@@ -124,8 +132,7 @@ def cluster_packing(
             )
         if placed is not None:
             placed.add(position[k])
-    packing = Packing(position.reshape(-1, dimension), radius_n, scaled, _links(cluster_k, factor_k))
-    return packing.wrapped()
+    return Packing(position.reshape(-1, dimension), radius_n, scaled, links).wrapped()
 
 
 @honors("links", packing_only=True)
@@ -148,7 +155,7 @@ def scattered_packing(
     packing
         The packing; of its positions only the shapes of clusters are kept.
     packing_fraction
-        Volumes of the particles over that of the box [1].
+        Volume of the particles over that of the box [1], as ``packing_fraction`` returns it.
     seed, rng
         Exactly one of them: a seed for ``numpy.random.default_rng``, or a generator. The same seed gives the same bits.
     largest_overlap
@@ -173,7 +180,8 @@ def scattered_packing(
     rng = generator_of(seed, rng)
     overlap = real("largest_overlap", largest_overlap, at_least=0.0, at_most=1.0)
     radius, n, d = packing.radius_n, packing.particles, packing.dimension
-    box = box_for(radius, fraction, packing.box.lattice_dd)
+    no_own_images("packing", packing)
+    box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
     links = packing.links
     if links is None:
         return Packing(np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d))), radius, box=box)

@@ -387,11 +387,13 @@ def fill_box(
     return Packing(drawn.position_nd * scale, drawn.radius_n * scale, box=box)
 
 
-def box_for(radius_n: NDArray[np.float64], packing_fraction: float, shape_dd: NDArray[np.float64]) -> Box:
-    """Return the box of that shape in which the particles' volumes add up to the packing fraction."""
+def box_for(
+    radius_n: NDArray[np.float64], packing_fraction: float, shape_dd: NDArray[np.float64], shared: float = 0.0
+) -> Box:
+    """Return the box of that shape in which the particles' volumes, less what they share, are the packing fraction."""
     dimension = len(shape_dd)
     ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
-    volume = ball * math.fsum(radius_n**dimension) / packing_fraction
+    volume = (ball * math.fsum(radius_n**dimension) - shared) / packing_fraction
     shape = Box(shape_dd)
     return shape.scaled((volume / shape.volume) ** (1.0 / dimension))
 

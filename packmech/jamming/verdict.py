@@ -174,8 +174,11 @@ class Verdict:
 
     @property
     def danglers(self) -> NDArray[np.bool_]:
-        """The (N,) rattlers that touch nothing."""
-        return np.asarray(self.rattlers & (self.touching.contacts.count_n() == 0))
+        """The (N,) rattlers that their clusters alone hold: linked particles that touch nothing."""
+        if self.cluster_n is None:
+            return np.zeros(len(self.rattlers), dtype=bool)
+        linked = np.bincount(self.cluster_n)[self.cluster_n] > 1
+        return np.asarray(self.rattlers & linked & (self.touching.contacts.count_n() == 0))
 
     @property
     def _strongest(self) -> Answer:
@@ -400,7 +403,7 @@ def verdict_text(verdict: Verdict) -> str:
     numbers = verdict_numbers(verdict)
     particles = len(verdict.rattlers)
     rattlers = _counted(int(verdict.rattlers.sum()), "rattler")
-    note = f"{_counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} touch nothing"
+    note = f"{_counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} held by their clusters alone"
     if "rattling_clusters" in numbers:
         note += f", {_counted(numbers['rattling_clusters'], 'whole cluster')} among them"
     rows = [

@@ -13,6 +13,7 @@ from packmech.check import instance, one_of
 from packmech.constraints.factor import DEPENDENT, ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import check_given, rattlers_of
 from packmech.honors import honors
@@ -324,7 +325,15 @@ def _spanned(row: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
 
 @honors("links", packing_only=True)
 def packing_fraction(packing: Packing) -> float:
-    """Return the sum of the particles' volumes over the box volume [1], rattlers included, overlaps counted twice.
+    """Return the volume of the particles over that of the box [1], rattlers included.
+
+    Fused particles fill their union: those that overlap within a rigid cluster, and linked ones. What particles share
+    that touch counts for each of them, as is usual at a finite pressure: this is the sum of all volumes over that of
+    the box unless links are shorter than the sum of the radii. It depends on radii, links and box only, and falls as
+    volume^-1 where the box grows between particles or clusters that keep their shape.
+
+    Exact in two dimensions, and in three where no three particles are all fused with each other; else the error is
+    below 1e-10 of a particle's volume in each particle's part.
 
     Parameters
     ----------
@@ -336,11 +345,16 @@ def packing_fraction(packing: Packing) -> float:
     >>> import packmech as pm
     >>> round(pm.packing_fraction(pm.lattice_packing("triangular", repeats=(1, 1))), 6)
     0.9069
+    >>> links = pm.Links([0], [1], [[0, 0]], [1.0])
+    >>> dimer = pm.Packing([[0.0, 0.0], [1.0, 0.0]], [1.0, 1.0], pm.Box.cubic(10.0, 2), links)
+    >>> round(100.0 * pm.packing_fraction(dimer), 6)  # 4 pi / 3 + sqrt(3) / 2
+    5.054816
 
     """
     instance("packing", packing, Packing)
     unit = math.pi if packing.dimension == 2 else 4.0 * math.pi / 3.0
-    return float(unit * (packing.radius_n**packing.dimension).sum() / packing.box.volume)
+    volume = unit * (packing.radius_n**packing.dimension).sum() - shared_volume(packing)
+    return float(volume / packing.box.volume)
 
 
 @honors("links", packing_only=True)

@@ -164,7 +164,7 @@ class Moduli:
         """Whether no motion of particles and box lowers the energy, nor any strain works against the stress it makes.
 
         True needs no negative mode of the energy (`negative_modes`) and no negative eigenvalue of the symmetric part
-        of `cauchy`; soft directions, which cost nothing, are allowed. Averages of an unstable packing mean nothing.
+        of `cauchy`; soft directions, which cost nothing, are allowed. Averages of an unstable packing are nan.
         """
         largest = float(np.abs(self.affine).max(initial=0.0))
         return self.negative_modes == 0 and self.cauchy_least >= -1e-10 * largest
@@ -173,9 +173,10 @@ class Moduli:
     def bulk_modulus(self) -> float:
         """-V dP/dV when the box is scaled without changing its shape (relaxed, Cauchy) [energy/length^d].
 
-        It equals `voigt.bulk_modulus`.
+        The response to one imposed strain, which a packing has also where it is unstable to others. Of a stable one it
+        equals `voigt.bulk_modulus`.
         """
-        return self.voigt.bulk_modulus
+        return voigt_average(self.cauchy, self.stiff_directions).bulk_modulus
 
     @property
     def shear_modulus(self) -> float:
@@ -214,6 +215,9 @@ class Moduli:
     def average(self, bound: str, *, tangent: str = "cauchy") -> Average:
         """Return the "voigt", "reuss" or "hill" average of the matrix named "cauchy", "energy" or "affine".
 
+        No isotropic material stands for an unstable packing (see `stable`): its averages are nan. Those of "affine",
+        where particles do not relax, are nan only where that matrix itself has a negative eigenvalue.
+
         Raises
         ------
         ValueError
@@ -222,6 +226,8 @@ class Moduli:
         """
         one_of("bound", bound, ("voigt", "reuss", "hill"))
         matrix = self._matrix(tangent)
+        if not (_is_not_negative(matrix) if tangent == "affine" else self.stable):
+            return Average(float("nan"), float("nan"), self.dimension)
         voigt = voigt_average(matrix, self.stiff_directions)
         if bound == "voigt":
             return voigt
@@ -256,9 +262,11 @@ class Moduli:
     def anisotropy(self) -> float:
         """Universal anisotropy K_V/K_R + n G_V/G_R - d(d+1)/2 with n = (d-1)(d+2)/2 [1].
 
-        0 for isotropic packings, inf with soft or stiff directions; the usual 5 G_V/G_R + K_V/K_R - 6 in three
-        dimensions.
+        0 for isotropic packings, inf with soft or stiff directions, nan where the packing is unstable; the usual
+        5 G_V/G_R + K_V/K_R - 6 in three dimensions.
         """
+        if not self.stable:
+            return float("nan")
         voigt, reuss, d = self.voigt, self.reuss, self.dimension
         if len(self.stiff_directions):
             return float("inf")
@@ -279,6 +287,11 @@ class Moduli:
     def tensor(self, *, tangent: str = "cauchy") -> NDArray[np.float64]:
         """Return the (d, d, d, d) tensor of the matrix named "cauchy", "energy" or "affine" [energy/length^d]."""
         return stiffness_tensor(self._matrix(tangent))
+
+
+def _is_not_negative(matrix_ee: NDArray[np.float64]) -> bool:
+    """Return whether no eigenvalue of a symmetric matrix is below zero, but for rounding."""
+    return bool(np.linalg.eigvalsh(matrix_ee)[0] >= -1e-10 * np.abs(matrix_ee).max())
 
 
 def _deviators(dimension: int) -> int:
@@ -455,6 +468,8 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     """Return the matrix on the strains across the stiff ones, zero along these."""
     if not len(stiff_ke):
         return matrix_ee
+    if len(stiff_ke) == len(matrix_ee):
+        return np.zeros_like(matrix_ee)
     across = np.eye(len(matrix_ee)) - stiff_ke.T @ stiff_ke
     kept: NDArray[np.float64] = across @ matrix_ee @ across
     return kept
@@ -626,8 +641,7 @@ def compliance_matrix(
         lifted = moduli.energy + scale * stiff.T @ stiff
         _, size, direction = np.linalg.svd(lifted)
         soft = direction[size <= _ZERO * scale]
-        across = np.eye(len(lifted)) - stiff.T @ stiff
-        return with_infinities(across @ inverse_across(lifted, soft) @ across, soft)
+        return with_infinities(_across(inverse_across(lifted, soft), stiff), soft)
     with single_thread():
         return _pseudoinverse(scene, kind, rattlers, gap_tolerance, memory_limit)
 
@@ -640,6 +654,8 @@ def _pseudoinverse(
     contacts, links = backbone.contacts, backbone.links
     size = contacts.particles * contacts.dimension
     components = contacts.dimension * (contacts.dimension + 1) // 2
+    if links is not None and len(links.stiff_strains) == components:
+        return np.zeros((components, components))
     if not size:
         return with_infinities(np.zeros((components, components)), np.eye(components))
     if links is None:

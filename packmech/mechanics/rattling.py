@@ -28,7 +28,7 @@ from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
 from packmech.mechanics.rigidity import contacts_of
-from packmech.packing import Packing
+from packmech.packing import Packing, no_own_images
 from packmech.result import Outcome
 
 # singular values below this fraction of the largest are zero
@@ -55,8 +55,8 @@ class Rattling:
         (N,) particles that can move relative to the backbone. All of them if there is no backbone: then nothing is
         jammed.
     dangling_n
-        (N,) those of them that touch nothing: ends of clusters that are held elsewhere, and clusters that are
-        held nowhere.
+        (N,) those of them that their clusters alone hold: linked particles that touch nothing. A single particle
+        that touches nothing is held by nothing.
     cluster_n
         (N,) number of each particle's cluster; a single particle is one.
     rattling_cluster_n
@@ -97,7 +97,8 @@ def find_rattling_clusters(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, or the contacts belong to another number of particles.
+        If an argument is of the wrong kind, the contacts belong to another number of particles, or a particle is
+        linked to its own image.
 
     Examples
     --------
@@ -109,6 +110,7 @@ def find_rattling_clusters(
 
     """
     found = contacts_of(packing, contacts, gap_tolerance)
+    no_own_images("packing", packing)
     links = packing.links
     cluster = np.arange(packing.particles) if links is None else links.clusters(packing.particles)
     with single_thread():
@@ -119,7 +121,9 @@ def find_rattling_clusters(
             rows = _rows(found.select(backbone), independent)
         rattling = _moving(found.select(backbone), rows)
     held = np.bincount(cluster, ~rattling) > 0
-    return Rattling(rattling, rattling & (found.count_n() == 0), cluster, ~held[cluster], backbone)
+    linked = np.bincount(cluster)[cluster] > 1
+    dangling = rattling & linked & (found.count_n() == 0)
+    return Rattling(rattling, dangling, cluster, ~held[cluster], backbone)
 
 
 @dataclass(frozen=True, eq=False)

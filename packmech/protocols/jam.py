@@ -66,7 +66,9 @@ def jam(
 
     A packing that is jammed already, its forces balanced under pressure, is followed in pressure from where it stands
     and keeps its contact network as far as pressure lets it. Any other is scaled to the start of the protocol, whatever
-    its packing fraction. Every figure is recomputed from the packing that is returned.
+    its packing fraction. Radii and links never change: clusters keep their shape, so that the volume of fused ones,
+    their union, does too. Every figure is recomputed from the packing that is returned. Particles that stand so far
+    away that rounding of their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
 
     Parameters
     ----------

@@ -38,6 +38,8 @@ from packmech.scene import Scene
 
 # numbers times steps of a relaxation between two packings that an interrupt leaves, and steps where someone watches
 _PORTION, _WATCHED = 5_000_000, 20
+# rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
+_ROUNDING = 1e-11
 
 
 class Figures:
@@ -77,6 +79,9 @@ class Protocol:
         force_tolerance: float,
         loop: RunLoop,
     ) -> None:
+        # far from the cell rounding of positions is larger than the gaps that decide about contacts
+        if scene.packing.rounding > _ROUNDING:
+            scene = scene.replace(packing=scene.packing.wrapped())
         self.scene, self.basis_kdd, self.strain, self.force_tolerance = scene, basis_kdd, strain, force_tolerance
         self.loop = loop
         self.stages: list[Stage] = []

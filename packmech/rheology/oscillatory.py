@@ -142,7 +142,7 @@ class OscillatoryShear(StrainRun):
         return [
             *Run.rows(self)[:1],
             *rows,
-            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted in full"),
+            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"),
             ("mean pressure", f"{numbers['mean_pressure']:.6g}", unit),
             ("contacts", f"{numbers['mean_contacts']:.1f}", f"mean; {sliding:.1%} of them slide"),
         ]

@@ -443,7 +443,7 @@ def _rattlers(numbers: Mapping[str, Any]) -> Row:
     share = numbers["rattlers"] / numbers["particles"]
     note = f"{share:.1%} of {numbers['particles']} particles"
     if "danglers" in numbers:
-        note += f"; {numbers['danglers']} touch nothing"
+        note += f"; {numbers['danglers']} held by their clusters alone"
     if "rattling_clusters" in numbers:
         note += f", {numbers['rattling_clusters']} clusters rattle as a whole"
     return ("rattlers", str(numbers["rattlers"]), note)

@@ -58,7 +58,7 @@ def test_analyze_tells_counts_verdict_moduli_and_modes_of_the_library(name, tmp_
 def test_analyze_says_which_particles_count_and_what_the_links_take_off(tmp_path):
     printed, _ = analyzed(stored("jammed_trimer_fixedbox")[0], tmp_path)
     assert "isostatic: 12 = " in printed and "; 1 state of self stress" in printed
-    assert "26.7% of 15 particles; 4 touch nothing, 0 clusters rattle as a whole" in printed
+    assert "26.7% of 15 particles; 4 held by their clusters alone, 0 clusters rattle as a whole" in printed
 
 
 def test_analyze_of_an_all_rattling_packing_names_the_empty_backbone(tmp_path):

@@ -108,11 +108,24 @@ def test_one_chain_of_thirty_at_high_density_is_found_for_any_of_twenty_seeds():
 
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(FORMS), st.sampled_from([2, 3]), st.floats(0.5, 1.5), st.integers(0, 2**32))
-def test_packing_fraction_is_the_sum_over_all_beads_that_was_asked_for(form, dimension, packing_fraction, seed):
+def test_packing_fraction_of_chains_whose_links_never_overlap_is_the_sum_over_all_beads(
+    form, dimension, packing_fraction, seed
+):
     packing = chains(2, 10, dimension, packing_fraction, seed, form=form, crossing="allowed", tries=5000)
     ball = math.pi if dimension == 2 else 4 * math.pi / 3
     fraction = ball * math.fsum(packing.radius_n**dimension) / packing.box.volume
     assert fraction == pytest.approx(packing_fraction, rel=1e-14)
+    assert pm.packing_fraction(packing) == pytest.approx(fraction, rel=1e-14)
+
+
+@pytest.mark.parametrize("angles", ["free", "fixed", 2.0])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_chains_with_fused_neighbors_fill_the_packing_fraction_asked_for(dimension, angles):
+    for seed in range(5):
+        packing = chains(4, 8, dimension, 0.5, seed, radii=0.8, angles=angles)
+        assert pm.packing_fraction(packing) == pytest.approx(0.5, rel=1e-12)
+        assert packing.link_error < 1e-13
+        assert dimension == 3 or len(pm.crossing_links(packing)) == 0
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

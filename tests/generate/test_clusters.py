@@ -85,9 +85,12 @@ def test_links_have_their_lengths_to_rounding_and_do_not_wind(name, shape, dimen
 
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(sorted(SHAPES)), st.integers(1, 12), st.floats(0.05, 2.0), st.integers(0, 2**32))
-def test_packing_fraction_is_the_sum_over_all_beads_that_was_asked_for(name, count, packing_fraction, seed):
+def test_packing_fraction_is_the_one_that_was_asked_for(name, count, packing_fraction, seed):
     packing = packed(SHAPES[name], 2, count, packing_fraction, seed)
-    assert math.pi * math.fsum(packing.radius_n**2) / packing.box.volume == pytest.approx(packing_fraction, rel=1e-14)
+    assert pm.packing_fraction(packing) == pytest.approx(packing_fraction, rel=1e-13)
+    if name in ("triangle", "square", "row"):
+        sum_of_areas = math.pi * math.fsum(packing.radius_n**2)
+        assert sum_of_areas / packing.box.volume == pytest.approx(packing_fraction, rel=1e-14)
 
 
 def test_every_cluster_is_the_shape_turned_but_not_mirrored():

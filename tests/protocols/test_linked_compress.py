@@ -66,7 +66,9 @@ def test_the_onset_is_that_of_the_exact_hard_packing_when_only_rattlers_are_link
         pm.Links([32], [33], [[0, 0]], [0.2 * room]),
     )
     runs = pm.compress(pm.Scene(more, HARMONIC), [1e-5])
-    added = (more.radius_n**2).sum() / (packing.radius_n**2).sum()
+    # two discs at the distance of their radius: a union of (4 pi/3 + sqrt(3)/2) radii squared
+    union = (0.2 * room) ** 2 * (4 * np.pi / 3 + 3**0.5 / 2)
+    added = 1.0 + union / (np.pi * (packing.radius_n**2).sum())
     assert runs[0].report["onset"] == pytest.approx(hard.report["jamming_packing_fraction"] * added, abs=1e-11)
     alone = pm.compress(pm.Scene(packing, HARMONIC), [1e-5 / added])
     assert runs[0].report["contacts"] == alone[0].report["contacts"]
