@@ -116,6 +116,8 @@ _PUBLIC = {
     "read_table": "packmech.files.tables",
     "write_table": "packmech.files.tables",
     # mechanics
+    "mandel_tensor": "packmech.linalg.mandel",
+    "mandel_vector": "packmech.linalg.mandel",
     "Average": "packmech.mechanics.elasticity",
     "ConstrainedForce": "packmech.constraints.projection",
     "ConstraintBasis": "packmech.constraints.basis",
@@ -208,6 +210,7 @@ _PUBLIC = {
     "jam": "packmech.protocols.jam",
     "shear_stabilize": "packmech.protocols.shear_stabilize",
     "sweep_pressure": "packmech.protocols.sweep",
+    "at_packing_fraction": "packmech.protocols.protocol",
     # compiled functions of users
     "kernel": "packmech.jit.compiled",
     # outcomes

@@ -20,7 +20,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
-from packmech.protocols.protocol import Protocol, finish
+from packmech.protocols.protocol import Protocol, at_packing_fraction, finish
 from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
@@ -212,7 +212,7 @@ class _Ascent:
         return state
 
     def _at(self, packing: Packing, fraction: float) -> Packing:
-        return self.protocol.at_fraction(packing, fraction)
+        return at_packing_fraction(packing, fraction)
 
     def _rearranged(self, packing: Packing) -> SoftState:
         """Return the packing that FIRE finds at this volume, polished by Newton's method."""

@@ -13,7 +13,7 @@ from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
 from packmech.protocols.linked_jam import decompress_linked
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
 
 _START = {2: 0.90, 3: 0.70}
@@ -126,7 +126,7 @@ class StepHalving:
         """Return the packing whose energy lies in the window, and how the protocol ended."""
         first = protocol.scene.packing
         fraction = protocol.start_fraction(self.start_packing_fraction, _HALVING_START)
-        packing = protocol.at_fraction(first, fraction)
+        packing = at_packing_fraction(first, fraction)
         change, side = self.increment, 0
         outcome = Outcome.STEP_LIMIT
         # V_min far below V_tol: a packing whose forces have fallen this low is taken as unjammed
@@ -151,7 +151,7 @@ class StepHalving:
                     outcome = Outcome.STALLED
                     break
                 fraction -= side * change
-                packing = protocol.at_fraction(packing, fraction)
+                packing = at_packing_fraction(packing, fraction)
             figures.note = f"{number + 1} relaxations, last step {change:.1e}, energy per particle {energy:.2e}"
         protocol.report["energy_per_particle"] = energy
         protocol.report["compression_steps"] = number + 1

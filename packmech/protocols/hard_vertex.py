@@ -14,7 +14,7 @@ from packmech.jamming.hard_packing import HardPacking, HardState, certify, densi
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.protocols.soft import follow_pressure, search_pressure
 from packmech.result import Outcome
 
@@ -66,7 +66,7 @@ def decompress(
             figures.note = f"FIRE at packing fraction {packing_fraction(packing):.6f}, pressure {now:.2e}"
         return packing, now if done.outcome is not Outcome.UNJAMMED else 0.0
 
-    packing, pressure = relaxed(protocol.at_fraction(protocol.scene.packing, start), "quench")
+    packing, pressure = relaxed(at_packing_fraction(protocol.scene.packing, start), "quench")
     fraction = packing_fraction(packing)
     slope = pressure / (_ONSET * fraction)
     last: tuple[float, float] | None = None
@@ -74,7 +74,7 @@ def decompress(
         target = max(factor, stop_pressure / pressure * 0.9)
         while True:
             there = fraction - pressure * (1.0 - target) / slope
-            trial, found = relaxed(protocol.at_fraction(packing, there), "decompression")
+            trial, found = relaxed(at_packing_fraction(packing, there), "decompression")
             if found > 0.0 or target > 0.9:
                 break
             # unjammed: go back and ask for less

@@ -12,7 +12,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.minimize.soft_newton import SoftState, descend, judge
 from packmech.packing import Packing
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
 
 # lowest pressure over the smallest distance asked for, and its bounds: below, rounding of positions leaves too few
@@ -123,7 +123,7 @@ def decompress_linked(
     """
     packing = protocol.scene.packing
     if start is not None:
-        packing = protocol.at_fraction(packing, start)
+        packing = at_packing_fraction(packing, start)
     packing, now = compress_linked(protocol, packing, max(PRESSED, pressure), tolerance, steps)
     if now < pressure:
         return packing, Outcome.NOT_JAMMED
@@ -160,7 +160,7 @@ def compress_linked(
                 break
             taken += 1
             protocol.loop.report("compression", packing_fraction=fraction, packing=packing)
-            packing = protocol.at_fraction(packing, fraction * _DENSER)
+            packing = at_packing_fraction(packing, fraction * _DENSER)
         figures.note = f"FIRE after each of {taken} steps to packing fraction {fraction:.6f}, pressure {now:.2e}"
     return packing, now
 

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import instance, positive
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms
+from packmech.honors import honors
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.counting import packing_fraction
@@ -152,10 +154,6 @@ class Protocol:
         """Return a packing of reduced lengths in the scene's own, with the scene's radii exactly."""
         return self.units.restored(packing, self.scene.packing)
 
-    def at_fraction(self, packing: Packing, fraction: float) -> Packing:
-        """Return the packing with its box, and the centers of particles or clusters, scaled to a packing fraction."""
-        return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
-
     def start_fraction(self, given: float | None, usual: dict[int, float]) -> float:
         """Return the packing fraction to start at: the one given, the packing's own if it is followed, or the usual."""
         if given is not None:
@@ -248,6 +246,38 @@ class Protocol:
             self.last = task.packing
             raise TimeUp
         return task.relaxation()
+
+
+@honors("links", packing_only=True)
+def at_packing_fraction(packing: Packing, value: float) -> Packing:
+    """Return the packing with its box, and the centers of particles or linked clusters, scaled to a packing fraction.
+
+    Radii stay, and clusters keep their shape: they are unwrapped, moved as a whole, and one that winds around the box
+    is put back onto its links.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    value
+        Packing fraction, as `packing_fraction` measures it [1].
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no packing, or the value is not positive.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.at_packing_fraction(pm.lattice_packing("square", repeats=(3, 3)), 0.5)
+    >>> round(pm.packing_fraction(packing), 12), float(packing.radius_n[0])
+    (0.5, 0.5)
+
+    """
+    instance("packing", packing, Packing)
+    fraction = positive("value", value)
+    return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
 
 
 def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:

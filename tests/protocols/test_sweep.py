@@ -55,3 +55,17 @@ def test_a_packing_that_is_not_jammed_is_refused():
         pm.sweep_pressure(pm.Scene(loose, (pm.Repulsion(),)), [1e-4])
     with pytest.raises(ValueError, match="pressures must .*pressure 1"):
         pm.sweep_pressure(scene(), [1e-4, -1.0])
+
+
+def test_a_protocol_of_ones_own_is_ten_lines():
+    """Decompress a quenched packing and extrapolate its pressure to zero: where `jam` finds the hard packing."""
+    current = scene(seed=5)
+    jammed = pm.jam(current, pressure=1e-6, strain="isotropic")
+    points = []
+    for above in (2e-4, 1e-4):
+        packing = pm.at_packing_fraction(current.packing, jammed.report["jamming_packing_fraction"] + above)
+        current = current.replace(packing=pm.quench(current.replace(packing=packing), force_tolerance=1e-10).packing)
+        points.append((pm.pressure(current), pm.packing_fraction(current.packing)))
+    (high, dense), (low, dilute) = points
+    onset = dilute - low * (dense - dilute) / (high - low)
+    assert abs(onset - jammed.report["jamming_packing_fraction"]) < 1e-6
