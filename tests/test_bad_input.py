@@ -108,7 +108,7 @@ BAD = {
         f"ParticleShear.{name}": POSITIVE
         for name in (
             "amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods",
-            "reinforcement_normal", "reinforcement_tangential",
+            "reinforcement_normal", "reinforcement_tangential", "width", "height",
         )
     },
     **{

@@ -152,6 +152,24 @@ def test_radii_have_the_ratio_and_fill_the_cell():
     assert 75 * math.pi * (large**2 + small**2) == pytest.approx(1.5 * 500.0**2)
 
 
+@pytest.mark.parametrize(("width", "height"), [(500.0, 500.0), (250.0, 250.0), (800.0, 300.0)])
+def test_density_of_prepared_discs_is_the_packages_in_cells_of_any_size(width, height):
+    experiment = ps.ParticleShear(particles=20, width=width, height=height)
+    discs = ps.prepared_discs(experiment, seed=1, steps=2)
+    assert (discs.width, discs.height) == (width, height)
+    # (b + 1/b)/2 of the nominal density of 50 kg/m^3, and mg per um^2 and m are 1e6 of these
+    density_n = 1e6 * discs.mass_n / (math.pi * discs.radius_n**2)
+    assert density_n == pytest.approx(50.0 * (1.4 + 1.0 / 1.4) / 2.0, rel=1e-12)
+    assert experiment.tau == pytest.approx(math.sqrt(experiment.mass / constants.contact_stiffness(8000.0)), rel=1e-15)
+    assert experiment.mass == pytest.approx(1e-6 * 50.0 * 1.5 * width * height / 20, rel=1e-12)
+
+
+def test_discs_of_another_cell_than_the_experiments_are_refused():
+    discs = ps.prepared_discs(ps.ParticleShear(particles=20, width=250.0), seed=1, steps=2)
+    with pytest.raises(ValueError, match="start must be in the experiment's cell of 500 by 500, got one of 250 by 500"):
+        ps.ParticleShear(particles=20).run(discs)
+
+
 def test_hertz_force_is_that_of_two_equal_spheres():
     # 4/3 E* sqrt(R*) dx^(3/2) with E* = E / (2 (1 - nu^2)) and R* = R/2
     modulus, radius = 8000.0 / (2.0 * (1.0 - 0.3**2)), 10.0 / 2.0

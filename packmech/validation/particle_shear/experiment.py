@@ -155,7 +155,7 @@ class ParticleShear:
     keep_viscosity_coefficients_constant    ``keep_viscosity``
     pre_periods, periods, post_periods      the same
     cool_factor                             ``cooling``
-    size of the cell (500 x 500)            ``Discs.width``, ``Discs.height``
+    size of the cell (500 x 500)            ``width``, ``height``
     do_permanent_links                      bonds in ``Discs.kind_c``; ``Preparation.bonded``
     cut_lines                               ``Preparation.pieces``
     doCutByTriangulation                    ``Preparation.by_centers``
@@ -185,6 +185,8 @@ class ParticleShear:
         Of the discs [Pa], [kg/m^3].
     particles, packing_fraction, size_ratio
         The model's constants come from these; the discs that are run have radii and masses of their own.
+    width, height
+        Sides of the cell [um].
     relative_viscosity
         Dashpots over sqrt(m k) [1].
     tangential_ratio
@@ -225,6 +227,8 @@ class ParticleShear:
     packing_fraction: float = 1.5
     density: float = 50.0
     size_ratio: float = 1.4
+    width: float = 500.0
+    height: float = 500.0
     relative_viscosity: float = 0.1
     tangential_ratio: float = 1.0
     relative_frequency: float = 0.025
@@ -243,6 +247,7 @@ class ParticleShear:
             object.__setattr__(self, name, check.real(name, getattr(self, name), at_least=0.0))
         for name in (
             *("amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods"),
+            *("width", "height"),
             *("reinforcement_normal", "reinforcement_tangential"),
         ):
             object.__setattr__(self, name, check.positive(name, getattr(self, name)))
@@ -257,7 +262,7 @@ class ParticleShear:
     @functools.cached_property
     def mass(self) -> float:
         """The model's mass [mg/m]."""
-        return model_mass(self.particles, self.packing_fraction, self.density)
+        return model_mass(self.particles, self.packing_fraction, self.density, width=self.width, height=self.height)
 
     @functools.cached_property
     def tau(self) -> float:
@@ -335,7 +340,7 @@ class ParticleShear:
         Parameters
         ----------
         start
-            The discs at the protocol's first step; their time must be 0.
+            The discs at the protocol's first step, in the experiment's cell; their time must be 0.
         frames
             How many states to keep, evenly spaced from the start to the end; they change no bit of the run.
 
@@ -344,6 +349,11 @@ class ParticleShear:
         check.integer("frames", frames, at_least=0)
         if start.time != 0.0:
             raise ValueError(f"start must be at time 0, got {start.time:g} s")
+        if (start.width, start.height) != (self.width, self.height):
+            raise ValueError(
+                f"start must be in the experiment's cell of {self.width:g} by {self.height:g}, "
+                f"got one of {start.width:g} by {start.height:g}"
+            )
         steps = self.steps
         if steps < 1:
             raise ValueError(f"the protocol must last at least one step, got {steps}")
@@ -483,23 +493,19 @@ def bond_fragments(discs: Discs, centers: int, rng: np.random.Generator) -> Disc
     return discs.replace(kind_c=np.where(same_c, "bond", discs.kind_c), history_ck=history_ck)
 
 
-def prepared_discs(
-    experiment: ParticleShear, *, seed: int, centers: int | None = None, steps: int = 30, width: float = 500.0
-) -> Discs:
+def prepared_discs(experiment: ParticleShear, *, seed: int, centers: int | None = None, steps: int = 30) -> Discs:
     """Return relaxed discs for an experiment, at time 0, with plates at the top and the bottom.
 
     Parameters
     ----------
     experiment
-        Says how many discs, of which sizes, and what their contacts are.
+        Says how many discs, of which sizes, in which cell, and what their contacts are.
     seed
         Of the draw; the same seed gives the same bits.
     centers
         Number of centers of bonded fragments, 0 for one bulk; left out there are no bonds.
     steps
         Steps of each stage; the package takes 300 and its tests 30.
-    width
-        Side of the square cell [um].
 
     Examples
     --------
@@ -512,13 +518,14 @@ def prepared_discs(
     check.integer("steps", steps, at_least=1)
     rng = np.random.default_rng(check.integer("seed", seed, at_least=0))
     count = experiment.particles
+    width, height = experiment.width, experiment.height
     large, small = disc_radii(
-        count, experiment.packing_fraction, size_ratio=experiment.size_ratio, width=width, height=width
+        count, experiment.packing_fraction, size_ratio=experiment.size_ratio, width=width, height=height
     )
     radius_n = np.where(rng.permutation(count) < count / 2, large, small)
     # the package's masses: the model's at the mean radius of the two sizes
     mass_n = experiment.mass * radius_n**2 / (large * small)
-    discs = Discs(rng.random((count, 2)) * width, radius_n, mass_n, width=width, height=width)
+    discs = Discs(rng.random((count, 2)) * (width, height), radius_n, mass_n, width=width, height=height)
     material = experiment.material
     discs = _relax(discs, experiment, material, steps)
     if centers is not None:
