@@ -275,7 +275,7 @@ def test_a_run_that_blows_up_says_so():
 PATTERNS = {
     r"N=([0-9]*) spheres": 40, r"nominal packing density = ([0-9]*\.?[0-9]*)": 1.5,
     r"Young modulus of the individual spheres = ([0-9]*\.?[0-9]*) Pa": 8000,
-    r"Friction coefficient = ([0-9]*\.?[0-9]*)": 0.01, r"cut_lines=([0-9]*),": 5,
+    r"Friction coefficient = ([0-9]*\.?[0-9]*)": 0.01, r"cut_lines=([0-9]*),": 3,
     r"amplitude=([0-9]*\.?[0-9]*),": 0.1, r"relative_viscosity=([0-9]*\.?[0-9]*)": 0.1,
     r"relative_transversal_link_strength=([0-9]*\.?[0-9]*)[,\)]": 1,
     r"interface_reenforcement_central=([0-9]*\.?[0-9]*)": 1, r"remove_link_fraction=([0-9]*\.?[0-9]*)": 0,
@@ -307,10 +307,64 @@ def test_text_file_has_42_columns_and_is_named_by_what_was_run(tmp_path):
     start = next(n for n, line in enumerate(lines) if re.search(r"Detailed[a-zA-Z0-9\s].*data", line))
     assert start < 200 and len(HEADINGS) == 42
     assert {len(line.split("\t")) for line in lines[start + 1 :]} == {42}
-    bulk = ps.write_text(short_run(), tmp_path, preparation=ps.Preparation(pieces=0), tensors=False)
-    loose = ps.write_text(short_run(), tmp_path, preparation=ps.Preparation(bonded=False))
-    assert bulk.name.startswith("dermal_filler_bulk0.01") and loose.name.startswith("dermal_filler_uncrosslinked0.01")
-    assert len(ps.read_text(bulk).time_t) == 0
+
+
+@functools.cache
+def shortest(**bonding):
+    experiment = ps.ParticleShear(particles=40, pre_periods=0.1, periods=0.2, post_periods=0.1)
+    return experiment.run(ps.prepared_discs(experiment, seed=4, steps=10, **bonding))
+
+
+@pytest.mark.parametrize(
+    ("bonding", "name", "words"),
+    [
+        ({}, "_uncrosslinked0.01_", ["do_permanent_links=False,cut_lines=0,", "No permanent links"]),
+        ({"centers": 0}, "_bulk0.01_", ["do_permanent_links=True,cut_lines=0,", "no cut lines", "particles=False"]),
+        (
+            {"centers": 3},
+            "filler0.01_",
+            ["cut_lines=3,", "doCutByTriangulation=True", "Centers used", "particles=True"],
+        ),
+        (
+            {"lines": 4, "cut_top_bottom": True, "avoided_angle": 20.0},
+            "filler0.01_",
+            ["cut_lines=4,", "doCutByTriangulation=False", "cut_top_bottom=True", "degree=20,", "Cutting lines used"],
+        ),
+        (
+            {"centers": 3, "removed_fraction": 0.1, "edge_fuzziness": 0.5, "spanning": "allowed"},
+            "filler0.01_",
+            ["remove_link_fraction=0.1,", "edge_fuzziness=0.5,", "interlocking = 0.5[-]", "particles=False"],
+        ),
+    ],
+)
+def test_text_file_says_how_the_discs_were_bonded(bonding, name, words, tmp_path):
+    run = shortest(**bonding)
+    path = ps.write_text(run, tmp_path, tensors=False)
+    text = path.read_text()
+    assert name in path.name and len(ps.read_text(path).time_t) == 0
+    for word in words:
+        assert word in text, word
+    gone = float(re.search(r"non-essential permanent bonds = ([0-9.]*)", text).group(1))
+    assert gone == run.start.preparation.removed and (gone > 0.0) == ("removed_fraction" in bonding)
+
+
+def test_text_files_of_discs_that_are_otherwise_bonded_than_is_said_are_refused(tmp_path):
+    bulk, loose = shortest(centers=0), shortest()
+    with pytest.raises(ValueError, match="preparation must be that of the discs"):
+        ps.write_text(bulk, tmp_path, preparation=ps.Preparation(pieces=5))
+    experiment = bulk.experiment
+    own = bulk.start.replace(kind_c=bulk.start.kind_c)
+    assert own.preparation is None
+    with pytest.raises(ValueError, match="preparation must be given where bonded discs do not say"):
+        ps.write_text(experiment.run(own), tmp_path)
+    assert "_bulk" in ps.write_text(experiment.run(own), tmp_path, preparation=ps.Preparation()).name
+    unsaid = experiment.run(loose.start.replace(preparation=None))
+    assert "_uncrosslinked" in ps.write_text(unsaid, tmp_path).name
+    with pytest.raises(ValueError, match="preparation must say bonded=False as the discs are, got bonded=True"):
+        ps.write_text(unsaid, tmp_path, preparation=ps.Preparation())
+    with pytest.raises(ValueError, match="pieces must be 0 where nothing is bonded, got 5"):
+        ps.Preparation(bonded=False, pieces=5)
+    assert list(tmp_path.glob("*strain_0.2_nr_2*")) == []
 
 
 def test_header_has_the_lines_that_the_evaluation_in_r_looks_for(tmp_path):

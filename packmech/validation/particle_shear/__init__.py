@@ -17,14 +17,13 @@ from packmech.validation.particle_shear.experiment import (
     ParticleShear,
     ParticleShearRun,
     Periods,
-    bond_fragments,
     demodulate,
-    prepared_discs,
 )
 from packmech.validation.particle_shear.material import Material, bond_force, normal_force
+from packmech.validation.particle_shear.preparation import bond_fragments, prepared_discs
 from packmech.validation.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, judge
-from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, StepRules, Steps, advance
-from packmech.validation.particle_shear.text_file import Preparation, TextData, read_text, write_text
+from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, Preparation, StepRules, Steps, advance
+from packmech.validation.particle_shear.text_file import TextData, read_text, write_text
 
 __all__ = [
     "DRIFTS",

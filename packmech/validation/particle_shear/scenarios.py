@@ -35,8 +35,9 @@ from packmech.dynamics.pair_forces import PairForces
 from packmech.effects import contact_terms
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.validation.particle_shear.experiment import ParticleShear, prepared_discs
+from packmech.validation.particle_shear.experiment import ParticleShear
 from packmech.validation.particle_shear.material import Material
+from packmech.validation.particle_shear.preparation import prepared_discs
 from packmech.validation.particle_shear.step import STRESSES, Discs, StepRules, Steps, advance
 
 Tensors = Mapping[str, NDArray[np.float64]]
@@ -300,7 +301,8 @@ def _assembly_rows(*of_love_weber: str) -> tuple[Row, ...]:
 def _assembly(
     name: str, table: str, experiment: ParticleShear, seed: int, centers: int | None, turns: float
 ) -> Scenario:
-    start = prepared_discs(experiment, seed=seed, centers=centers)
+    # as dense as the native scenes, which they are compared with
+    start = prepared_discs(experiment, seed=seed, centers=centers, radii="equal numbers", steps=30)
     steps = int(turns / experiment.frequency / experiment.time_step)
     time_t = np.add.accumulate(np.concatenate([[0.0], np.full(steps - 1, experiment.time_step)]))
     rows: tuple[str, ...] = ("positive diagonal", "diagonal above 500 Pa")
