@@ -31,6 +31,7 @@ RESULTS = {
     "Table", "Trace", "Trial", "Verdict", "WeightedMean",
     "WallModuli",
     "WorkPrecision",
+    "particle_shear",
 }  # fmt: skip
 
 MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}

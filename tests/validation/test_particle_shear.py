@@ -1,6 +1,8 @@
 """Facts about the preset: its unit-test scenarios, its laws and constants, demodulation, and its text file."""
 
+import dataclasses
 import functools
+import inspect
 import math
 import re
 
@@ -9,6 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import packmech as pm
+from packmech.cli import execute
 from packmech.dynamics.material import hertz_force, layer_force
 from packmech.validation import particle_shear as ps
 from packmech.validation.particle_shear import material as constants
@@ -229,6 +233,23 @@ def test_third_harmonic_and_offset_do_not_reach_the_least_squares_moduli():
     assert found == pytest.approx((5.0, 2.0, 50.0, 20.0), rel=1e-12)
 
 
+def test_jumps_of_the_stress_are_replaced_by_the_step_before_and_smaller_steps_stay():
+    time_t = np.arange(3000) / 1000.0
+    smooth_t = 20.0 * np.sin(2.0 * np.pi * time_t) + 3.0 * np.cos(2.0 * np.pi * time_t)
+    jumping_t = smooth_t + 15.0 * (time_t > 0.7) - 25.0 * (time_t > 1.9004) + 0.5 * (time_t > 1.2)
+    mended_t = ps.remove_jumps(jumping_t)
+    # a step of the sine differs from the one before it by its second difference
+    assert np.abs(mended_t - smooth_t - 0.5 * (time_t > 1.2)).max() < 2.0 * 20.0 * (2.0 * np.pi / 1000.0) ** 2
+    assert np.array_equal(ps.remove_jumps(smooth_t), smooth_t)
+    protocol = ps.Periods(1.0, 0.2, 0.0, 3.0, 0.0)
+    found = [
+        ps.demodulate(time_t, stress_t, protocol, drift="none", largest_jump=0.15).storage
+        for stress_t in (smooth_t, smooth_t + 15.0 * (time_t > 1.7))
+    ]
+    assert found[1] == pytest.approx(found[0], abs=0.05)
+    assert ps.demodulate(time_t, smooth_t + 15.0 * (time_t > 1.7), protocol, drift="none").storage < found[0] - 5.0
+
+
 # -------------------------------------------------------------------------------------------------------- runs
 
 
@@ -394,3 +415,33 @@ def test_broken_text_files_are_refused_by_line(tmp_path):
     path.write_text("\n".join(lines).replace("stress_tensor_overall_11", "stress_tensor_whole_11"))
     with pytest.raises(ValueError, match="must have the column stress_tensor_overall_11"):
         ps.read_text(path)
+
+
+# ------------------------------------------------------------------------------------------------- names and commands
+
+
+def test_the_whole_preset_is_public_with_docstrings_and_examples():
+    assert pm.particle_shear is ps and "particle_shear" in pm.__all__
+    for name in ps.__all__:
+        one = getattr(ps, name)
+        if inspect.isfunction(one) or hasattr(one, "py_func"):
+            function = getattr(one, "py_func", one)
+            assert ">>> " in (inspect.getdoc(function) or ""), name
+
+
+def test_the_command_runs_the_scenarios_and_says_pass(capsys):
+    assert execute(["preset", "sphere"]) == 0
+    said = capsys.readouterr().out
+    assert "single_sphere_moving" in said and "assembly" not in said and "FAIL" not in said
+    assert re.search(r"(\d+) of \1 rows pass", said) and said.count("fails in the package, too") == 2
+
+
+def test_the_command_says_fail_with_exit_code_1_where_a_row_does_not_hold(capsys, monkeypatch):
+    scenario, _ = played("single_sphere_spinning")
+    wrong = dataclasses.replace(scenario, rows=(ps.Row("overall", ("zero",), ("zero",)), *scenario.rows[1:]))
+    monkeypatch.setitem(ps.SCENARIOS, "single_sphere_spinning", lambda: wrong)
+    assert execute(["preset", "single-sphere-spinning"]) == 1
+    said = capsys.readouterr().out
+    assert "FAIL" in said and f"{len(wrong.rows) - 1} of {len(wrong.rows)} rows pass" in said
+    with pytest.raises(ValueError, match="name must be part of the name of a scenario, got 'cube'"):
+        execute(["preset", "cube"])

@@ -46,7 +46,43 @@ class Periods(NamedTuple):
     post_periods: float
 
 
-def demodulate(time_t: ArrayLike, stress_t: ArrayLike, protocol: Periods, *, drift: str = "package") -> Moduli:
+def remove_jumps(stress_t: ArrayLike, *, largest: float = 0.15) -> NDArray[np.float64]:
+    """Return a stress without the steps that contacts make as they change class, as the package's evaluation does.
+
+    Each step larger than `largest` of the stress's range is replaced by the step before it; the first step stays.
+
+    Parameters
+    ----------
+    stress_t
+        (T,) stresses [Pa].
+    largest
+        Of the range of all of them [1].
+
+    Examples
+    --------
+    >>> print(remove_jumps([0.0, 1.0, 2.0, 30.0, 31.0, 32.0]))
+    [0. 1. 2. 3. 4. 5.]
+
+    """
+    stress = check.finite_array("stress_t", stress_t, shape=(None,), what="time")
+    step = np.diff(stress)
+    large = np.flatnonzero(np.abs(step) > check.positive("largest", largest) * float(np.ptp(stress)))
+    corrected = stress.copy()
+    for k in large[large > 0].tolist():
+        excess = step[k] - step[k - 1]
+        step[k] = step[k - 1]
+        corrected[k + 1 :] -= excess
+    return corrected
+
+
+def demodulate(
+    time_t: ArrayLike,
+    stress_t: ArrayLike,
+    protocol: Periods,
+    *,
+    drift: str = "package",
+    largest_jump: float | None = None,
+) -> Moduli:
     """Return G' and G'' of a shear stress under the strain A sin(2 pi (t f - pre)).
 
     The first period of shear is left out where there are at least two.
@@ -85,6 +121,8 @@ def demodulate(time_t: ArrayLike, stress_t: ArrayLike, protocol: Periods, *, dri
     treatment = check.one_of("drift", drift, DRIFTS)
     time = check.finite_array("time_t", time_t, shape=(None,), what="time")
     stress = check.finite_array("stress_t", stress_t, shape=(len(time),), what="time")
+    if largest_jump is not None:
+        stress = remove_jumps(stress, largest=check.positive("largest_jump", largest_jump))
     check.instance("protocol", protocol, Periods)
     frequency = check.positive("frequency", protocol.frequency)
     amplitude = check.positive("amplitude", protocol.amplitude)
@@ -433,9 +471,10 @@ class ParticleShearRun:
         """Return the (T,) shear stress -sigma_xy of the tensor of that name [Pa] (S1-25)."""
         return -self.series.stress(name)[:, 0, 1]
 
-    def moduli(self, name: str = "overall", *, drift: str = "package") -> Moduli:
-        """Return G' and G'' from the tensor of that name, with drift treated as `demodulate` says."""
-        return demodulate(self.time_t, self.shear_stress(name), self.experiment.protocol, drift=drift)
+    def moduli(self, name: str = "overall", *, drift: str = "package", largest_jump: float | None = None) -> Moduli:
+        """Return G' and G'' from the tensor of that name, with drift and jumps treated as `demodulate` says."""
+        stress = self.shear_stress(name)
+        return demodulate(self.time_t, stress, self.experiment.protocol, drift=drift, largest_jump=largest_jump)
 
     def table(self) -> Table:
         """Return strain, rate and the nine tensors against time."""

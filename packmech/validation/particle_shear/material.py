@@ -274,13 +274,27 @@ def tension(material, stretch, rest):
 
 @device
 def normal_force(material, distance, rest):
-    """Return the elastic normal force of a contact [1e-12 N/m]; negative repels."""
+    """Return the elastic normal force of a contact [1e-12 N/m]; negative repels.
+
+    Examples
+    --------
+    >>> normal_force(Material(stiffness=2.0), 15.0, 20.0)
+    -10.0
+
+    """
     return repulsion(material, distance, rest, rest / max(distance, rest / 1000.0))
 
 
 @device
 def bond_force(material, distance, rest):
-    """Return the elastic normal force of a permanent bond [1e-12 N/m]; negative repels."""
+    """Return the elastic normal force of a permanent bond [1e-12 N/m]; negative repels.
+
+    Examples
+    --------
+    >>> bond_force(Material(stiffness=2.0), 25.0, 20.0)
+    10.0
+
+    """
     if distance < rest:
         return material.bond_normal_ratio * normal_force(material, distance, rest)
     return material.bond_normal_ratio * tension(material, distance - rest, rest)

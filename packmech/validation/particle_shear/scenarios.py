@@ -137,7 +137,15 @@ def momentum(discs: Discs) -> tuple[NDArray[np.float64], float]:
 
 
 def judge(scenario: Scenario, steps: Steps) -> dict[str, dict[str, bool]]:
-    """Return which of the preset's statements hold, by what they are about."""
+    """Return which of the preset's statements hold, by what they are about.
+
+    Examples
+    --------
+    >>> scenario = SCENARIOS["single_sphere_spinning"]()
+    >>> judge(scenario, scenario.run())["overall"]
+    {'spin pressure': True}
+
+    """
     tensors: dict[str, NDArray[np.float64]] = {name: steps.stress(name)[scenario.measured_step] for name in STRESSES}
     start, end = momentum(scenario.start), momentum(steps.final)
     each = scenario.start.mass_n * np.linalg.norm(scenario.start.velocity_nd, axis=1)
@@ -149,6 +157,18 @@ def judge(scenario: Scenario, steps: Steps) -> dict[str, dict[str, bool]]:
     return {
         row.about: {name: STATEMENTS[name](tensors[row.about], tensors) for name in row.states} for row in scenario.rows
     }
+
+
+def is_as_stated(row: Row, found: Mapping[str, bool]) -> bool:
+    """Return whether a row holds, or fails as it does in the package; `found` is what `judge` says of it.
+
+    Examples
+    --------
+    >>> is_as_stated(Row("overall", ("symmetric",), ()), {"symmetric": True})
+    True
+
+    """
+    return all(found.values()) is not row.fails
 
 
 _CONSERVED = tuple(Row(f"{kind} momentum", ("conserved",), ("conserved",)) for kind in ("angular", "linear"))

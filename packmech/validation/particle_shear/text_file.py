@@ -187,6 +187,18 @@ def write_text(
     ValueError
         If it is not known how the discs were bonded, or what is said of it is not so.
 
+    Examples
+    --------
+    >>> import tempfile
+    >>> from packmech.validation.particle_shear import ParticleShear, prepared_discs
+    >>> experiment = ParticleShear(particles=20, pre_periods=0.1, periods=0.1, post_periods=0.1)
+    >>> run = experiment.run(prepared_discs(experiment, seed=1, centers=0, steps=5))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = write_text(run, folder)
+    ...     found = read_text(path)
+    >>> path.name, len(found.time_t) == experiment.steps
+    ('dermal_filler_bulk0.01_f_1447.2025_strain_0.2_nr_1.txt', True)
+
     """
     check.instance("run", run, ParticleShearRun)
     how = _preparation(run.start, preparation)
@@ -282,6 +294,15 @@ def read_text(path: str | pathlib.Path) -> TextData:
     ------
     ValueError
         If the series lacks a column or has a line of another length, naming the line.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "a.txt"
+    ...     _ = path.write_text("G'=120.5Pa")
+    ...     read_text(path).number("G'=")
+    120.5
 
     """
     lines = pathlib.Path(path).read_text(encoding="utf-8").splitlines()
