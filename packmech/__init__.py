@@ -186,6 +186,7 @@ _PUBLIC = {
     "MotionTrace": "packmech.dynamics.simulation",
     "ParticleShear": "packmech.validation.particle_shear",
     "ParticleShearRun": "packmech.validation.particle_shear",
+    "particle_shear": "packmech.validation.particle_shear",
     "PlayedMotion": "packmech.jamming.play",
     "SemiImplicitEuler": "packmech.dynamics.integrators",
     "Simulation": "packmech.dynamics.simulation",
@@ -222,6 +223,9 @@ _PUBLIC = {
     "Trace": "packmech.result",
 }
 
+# those of them that are modules themselves
+_PUBLIC_MODULES = {"particle_shear"}
+
 __all__ = sorted(_PUBLIC)
 
 
@@ -229,7 +233,8 @@ def __getattr__(name: str) -> Any:
     module = _PUBLIC.get(name)
     if module is None:
         raise AttributeError(f"module 'packmech' has no attribute {name!r}")
-    value = getattr(importlib.import_module(module), name)
+    found = importlib.import_module(module)
+    value = found if name in _PUBLIC_MODULES else getattr(found, name)
     globals()[name] = value
     return value
 

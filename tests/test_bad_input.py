@@ -31,6 +31,7 @@ RESULTS = {
     "Table", "Trace", "Trial", "Verdict", "WeightedMean",
     "WallModuli",
     "WorkPrecision",
+    "particle_shear",
 }  # fmt: skip
 
 MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
@@ -112,7 +113,7 @@ BAD = {
         f"ParticleShear.{name}": POSITIVE
         for name in (
             "amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods",
-            "reinforcement_normal", "reinforcement_tangential",
+            "reinforcement_normal", "reinforcement_tangential", "width", "height",
         )
     },
     **{

@@ -120,22 +120,25 @@ class OscillatoryShear(StrainRun):
         """Return what the run reached: name, value, and what the value is."""
         numbers, unit = self.to_dict(), self.stress_unit
         rows: list[Row] = []
+        if self.walls is not None:
+            # contacts inside the plates count in the overall stress, so that its moduli are those of no material
+            rows += self.walls.rows(numbers.get("held", 0), unit)
+        whole = "" if self.walls is None else " of the whole box"
         if self.moduli is not None:
-            rows = [
-                ("in-phase stress", f"{numbers['in_phase_stress']:.6g}", f"amplitude; {unit}"),
-                ("out-of-phase stress", f"{numbers['out_of_phase_stress']:.6g}", f"amplitude; {unit}"),
-                ("stress", f"{numbers['stress']:.6g}", "amplitude of both together"),
+            rows += [
+                (f"in-phase stress{whole}", f"{numbers['in_phase_stress']:.6g}", f"amplitude; {unit}"),
+                (f"out-of-phase stress{whole}", f"{numbers['out_of_phase_stress']:.6g}", f"amplitude; {unit}"),
+                (f"stress{whole}", f"{numbers['stress']:.6g}", "amplitude of both together"),
             ]
             for name, key in (("G'", "storage"), ("G''", "loss")):
                 between, fit = numbers[f"{key}_error"], numbers[f"{key}_fit_error"]
                 # one period that counts says nothing of how periods differ
                 error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
-                rows.append((name, f"{numbers[f'{key}_modulus']:.6g}", f"{error}; {unit}"))
+                note = "contacts inside the plates counted; " if whole and self.held_n is not None else ""
+                rows.append((f"{name}{whole}", f"{numbers[f'{key}_modulus']:.6g}", f"{note}{error}; {unit}"))
         else:
             lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
-            rows = [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
-        if self.walls is not None:
-            rows += self.walls.rows(numbers.get("held", 0), unit)
+            rows += [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
         if "oscillation_ratio" in self.report:
             rows.append(rest_row(self.report["oscillation_ratio"], self.report["expected_stress"]))
         sliding = numbers["mean_sliding_fraction"]

@@ -1,6 +1,8 @@
 """Facts about the preset: its unit-test scenarios, its laws and constants, demodulation, and its text file."""
 
+import dataclasses
 import functools
+import inspect
 import math
 import re
 
@@ -9,6 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import packmech as pm
+from packmech.cli import execute
 from packmech.dynamics.material import hertz_force, layer_force
 from packmech.validation import particle_shear as ps
 from packmech.validation.particle_shear import material as constants
@@ -152,6 +156,24 @@ def test_radii_have_the_ratio_and_fill_the_cell():
     assert 75 * math.pi * (large**2 + small**2) == pytest.approx(1.5 * 500.0**2)
 
 
+@pytest.mark.parametrize(("width", "height"), [(500.0, 500.0), (250.0, 250.0), (800.0, 300.0)])
+def test_density_of_prepared_discs_is_the_packages_in_cells_of_any_size(width, height):
+    experiment = ps.ParticleShear(particles=20, width=width, height=height)
+    discs = ps.prepared_discs(experiment, seed=1, steps=2)
+    assert (discs.width, discs.height) == (width, height)
+    # (b + 1/b)/2 of the nominal density of 50 kg/m^3, and mg per um^2 and m are 1e6 of these
+    density_n = 1e6 * discs.mass_n / (math.pi * discs.radius_n**2)
+    assert density_n == pytest.approx(50.0 * (1.4 + 1.0 / 1.4) / 2.0, rel=1e-12)
+    assert experiment.tau == pytest.approx(math.sqrt(experiment.mass / constants.contact_stiffness(8000.0)), rel=1e-15)
+    assert experiment.mass == pytest.approx(1e-6 * 50.0 * 1.5 * width * height / 20, rel=1e-12)
+
+
+def test_discs_of_another_cell_than_the_experiments_are_refused():
+    discs = ps.prepared_discs(ps.ParticleShear(particles=20, width=250.0), seed=1, steps=2)
+    with pytest.raises(ValueError, match="start must be in the experiment's cell of 500 by 500, got one of 250 by 500"):
+        ps.ParticleShear(particles=20).run(discs)
+
+
 def test_hertz_force_is_that_of_two_equal_spheres():
     # 4/3 E* sqrt(R*) dx^(3/2) with E* = E / (2 (1 - nu^2)) and R* = R/2
     modulus, radius = 8000.0 / (2.0 * (1.0 - 0.3**2)), 10.0 / 2.0
@@ -211,6 +233,23 @@ def test_third_harmonic_and_offset_do_not_reach_the_least_squares_moduli():
     assert found == pytest.approx((5.0, 2.0, 50.0, 20.0), rel=1e-12)
 
 
+def test_jumps_of_the_stress_are_replaced_by_the_step_before_and_smaller_steps_stay():
+    time_t = np.arange(3000) / 1000.0
+    smooth_t = 20.0 * np.sin(2.0 * np.pi * time_t) + 3.0 * np.cos(2.0 * np.pi * time_t)
+    jumping_t = smooth_t + 15.0 * (time_t > 0.7) - 25.0 * (time_t > 1.9004) + 0.5 * (time_t > 1.2)
+    mended_t = ps.remove_jumps(jumping_t)
+    # a step of the sine differs from the one before it by its second difference
+    assert np.abs(mended_t - smooth_t - 0.5 * (time_t > 1.2)).max() < 2.0 * 20.0 * (2.0 * np.pi / 1000.0) ** 2
+    assert np.array_equal(ps.remove_jumps(smooth_t), smooth_t)
+    protocol = ps.Periods(1.0, 0.2, 0.0, 3.0, 0.0)
+    found = [
+        ps.demodulate(time_t, stress_t, protocol, drift="none", largest_jump=0.15).storage
+        for stress_t in (smooth_t, smooth_t + 15.0 * (time_t > 1.7))
+    ]
+    assert found[1] == pytest.approx(found[0], abs=0.05)
+    assert ps.demodulate(time_t, smooth_t + 15.0 * (time_t > 1.7), protocol, drift="none").storage < found[0] - 5.0
+
+
 # -------------------------------------------------------------------------------------------------------- runs
 
 
@@ -257,7 +296,7 @@ def test_a_run_that_blows_up_says_so():
 PATTERNS = {
     r"N=([0-9]*) spheres": 40, r"nominal packing density = ([0-9]*\.?[0-9]*)": 1.5,
     r"Young modulus of the individual spheres = ([0-9]*\.?[0-9]*) Pa": 8000,
-    r"Friction coefficient = ([0-9]*\.?[0-9]*)": 0.01, r"cut_lines=([0-9]*),": 5,
+    r"Friction coefficient = ([0-9]*\.?[0-9]*)": 0.01, r"cut_lines=([0-9]*),": 3,
     r"amplitude=([0-9]*\.?[0-9]*),": 0.1, r"relative_viscosity=([0-9]*\.?[0-9]*)": 0.1,
     r"relative_transversal_link_strength=([0-9]*\.?[0-9]*)[,\)]": 1,
     r"interface_reenforcement_central=([0-9]*\.?[0-9]*)": 1, r"remove_link_fraction=([0-9]*\.?[0-9]*)": 0,
@@ -289,10 +328,64 @@ def test_text_file_has_42_columns_and_is_named_by_what_was_run(tmp_path):
     start = next(n for n, line in enumerate(lines) if re.search(r"Detailed[a-zA-Z0-9\s].*data", line))
     assert start < 200 and len(HEADINGS) == 42
     assert {len(line.split("\t")) for line in lines[start + 1 :]} == {42}
-    bulk = ps.write_text(short_run(), tmp_path, preparation=ps.Preparation(pieces=0), tensors=False)
-    loose = ps.write_text(short_run(), tmp_path, preparation=ps.Preparation(bonded=False))
-    assert bulk.name.startswith("dermal_filler_bulk0.01") and loose.name.startswith("dermal_filler_uncrosslinked0.01")
-    assert len(ps.read_text(bulk).time_t) == 0
+
+
+@functools.cache
+def shortest(**bonding):
+    experiment = ps.ParticleShear(particles=40, pre_periods=0.1, periods=0.2, post_periods=0.1)
+    return experiment.run(ps.prepared_discs(experiment, seed=4, steps=10, **bonding))
+
+
+@pytest.mark.parametrize(
+    ("bonding", "name", "words"),
+    [
+        ({}, "_uncrosslinked0.01_", ["do_permanent_links=False,cut_lines=0,", "No permanent links"]),
+        ({"centers": 0}, "_bulk0.01_", ["do_permanent_links=True,cut_lines=0,", "no cut lines", "particles=False"]),
+        (
+            {"centers": 3},
+            "filler0.01_",
+            ["cut_lines=3,", "doCutByTriangulation=True", "Centers used", "particles=True"],
+        ),
+        (
+            {"lines": 4, "cut_top_bottom": True, "avoided_angle": 20.0},
+            "filler0.01_",
+            ["cut_lines=4,", "doCutByTriangulation=False", "cut_top_bottom=True", "degree=20,", "Cutting lines used"],
+        ),
+        (
+            {"centers": 3, "removed_fraction": 0.1, "edge_fuzziness": 0.5, "spanning": "allowed"},
+            "filler0.01_",
+            ["remove_link_fraction=0.1,", "edge_fuzziness=0.5,", "interlocking = 0.5[-]", "particles=False"],
+        ),
+    ],
+)
+def test_text_file_says_how_the_discs_were_bonded(bonding, name, words, tmp_path):
+    run = shortest(**bonding)
+    path = ps.write_text(run, tmp_path, tensors=False)
+    text = path.read_text()
+    assert name in path.name and len(ps.read_text(path).time_t) == 0
+    for word in words:
+        assert word in text, word
+    gone = float(re.search(r"non-essential permanent bonds = ([0-9.]*)", text).group(1))
+    assert gone == run.start.preparation.removed and (gone > 0.0) == ("removed_fraction" in bonding)
+
+
+def test_text_files_of_discs_that_are_otherwise_bonded_than_is_said_are_refused(tmp_path):
+    bulk, loose = shortest(centers=0), shortest()
+    with pytest.raises(ValueError, match="preparation must be that of the discs"):
+        ps.write_text(bulk, tmp_path, preparation=ps.Preparation(pieces=5))
+    experiment = bulk.experiment
+    own = bulk.start.replace(kind_c=bulk.start.kind_c)
+    assert own.preparation is None
+    with pytest.raises(ValueError, match="preparation must be given where bonded discs do not say"):
+        ps.write_text(experiment.run(own), tmp_path)
+    assert "_bulk" in ps.write_text(experiment.run(own), tmp_path, preparation=ps.Preparation()).name
+    unsaid = experiment.run(loose.start.replace(preparation=None))
+    assert "_uncrosslinked" in ps.write_text(unsaid, tmp_path).name
+    with pytest.raises(ValueError, match="preparation must say bonded=False as the discs are, got bonded=True"):
+        ps.write_text(unsaid, tmp_path, preparation=ps.Preparation())
+    with pytest.raises(ValueError, match="pieces must be 0 where nothing is bonded, got 5"):
+        ps.Preparation(bonded=False, pieces=5)
+    assert list(tmp_path.glob("*strain_0.2_nr_2*")) == []
 
 
 def test_header_has_the_lines_that_the_evaluation_in_r_looks_for(tmp_path):
@@ -322,3 +415,33 @@ def test_broken_text_files_are_refused_by_line(tmp_path):
     path.write_text("\n".join(lines).replace("stress_tensor_overall_11", "stress_tensor_whole_11"))
     with pytest.raises(ValueError, match="must have the column stress_tensor_overall_11"):
         ps.read_text(path)
+
+
+# ------------------------------------------------------------------------------------------------- names and commands
+
+
+def test_the_whole_preset_is_public_with_docstrings_and_examples():
+    assert pm.particle_shear is ps and "particle_shear" in pm.__all__
+    for name in ps.__all__:
+        one = getattr(ps, name)
+        if inspect.isfunction(one) or hasattr(one, "py_func"):
+            function = getattr(one, "py_func", one)
+            assert ">>> " in (inspect.getdoc(function) or ""), name
+
+
+def test_the_command_runs_the_scenarios_and_says_pass(capsys):
+    assert execute(["preset", "sphere"]) == 0
+    said = capsys.readouterr().out
+    assert "single_sphere_moving" in said and "assembly" not in said and "FAIL" not in said
+    assert re.search(r"(\d+) of \1 rows pass", said) and said.count("fails in the package, too") == 2
+
+
+def test_the_command_says_fail_with_exit_code_1_where_a_row_does_not_hold(capsys, monkeypatch):
+    scenario, _ = played("single_sphere_spinning")
+    wrong = dataclasses.replace(scenario, rows=(ps.Row("overall", ("zero",), ("zero",)), *scenario.rows[1:]))
+    monkeypatch.setitem(ps.SCENARIOS, "single_sphere_spinning", lambda: wrong)
+    assert execute(["preset", "single-sphere-spinning"]) == 1
+    said = capsys.readouterr().out
+    assert "FAIL" in said and f"{len(wrong.rows) - 1} of {len(wrong.rows)} rows pass" in said
+    with pytest.raises(ValueError, match="name must be part of the name of a scenario, got 'cube'"):
+        execute(["preset", "cube"])

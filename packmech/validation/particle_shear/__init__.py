@@ -1,13 +1,16 @@
 """The reference package particleShear 1.0.2, step by step and faults included, so that old results can be checked.
 
-It stands alone: nothing else in packmech computes with it, and it shares no kernel with the native dynamics.
+It stands alone: nothing else in packmech computes with it, and it shares no kernel with the native dynamics. All of it
+is public as `pm.particle_shear`.
 
 Examples
 --------
->>> from packmech.validation import particle_shear
->>> experiment = particle_shear.ParticleShear(amplitude=0.2, particles=100)
->>> experiment.steps, round(experiment.material.viscosity, 6)
-(13439, 2427.032391)
+>>> import packmech as pm
+>>> experiment = pm.particle_shear.ParticleShear(amplitude=0.2, particles=40, pre_periods=0.5, post_periods=0.2)
+>>> start = pm.particle_shear.prepared_discs(experiment, seed=1, centers=5)
+>>> run = experiment.run(start)
+>>> run.moduli("overall")._fields
+('in_phase', 'out_of_phase', 'storage', 'loss')
 
 """
 
@@ -17,14 +20,14 @@ from packmech.validation.particle_shear.experiment import (
     ParticleShear,
     ParticleShearRun,
     Periods,
-    bond_fragments,
     demodulate,
-    prepared_discs,
+    remove_jumps,
 )
 from packmech.validation.particle_shear.material import Material, bond_force, normal_force
-from packmech.validation.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, judge
-from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, StepRules, Steps, advance
-from packmech.validation.particle_shear.text_file import Preparation, TextData, read_text, write_text
+from packmech.validation.particle_shear.preparation import bond_fragments, prepared_discs
+from packmech.validation.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, is_as_stated, judge
+from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, Preparation, StepRules, Steps, advance
+from packmech.validation.particle_shear.text_file import TextData, read_text, write_text
 
 __all__ = [
     "DRIFTS",
@@ -48,9 +51,11 @@ __all__ = [
     "bond_force",
     "bond_fragments",
     "demodulate",
+    "is_as_stated",
     "judge",
     "normal_force",
     "prepared_discs",
     "read_text",
+    "remove_jumps",
     "write_text",
 ]

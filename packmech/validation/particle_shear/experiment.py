@@ -16,8 +16,8 @@ from packmech.validation.particle_shear.material import (
     Material,
     contact_stiffness,
     contact_viscosity,
-    disc_radii,
     model_mass,
+    package_longest_step,
     package_time_step,
     time_constant,
 )
@@ -46,7 +46,43 @@ class Periods(NamedTuple):
     post_periods: float
 
 
-def demodulate(time_t: ArrayLike, stress_t: ArrayLike, protocol: Periods, *, drift: str = "package") -> Moduli:
+def remove_jumps(stress_t: ArrayLike, *, largest: float = 0.15) -> NDArray[np.float64]:
+    """Return a stress without the steps that contacts make as they change class, as the package's evaluation does.
+
+    Each step larger than `largest` of the stress's range is replaced by the step before it; the first step stays.
+
+    Parameters
+    ----------
+    stress_t
+        (T,) stresses [Pa].
+    largest
+        Of the range of all of them [1].
+
+    Examples
+    --------
+    >>> print(remove_jumps([0.0, 1.0, 2.0, 30.0, 31.0, 32.0]))
+    [0. 1. 2. 3. 4. 5.]
+
+    """
+    stress = check.finite_array("stress_t", stress_t, shape=(None,), what="time")
+    step = np.diff(stress)
+    large = np.flatnonzero(np.abs(step) > check.positive("largest", largest) * float(np.ptp(stress)))
+    corrected = stress.copy()
+    for k in large[large > 0].tolist():
+        excess = step[k] - step[k - 1]
+        step[k] = step[k - 1]
+        corrected[k + 1 :] -= excess
+    return corrected
+
+
+def demodulate(
+    time_t: ArrayLike,
+    stress_t: ArrayLike,
+    protocol: Periods,
+    *,
+    drift: str = "package",
+    largest_jump: float | None = None,
+) -> Moduli:
     """Return G' and G'' of a shear stress under the strain A sin(2 pi (t f - pre)).
 
     The first period of shear is left out where there are at least two.
@@ -85,6 +121,8 @@ def demodulate(time_t: ArrayLike, stress_t: ArrayLike, protocol: Periods, *, dri
     treatment = check.one_of("drift", drift, DRIFTS)
     time = check.finite_array("time_t", time_t, shape=(None,), what="time")
     stress = check.finite_array("stress_t", stress_t, shape=(len(time),), what="time")
+    if largest_jump is not None:
+        stress = remove_jumps(stress, largest=check.positive("largest_jump", largest_jump))
     check.instance("protocol", protocol, Periods)
     frequency = check.positive("frequency", protocol.frequency)
     amplitude = check.positive("amplitude", protocol.amplitude)
@@ -155,15 +193,13 @@ class ParticleShear:
     keep_viscosity_coefficients_constant    ``keep_viscosity``
     pre_periods, periods, post_periods      the same
     cool_factor                             ``cooling``
-    size of the cell (500 x 500)            ``Discs.width``, ``Discs.height``
-    do_permanent_links                      bonds in ``Discs.kind_c``; ``Preparation.bonded``
-    cut_lines                               ``Preparation.pieces``
-    doCutByTriangulation                    ``Preparation.by_centers``
-    avoid_horizontal_angle_degree           ``Preparation.avoided_angle``
-    avoid_height_spanning_particles         ``Preparation.no_spanning``
-    cut_top_bottom                          ``Preparation.cut_top_bottom``
-    remove_link_fraction                    ``Preparation.removed_fraction``
-    edge_fuzziness                          ``Preparation.edge_fuzziness``
+    size of the cell (500 x 500)            ``width``, ``height``
+    do_permanent_links                      ``prepared_discs(..., centers=...)`` or ``lines=``; without, no bonds
+    cut_lines, doCutByTriangulation         ``centers`` or ``lines`` of ``prepared_discs``; 0: one bulk
+    avoid_horizontal_angle_degree           ``avoided_angle`` of ``prepared_discs``
+    avoid_height_spanning_particles         ``spanning`` of ``prepared_discs``
+    cut_top_bottom, edge_fuzziness          the same of ``prepared_discs``
+    remove_link_fraction                    ``removed_fraction`` of ``prepared_discs``
     root_folder, saveData                   ``write_text(run, folder)``
     saveStressTensorData                    ``write_text(..., tensors=False)`` leaves the series out
     saveOutputImages, imageFileType         ``packmech run --frames 200 --format``
@@ -172,8 +208,7 @@ class ParticleShear:
     call_back_elastic_force_law             ``Material.plateau_*``, ``Material.tensile_range`` through ``law``
     ======================================  ==========================================================
 
-    How the discs were prepared only the text file says; the package's preparation draws unseeded random numbers
-    and is not part of the preset.
+    `prepared_discs` makes the discs ready as the package does, with seeded random numbers in place of unseeded ones.
 
     Parameters
     ----------
@@ -185,6 +220,8 @@ class ParticleShear:
         Of the discs [Pa], [kg/m^3].
     particles, packing_fraction, size_ratio
         The model's constants come from these; the discs that are run have radii and masses of their own.
+    width, height
+        Sides of the cell [um].
     relative_viscosity
         Dashpots over sqrt(m k) [1].
     tangential_ratio
@@ -225,6 +262,8 @@ class ParticleShear:
     packing_fraction: float = 1.5
     density: float = 50.0
     size_ratio: float = 1.4
+    width: float = 500.0
+    height: float = 500.0
     relative_viscosity: float = 0.1
     tangential_ratio: float = 1.0
     relative_frequency: float = 0.025
@@ -243,6 +282,7 @@ class ParticleShear:
             object.__setattr__(self, name, check.real(name, getattr(self, name), at_least=0.0))
         for name in (
             *("amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods"),
+            *("width", "height"),
             *("reinforcement_normal", "reinforcement_tangential"),
         ):
             object.__setattr__(self, name, check.positive(name, getattr(self, name)))
@@ -257,7 +297,7 @@ class ParticleShear:
     @functools.cached_property
     def mass(self) -> float:
         """The model's mass [mg/m]."""
-        return model_mass(self.particles, self.packing_fraction, self.density)
+        return model_mass(self.particles, self.packing_fraction, self.density, width=self.width, height=self.height)
 
     @functools.cached_property
     def tau(self) -> float:
@@ -276,6 +316,17 @@ class ParticleShear:
             self.tau,
             size_ratio=self.size_ratio,
             amplitude=self.amplitude,
+            friction_coefficient=self.friction_coefficient,
+            relative_viscosity=self.relative_viscosity,
+            tangential_ratio=self.tangential_ratio,
+        )
+
+    @property
+    def longest_step(self) -> float:
+        """The longest time step of the package's preparation [s]."""
+        return package_longest_step(
+            self.tau,
+            size_ratio=self.size_ratio,
             friction_coefficient=self.friction_coefficient,
             relative_viscosity=self.relative_viscosity,
             tangential_ratio=self.tangential_ratio,
@@ -335,7 +386,7 @@ class ParticleShear:
         Parameters
         ----------
         start
-            The discs at the protocol's first step; their time must be 0.
+            The discs at the protocol's first step, in the experiment's cell; their time must be 0.
         frames
             How many states to keep, evenly spaced from the start to the end; they change no bit of the run.
 
@@ -344,6 +395,11 @@ class ParticleShear:
         check.integer("frames", frames, at_least=0)
         if start.time != 0.0:
             raise ValueError(f"start must be at time 0, got {start.time:g} s")
+        if (start.width, start.height) != (self.width, self.height):
+            raise ValueError(
+                f"start must be in the experiment's cell of {self.width:g} by {self.height:g}, "
+                f"got one of {start.width:g} by {start.height:g}"
+            )
         steps = self.steps
         if steps < 1:
             raise ValueError(f"the protocol must last at least one step, got {steps}")
@@ -415,9 +471,10 @@ class ParticleShearRun:
         """Return the (T,) shear stress -sigma_xy of the tensor of that name [Pa] (S1-25)."""
         return -self.series.stress(name)[:, 0, 1]
 
-    def moduli(self, name: str = "overall", *, drift: str = "package") -> Moduli:
-        """Return G' and G'' from the tensor of that name, with drift treated as `demodulate` says."""
-        return demodulate(self.time_t, self.shear_stress(name), self.experiment.protocol, drift=drift)
+    def moduli(self, name: str = "overall", *, drift: str = "package", largest_jump: float | None = None) -> Moduli:
+        """Return G' and G'' from the tensor of that name, with drift and jumps treated as `demodulate` says."""
+        stress = self.shear_stress(name)
+        return demodulate(self.time_t, stress, self.experiment.protocol, drift=drift, largest_jump=largest_jump)
 
     def table(self) -> Table:
         """Return strain, rate and the nine tensors against time."""
@@ -427,101 +484,3 @@ class ParticleShearRun:
             found[f"{name}_stress"] = self.stress(name)
             units[f"{name}_stress"] = "Pa"
         return make_table(found, {"kind": "ParticleShearRun", "dimension": 2, "sign": "compression positive"}, units)
-
-
-_LONGEST = 0.25
-
-
-def _relax(discs: Discs, experiment: ParticleShear, material: Material, steps: int) -> Discs:
-    """Return the discs after the package's free stages: without plates, long strongly cooled steps first."""
-    final = experiment.time_step
-    step, cooling = _LONGEST * experiment.tau / experiment.size_ratio, 0.5
-    frictionless = material._replace(friction_coefficient=0.0)
-    while step > final:
-        discs = advance(discs, frictionless, StepRules(step, cooling, plates=False), np.zeros(steps)).final
-        discs = discs.replace(velocity_nd=discs.velocity_nd - discs.velocity_nd.mean(axis=0))
-        step, cooling = step / 2.0, (1.0 + cooling) / 2.0
-    for made in (frictionless, material):
-        discs = advance(discs, made, StepRules(final, plates=False), np.zeros(steps)).final
-    return discs
-
-
-def _settle(discs: Discs, experiment: ParticleShear, material: Material, steps: int) -> Discs:
-    """Return the discs after the package's stages with plates, ending with the experiment's own cooling."""
-    step, cooling = _LONGEST * experiment.tau / experiment.size_ratio, 0.5
-    while step > experiment.time_step:
-        discs = advance(discs, material, StepRules(step, cooling), np.zeros(max(steps // 2, 1))).final
-        step, cooling = step / 2.0, (1.0 + cooling) / 2.0
-    discs = advance(discs, material, StepRules(experiment.time_step, 0.98), np.zeros(2 * steps)).final
-    return advance(discs, material, experiment.rules, np.zeros(steps)).final
-
-
-def bond_fragments(discs: Discs, centers: int, rng: np.random.Generator) -> Discs:
-    """Return the discs with every contact bonded whose two discs have the same nearest center of those drawn.
-
-    Parameters
-    ----------
-    discs
-        Discs in contact, in an unstrained cell.
-    centers
-        How many centers to draw; 0 bonds every contact.
-    rng
-        Where they are drawn from.
-
-    """
-    check.instance("discs", discs, Discs)
-    count = check.integer("centers", centers, at_least=0)
-    check.instance("rng", rng, np.random.Generator, "a numpy")
-    size = np.array([discs.width, discs.height])
-    owner_n = np.zeros(discs.discs, dtype=np.int64)
-    if count:
-        apart = discs.position_nd[:, None] - rng.random((count, 2)) * size
-        apart -= np.round(apart / size) * size
-        owner_n = np.argmin((apart**2).sum(axis=2), axis=1)
-    same_c = owner_n[discs.contact_ck[:, 0]] == owner_n[discs.contact_ck[:, 1]]
-    history_ck = np.where(same_c[:, None], 0.0, discs.history_ck)
-    return discs.replace(kind_c=np.where(same_c, "bond", discs.kind_c), history_ck=history_ck)
-
-
-def prepared_discs(
-    experiment: ParticleShear, *, seed: int, centers: int | None = None, steps: int = 30, width: float = 500.0
-) -> Discs:
-    """Return relaxed discs for an experiment, at time 0, with plates at the top and the bottom.
-
-    Parameters
-    ----------
-    experiment
-        Says how many discs, of which sizes, and what their contacts are.
-    seed
-        Of the draw; the same seed gives the same bits.
-    centers
-        Number of centers of bonded fragments, 0 for one bulk; left out there are no bonds.
-    steps
-        Steps of each stage; the package takes 300 and its tests 30.
-    width
-        Side of the square cell [um].
-
-    Examples
-    --------
-    >>> discs = prepared_discs(ParticleShear(particles=20), seed=1, steps=5)
-    >>> discs.discs, discs.time, discs.strain
-    (20, 0.0, 0.0)
-
-    """
-    check.instance("experiment", experiment, ParticleShear)
-    check.integer("steps", steps, at_least=1)
-    rng = np.random.default_rng(check.integer("seed", seed, at_least=0))
-    count = experiment.particles
-    large, small = disc_radii(
-        count, experiment.packing_fraction, size_ratio=experiment.size_ratio, width=width, height=width
-    )
-    radius_n = np.where(rng.permutation(count) < count / 2, large, small)
-    # the package's masses: the model's at the mean radius of the two sizes
-    mass_n = experiment.mass * radius_n**2 / (large * small)
-    discs = Discs(rng.random((count, 2)) * width, radius_n, mass_n, width=width, height=width)
-    material = experiment.material
-    discs = _relax(discs, experiment, material, steps)
-    if centers is not None:
-        discs = _relax(bond_fragments(discs, centers, rng), experiment, material, steps)
-    discs = _settle(discs, experiment, material, steps)
-    return dataclasses.replace(discs, time=0.0)

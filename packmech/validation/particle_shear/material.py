@@ -124,20 +124,51 @@ def package_time_step(
     0.025
 
     """
-    positive = check.positive("tau", tau)
-    step = 0.1 * positive / check.real("size_ratio", size_ratio, at_least=1.0)
-    longest = 0.25
+    mu, ratio = friction_coefficient, tangential_ratio
+    longest = package_longest_step(
+        tau,
+        size_ratio=size_ratio,
+        friction_coefficient=mu,
+        relative_viscosity=relative_viscosity,
+        tangential_ratio=ratio,
+    )
+    strain = check.positive("amplitude", amplitude)
+    halvings = [mu <= 1.0 or ratio < 1.0, strain <= 0.05, mu <= 0.1 or ratio < 0.1, strain <= 0.005, strain >= 0.5]
+    return min(0.1 * tau / size_ratio * 0.5 ** sum(halvings), longest)
+
+
+def package_longest_step(
+    tau: float,
+    *,
+    size_ratio: float = 1.4,
+    friction_coefficient: float = 0.01,
+    relative_viscosity: float = 0.1,
+    tangential_ratio: float = 1.0,
+) -> float:
+    """Return the longest time step that the package takes while it prepares discs [s].
+
+    Parameters
+    ----------
+    tau
+        `time_constant` [s].
+    size_ratio, friction_coefficient, relative_viscosity, tangential_ratio
+        As for `ParticleShear` [1].
+
+    Examples
+    --------
+    >>> round(package_longest_step(1.0) * 1.4, 12)
+    0.125
+
+    """
     mu, visc, ratio = friction_coefficient, relative_viscosity, tangential_ratio
     for name, value in (("friction_coefficient", mu), ("relative_viscosity", visc), ("tangential_ratio", ratio)):
         check.real(name, value, at_least=0.0)
-    strain = check.positive("amplitude", amplitude)
-    halvings = [mu <= 1.0 or ratio < 1.0, strain <= 0.05, mu <= 0.1 or ratio < 0.1, strain <= 0.005, strain >= 0.5]
-    step *= 0.5 ** sum(halvings)
+    longest = 0.25
     if (visc <= 0.1 and mu < 0.1) or ratio < 0.1 or ratio > 5.0:
         longest = 0.125
     if (visc < 0.01 and mu < 0.01) or ratio < 0.01:
         longest = 0.04
-    return min(step, longest * positive / size_ratio / max(visc, 1.0))
+    return longest * check.positive("tau", tau) / check.real("size_ratio", size_ratio, at_least=1.0) / max(visc, 1.0)
 
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -243,13 +274,27 @@ def tension(material, stretch, rest):
 
 @device
 def normal_force(material, distance, rest):
-    """Return the elastic normal force of a contact [1e-12 N/m]; negative repels."""
+    """Return the elastic normal force of a contact [1e-12 N/m]; negative repels.
+
+    Examples
+    --------
+    >>> normal_force(Material(stiffness=2.0), 15.0, 20.0)
+    -10.0
+
+    """
     return repulsion(material, distance, rest, rest / max(distance, rest / 1000.0))
 
 
 @device
 def bond_force(material, distance, rest):
-    """Return the elastic normal force of a permanent bond [1e-12 N/m]; negative repels."""
+    """Return the elastic normal force of a permanent bond [1e-12 N/m]; negative repels.
+
+    Examples
+    --------
+    >>> bond_force(Material(stiffness=2.0), 25.0, 20.0)
+    10.0
+
+    """
     if distance < rest:
         return material.bond_normal_ratio * normal_force(material, distance, rest)
     return material.bond_normal_ratio * tension(material, distance - rest, rest)

@@ -35,8 +35,9 @@ from packmech.dynamics.pair_forces import PairForces
 from packmech.effects import contact_terms
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.validation.particle_shear.experiment import ParticleShear, prepared_discs
+from packmech.validation.particle_shear.experiment import ParticleShear
 from packmech.validation.particle_shear.material import Material
+from packmech.validation.particle_shear.preparation import prepared_discs
 from packmech.validation.particle_shear.step import STRESSES, Discs, StepRules, Steps, advance
 
 Tensors = Mapping[str, NDArray[np.float64]]
@@ -136,7 +137,15 @@ def momentum(discs: Discs) -> tuple[NDArray[np.float64], float]:
 
 
 def judge(scenario: Scenario, steps: Steps) -> dict[str, dict[str, bool]]:
-    """Return which of the preset's statements hold, by what they are about."""
+    """Return which of the preset's statements hold, by what they are about.
+
+    Examples
+    --------
+    >>> scenario = SCENARIOS["single_sphere_spinning"]()
+    >>> judge(scenario, scenario.run())["overall"]
+    {'spin pressure': True}
+
+    """
     tensors: dict[str, NDArray[np.float64]] = {name: steps.stress(name)[scenario.measured_step] for name in STRESSES}
     start, end = momentum(scenario.start), momentum(steps.final)
     each = scenario.start.mass_n * np.linalg.norm(scenario.start.velocity_nd, axis=1)
@@ -148,6 +157,18 @@ def judge(scenario: Scenario, steps: Steps) -> dict[str, dict[str, bool]]:
     return {
         row.about: {name: STATEMENTS[name](tensors[row.about], tensors) for name in row.states} for row in scenario.rows
     }
+
+
+def is_as_stated(row: Row, found: Mapping[str, bool]) -> bool:
+    """Return whether a row holds, or fails as it does in the package; `found` is what `judge` says of it.
+
+    Examples
+    --------
+    >>> is_as_stated(Row("overall", ("symmetric",), ()), {"symmetric": True})
+    True
+
+    """
+    return all(found.values()) is not row.fails
 
 
 _CONSERVED = tuple(Row(f"{kind} momentum", ("conserved",), ("conserved",)) for kind in ("angular", "linear"))
@@ -300,7 +321,8 @@ def _assembly_rows(*of_love_weber: str) -> tuple[Row, ...]:
 def _assembly(
     name: str, table: str, experiment: ParticleShear, seed: int, centers: int | None, turns: float
 ) -> Scenario:
-    start = prepared_discs(experiment, seed=seed, centers=centers)
+    # as dense as the native scenes, which they are compared with
+    start = prepared_discs(experiment, seed=seed, centers=centers, radii="equal numbers", steps=30)
     steps = int(turns / experiment.frequency / experiment.time_step)
     time_t = np.add.accumulate(np.concatenate([[0.0], np.full(steps - 1, experiment.time_step)]))
     rows: tuple[str, ...] = ("positive diagonal", "diagonal above 500 Pa")

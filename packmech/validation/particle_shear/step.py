@@ -107,6 +107,61 @@ KINDS = {"stick": STICK, "slip": SLIP, "bond": BOND}
 FIRST_ANGLE = -math.pi / 2.0
 
 
+@dataclasses.dataclass(frozen=True)
+class Preparation:
+    """How discs were bonded, in the package's terms: what `prepared_discs` and `bond_fragments` did.
+
+    Parameters
+    ----------
+    bonded
+        Whether there are permanent bonds (do_permanent_links).
+    pieces
+        Number of centers or lines that cut them into fragments; 0 is one bulk (cut_lines).
+    by_centers
+        Whether fragments belong to centers instead of being cut by lines (doCutByTriangulation).
+    avoided_angle
+        How near to the horizontal no line is drawn [degree] (avoid_horizontal_angle_degree).
+    no_spanning
+        Whether fragments as high as the cell were avoided (avoid_height_spanning_particles).
+    cut_top_bottom
+        Whether bonds across the plates were cut.
+    removed_fraction, removed
+        Share of bonds that should be removed without dividing a fragment, and that were [1] (remove_link_fraction).
+    edge_fuzziness
+        [1].
+
+    """
+
+    bonded: bool = True
+    pieces: int = 0
+    by_centers: bool = True
+    avoided_angle: float = 15.0
+    no_spanning: bool = False
+    cut_top_bottom: bool = False
+    removed_fraction: float = 0.0
+    removed: float = 0.0
+    edge_fuzziness: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("bonded", "by_centers", "no_spanning", "cut_top_bottom"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        check.integer("pieces", self.pieces, at_least=0)
+        check.real("avoided_angle", self.avoided_angle, at_least=0.0, at_most=90.0)
+        check.real("edge_fuzziness", self.edge_fuzziness, at_least=0.0)
+        for name in ("removed_fraction", "removed"):
+            check.real(name, getattr(self, name), at_least=0.0, at_most=1.0)
+        if not self.bonded and self.pieces:
+            raise ValueError(f"pieces must be 0 where nothing is bonded, got {self.pieces}")
+
+    @property
+    def kind(self) -> str:
+        """What the file's name says: nothing for fragments, "_bulk" or "_uncrosslinked"."""
+        if not self.bonded:
+            return "_uncrosslinked"
+        return "" if self.pieces else "_bulk"
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discs:
     """Discs in a rectangular cell, with everything that the next step depends on.
@@ -133,6 +188,8 @@ class Discs:
         Shear strain of the cell [1], its rate [1/s], and the time [s].
     carried_nd
         (N, 2) forces left over from earlier steps, on discs held by the plates alone [1e-12 N/m].
+    preparation
+        How they were bonded, where that is known; text files say so.
 
     Examples
     --------
@@ -157,8 +214,11 @@ class Discs:
     strain_rate: float = 0.0
     time: float = 0.0
     carried_nd: NDArray[np.float64] = None  # type: ignore[assignment]
+    preparation: Preparation | None = None
 
     def __post_init__(self) -> None:
+        if self.preparation is not None:
+            check.instance("preparation", self.preparation, Preparation)
         position_nd = check.finite_array("position_nd", self.position_nd, shape=(None, 2))
         count = len(position_nd)
         made: dict[str, NDArray[Any]] = {
@@ -206,7 +266,9 @@ class Discs:
         return np.asarray(self.kind_c == "bond")
 
     def replace(self, **changes: object) -> Discs:
-        """Return the same state with some fields exchanged."""
+        """Return the same state with some fields exchanged; new contacts or kinds of them forget the preparation."""
+        if {"contact_ck", "kind_c"} & set(changes):
+            changes = {"preparation": None} | changes
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
 
@@ -780,6 +842,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         strain_rate=rate,
         time=time,
         carried_nd=motion.carried_nd,
+        preparation=discs.preparation,
     )
     mobile_n = register.row_n8[:, 6] == 1.0
     inner_n4, outer_n4 = register.part_n24[:, 0], np.where(mobile_n[:, None], register.part_n24[:, 1], 0.0)

@@ -2,7 +2,7 @@
 
 The labels are the ones that the package's evaluation in R looks for; numbers are written without exponents, since its
 patterns read digits and a point. What the package writes wrong there is right here: the periods after the
-measurement, the two radii and their masses.
+measurement, the two radii and their masses, and how the discs were bonded.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from packmech import check
 from packmech.validation.particle_shear.experiment import ParticleShearRun
 from packmech.validation.particle_shear.material import contact_stiffness, contact_viscosity
-from packmech.validation.particle_shear.step import STRESSES
+from packmech.validation.particle_shear.step import STRESSES, Discs, Preparation
 
 # the columns' names of our tensors, in the order of the file
 COLUMNS = {
@@ -38,59 +38,6 @@ HEADINGS = (
     *(f"stress_tensor_{column}_{entry}" for column in COLUMNS.values() for entry in ("00", "01", "10", "11")),
 )
 _START = "Detailed stress tensor data"
-
-
-@dataclasses.dataclass(frozen=True)
-class Preparation:
-    """How the discs of a run were prepared, by the package's terms; only the text file has it.
-
-    Parameters
-    ----------
-    bonded
-        Whether there are permanent bonds (do_permanent_links).
-    pieces
-        Number of centers or lines that cut them into fragments; 0 is one bulk (cut_lines).
-    by_centers
-        Whether fragments belong to centers instead of being cut by lines (doCutByTriangulation).
-    avoided_angle
-        How near to the horizontal no line is drawn [degree] (avoid_horizontal_angle_degree).
-    no_spanning
-        Whether fragments as high as the cell were avoided (avoid_height_spanning_particles).
-    cut_top_bottom
-        Whether bonds across the plates were cut.
-    removed_fraction, removed
-        Share of bonds that should be removed without dividing a fragment, and that were [1] (remove_link_fraction).
-    edge_fuzziness
-        [1].
-
-    """
-
-    bonded: bool = True
-    pieces: int = 5
-    by_centers: bool = True
-    avoided_angle: float = 15.0
-    no_spanning: bool = True
-    cut_top_bottom: bool = False
-    removed_fraction: float = 0.0
-    removed: float = 0.0
-    edge_fuzziness: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("bonded", "by_centers", "no_spanning", "cut_top_bottom"):
-            if not isinstance(getattr(self, name), bool):
-                raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
-        check.integer("pieces", self.pieces, at_least=0)
-        check.real("avoided_angle", self.avoided_angle, at_least=0.0, at_most=90.0)
-        check.real("edge_fuzziness", self.edge_fuzziness, at_least=0.0)
-        for name in ("removed_fraction", "removed"):
-            check.real(name, getattr(self, name), at_least=0.0, at_most=1.0)
-
-    @property
-    def kind(self) -> str:
-        """What the file's name says: nothing for fragments, "_bulk" or "_uncrosslinked"."""
-        if not self.bonded:
-            return "_uncrosslinked"
-        return "" if self.pieces else "_bulk"
 
 
 def _plain(number: float) -> str:
@@ -130,6 +77,16 @@ def _call(run: ParticleShearRun, how: Preparation) -> str:
     return "ParticleShear(" + ",".join(f"{name}={value}" for name, value in words.items()) + ")"
 
 
+def _about_bonds(how: Preparation) -> list[str]:
+    """Return the lines that say how discs were bonded."""
+    if not how.bonded:
+        return ["Dermal filler control ensemble: No permanent links"]
+    if not how.pieces:
+        return ["Dermal filler control ensemble: no cut lines"]
+    tool = "Centers" if how.by_centers else "Cutting lines"
+    return ["Dermal filler Ensemble:", f"\t{tool} used to generate the particles = {how.pieces}"]
+
+
 def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
     experiment, discs, made = run.experiment, run.start, run.experiment.material
     stiffness = contact_stiffness(experiment.young_modulus)
@@ -137,9 +94,9 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
     damped = bond if made.bond_viscosity_follows else (1.0, 1.0)
     sizes = sorted(set(discs.radius_n.tolist()), reverse=True)
     overall, outer = run.moduli("overall"), run.moduli("external")
+    high = "discarded" if how.no_spanning else "allowed"
     return [
-        f"Dermal filler{how.kind.replace('_', ' ')}:",
-        f"\tCutting lines used to generate the particles = {how.pieces}",
+        *_about_bonds(how),
         f"\tN={discs.discs} spheres, nominal packing density = {_plain(experiment.packing_fraction)}",
         f"\tYoung modulus of the individual spheres = {_plain(experiment.young_modulus)} Pa",
         f"\tFriction coefficient = {_plain(experiment.friction_coefficient)}",
@@ -172,12 +129,14 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
         f"Particle number = {discs.discs}",
         "Radii = " + " ".join(_plain(size) for size in sizes[:8]) + "micrometers",
         f"Nonlinear enhancement for repulsion near sphere center = {_plain(experiment.divergence)}[-]",
+        *([] if experiment.law == "divergent" else [f"Elastic force law = {experiment.law}"]),
         f"Adjustment coefficient for central force in permanent links = {_plain(bond[0])}[-]",
         f"\tk_permanent={_plain(made.stiffness * bond[0])}mg*s^(-2)",
         f"Adjustment coefficient for tangential force in permanent links = {_plain(bond[1])}[-]",
         f"\tk_t_permanent={_plain(made.tangential_stiffness * bond[1])}mg*s^(-2)",
         f"\tnu_permanent={_plain(made.viscosity * damped[0])}mg*s^(-1)",
         f"\tnu_t_permanent={_plain(made.tangential_viscosity * damped[1])}mg*s^(-1)",
+        f"avoid_height_spanning_particles: Ensembles with full height spanning particles {high}",
         f"Actual fraction of randomly removed non-essential permanent bonds = {_plain(how.removed)}[-]",
         f"Edge fuzziness for creating interlocking = {_plain(how.edge_fuzziness)}[-]",
         "",
@@ -216,7 +175,8 @@ def write_text(
     folder
         An existing folder.
     preparation
-        How the discs were prepared; left out, as the bonds at the start say: none, or fragments of five centers.
+        How the discs were bonded, where they do not say so themselves (`Discs.preparation`); discs without bonds need
+        none.
     tensors
         Whether to write the series of all tensors besides the header.
 
@@ -224,11 +184,24 @@ def write_text(
     ------
     NotADirectoryError
         If there is no such folder.
+    ValueError
+        If it is not known how the discs were bonded, or what is said of it is not so.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from packmech.validation.particle_shear import ParticleShear, prepared_discs
+    >>> experiment = ParticleShear(particles=20, pre_periods=0.1, periods=0.1, post_periods=0.1)
+    >>> run = experiment.run(prepared_discs(experiment, seed=1, centers=0, steps=5))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = write_text(run, folder)
+    ...     found = read_text(path)
+    >>> path.name, len(found.time_t) == experiment.steps
+    ('dermal_filler_bulk0.01_f_1447.2025_strain_0.2_nr_1.txt', True)
 
     """
     check.instance("run", run, ParticleShearRun)
-    how = Preparation(bonded=bool(run.start.bonded_c.any())) if preparation is None else preparation
-    check.instance("preparation", how, Preparation)
+    how = _preparation(run.start, preparation)
     if not isinstance(tensors, bool):
         raise TypeError(f"tensors must be True or False, got {tensors!r}")
     place = pathlib.Path(folder)
@@ -249,6 +222,23 @@ def write_text(
     path = place / f"{stem}{number}.txt"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def _preparation(discs: Discs, given: Preparation | None) -> Preparation:
+    """Return how discs were bonded, after holding what is given against what is known of them."""
+    if given is not None:
+        check.instance("preparation", given, Preparation)
+    bonded = bool(discs.bonded_c.any())
+    how = discs.preparation if given is None else given
+    if how is None:
+        if bonded:
+            raise ValueError("preparation must be given where bonded discs do not say how they were bonded, got None")
+        how = Preparation(bonded=False)
+    if discs.preparation not in (None, how):
+        raise ValueError(f"preparation must be that of the discs, {discs.preparation}, got {given}")
+    if how.bonded != bonded:
+        raise ValueError(f"preparation must say bonded={bonded} as the discs are, got bonded={how.bonded}")
+    return how
 
 
 def _rows(run: ParticleShearRun) -> NDArray[np.float64]:
@@ -304,6 +294,15 @@ def read_text(path: str | pathlib.Path) -> TextData:
     ------
     ValueError
         If the series lacks a column or has a line of another length, naming the line.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "a.txt"
+    ...     _ = path.write_text("G'=120.5Pa")
+    ...     read_text(path).number("G'=")
+    120.5
 
     """
     lines = pathlib.Path(path).read_text(encoding="utf-8").splitlines()
