@@ -25,6 +25,8 @@ REACH = 0.05
 # Gauss-Legendre on [0, 1], exact for du/dr up to the fifth power of the distance
 _PLACE = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 _WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
+# pairs further apart than so many widths of the smoothing bear next to nothing: overlaps fall as width^2 / gap
+_FAR = 30.0
 Array = NDArray[np.float64]
 
 
@@ -63,6 +65,16 @@ class Units:
         terms = contact_terms(self.effects, distance_c * self.length, sigma_c * self.length, closing=closing)
         return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)
 
+    def smoothed(
+        self, distance_c: NDArray[np.float64], sigma_c: NDArray[np.float64], width: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return du/dr and d2u/dr2 where overlaps are smoothed over a width, see `smoothed_overlap`."""
+        overlap = smoothed_overlap(distance_c, sigma_c, width)
+        first, second = self.derivatives(sigma_c - overlap, sigma_c)
+        root = np.sqrt((sigma_c - distance_c) ** 2 + 4.0 * width**2)
+        slope = overlap / root
+        return first * slope, second * slope**2 - first * 2.0 * width**2 / root**3
+
     def overlap_of(self, force_c: NDArray[np.float64], sigma_c: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the relative overlaps, at most one half, at which the law gives the forces; by bisection."""
         low, high = np.full(len(force_c), np.log(1e-18)), np.full(len(force_c), np.log(0.5))
@@ -72,6 +84,25 @@ class Units:
             low, high = np.where(weaker, middle, low), np.where(weaker, high, middle)
         overlap: NDArray[np.float64] = np.exp(0.5 * (low + high))
         return overlap
+
+
+def smoothed_overlap(distance_c: Array, sigma_c: Array, width: float) -> Array:
+    """Return (x + sqrt(x^2 + 4 width^2)) / 2 for x = sigma - distance, positive at any distance [length].
+
+    The smoothing of Chen and Harker (1993) and Kanzow (1996): a force f and a gap g then satisfy f (g + f / k) =
+    k width^2 for a spring of stiffness k, as on the central path of an interior-point method.
+
+    Examples
+    --------
+    >>> smoothed_overlap(np.array([1.0]), np.array([1.0]), 1e-3).tolist()
+    [0.001]
+
+    """
+    inside = sigma_c - distance_c
+    root = np.sqrt(inside**2 + 4.0 * width**2)
+    # where pairs are apart, the sum loses its digits
+    overlap: Array = np.where(inside < 0.0, 2.0 * width**2 / (root + np.abs(inside)), 0.5 * (root + inside))
+    return overlap
 
 
 def isochoric_part(basis_kdd: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
@@ -106,8 +137,17 @@ class StiffPairs(NamedTuple):
 class SoftNetwork:
     """Pairs that touch or may soon, their forces and the parts of the enthalpy's gradient."""
 
-    def __init__(self, packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> None:
+    def __init__(
+        self,
+        packing: Packing,
+        units: Units,
+        basis_kdd: NDArray[np.float64],
+        pressure: float | None,
+        width: float = 0.0,
+    ) -> None:
         self.packing, self.units, self.pressure = packing, units, 0.0 if pressure is None else pressure
+        # width over which overlaps are smoothed, none usually
+        self.width = width
         d = packing.dimension
         # a held volume leaves the parts of the strains without trace, and takes for pressure what it finds
         self.volume = packing.box.volume if pressure is None else None
@@ -128,9 +168,14 @@ class SoftNetwork:
         """Take the packing in: its contacts, forces and errors."""
         self.packing = packing
         contacts = pair_contacts(packing, *self.pairs)
-        touching = contacts.gap_c < 0.0
-        self.contacts = contacts.select(touching)
-        self.first_c, self.second_c = self.units.terms(self.contacts)
+        if self.width > 0.0:
+            touching = contacts.distance_c - contacts.contact_distance_c < _FAR * self.width
+            self.contacts = near = contacts.select(touching)
+            self.first_c, self.second_c = self.units.smoothed(near.distance_c, near.contact_distance_c, self.width)
+        else:
+            touching = contacts.gap_c < 0.0
+            self.contacts = contacts.select(touching)
+            self.first_c, self.second_c = self.units.terms(self.contacts)
         if not np.array_equal(touching, self._touching):
             self.lay_out()
         self._touching = touching
@@ -150,12 +195,19 @@ class SoftNetwork:
         if self.volume is not None:
             self.pressure = -virial / (packing.dimension * volume)
         self.uphill_k = load_k + self.pressure * volume * self.trace_k
-        mean = float(np.abs(self.first_c).mean()) if len(contacts) else 0.0
+        mean = self.mean_force
         self.residual = float(np.sqrt((self.uphill_nd**2).sum(axis=1)).max()) / mean if mean > 0 else np.inf
         scale = self.pressure * volume
         self.stress_error = float(np.abs(self.uphill_k).max()) / scale if len(self.basis_kdd) and scale > 0.0 else 0.0
         # one figure to judge steps by: net forces and stress in units of what they balance
         self.merit = max(self.residual, self.stress_error)
+
+    @property
+    def mean_force(self) -> float:
+        """Mean contact force; where overlaps are smoothed and no pair need touch, that which bears the pressure."""
+        if self.width > 0.0:
+            return self.pressure * float(self.packing.diameter_n.mean()) ** (self.packing.dimension - 1)
+        return float(np.abs(self.first_c).mean()) if len(self.contacts) else 0.0
 
     def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the energy's slopes along positions and strains, and the virial sum of du/dr r."""
@@ -229,13 +281,20 @@ class SoftNetwork:
 class LinkedNetwork(SoftNetwork):
     """Contacts and links of a packing; `uphill_nd` is what the links do not bear, `tension_l` what they do."""
 
-    def __init__(self, packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> None:
+    def __init__(
+        self,
+        packing: Packing,
+        units: Units,
+        basis_kdd: NDArray[np.float64],
+        pressure: float | None,
+        width: float = 0.0,
+    ) -> None:
         self.links = links = workable_links(packing)
         self._constraints = ConstraintFactor(packing, links)
         self._excluded = Excluded(packing)
         self.tension_l = np.zeros(len(links))
         self._cluster_n = links.clusters(packing.particles)
-        super().__init__(self._constraints.projected(packing), units, basis_kdd, pressure)
+        super().__init__(self._constraints.projected(packing), units, basis_kdd, pressure, width)
 
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon, neither linked nor of one rigid cluster."""
@@ -318,7 +377,9 @@ class LinkedNetwork(SoftNetwork):
         return self._constraints.projected(super().moved(u_nd, strain_k))
 
 
-def energy_change(vector_cd: Array, change_cd: Array, sigma_c: Array, first: Callable[[Array, Array], Array]) -> float:
+def energy_change(
+    vector_cd: Array, change_cd: Array, sigma_c: Array, first: Callable[[Array, Array], Array], width: float = 0.0
+) -> float:
     """Return the energy of pairs after their vectors have changed, less that before.
 
     The distance changes by (2 v.dv + dv.dv) / (r + r'), and the energy by the integral of du/dr over that.
@@ -331,6 +392,8 @@ def energy_change(vector_cd: Array, change_cd: Array, sigma_c: Array, first: Cal
         (C,) contact distances.
     first
         du/dr of (distance, contact distance), both (k,).
+    width
+        Width over which overlaps are smoothed [length].
 
     Examples
     --------
@@ -341,12 +404,18 @@ def energy_change(vector_cd: Array, change_cd: Array, sigma_c: Array, first: Cal
     """
     before = np.sqrt((vector_cd**2).sum(axis=1))
     after = np.sqrt(((vector_cd + change_cd) ** 2).sum(axis=1))
-    either = (before < sigma_c) | (after < sigma_c)
+    either = (before < sigma_c) | (after < sigma_c) | (width > 0.0)
     before, after, sigma = before[either], after[either], sigma_c[either]
     vector, change = vector_cd[either], change_cd[either]
     exact = (2.0 * (vector * change).sum(axis=1) + (change**2).sum(axis=1)) / (before + after)
-    low, high = np.minimum(before, sigma), np.minimum(after, sigma)
-    length = np.where((before < sigma) & (after < sigma), exact, high - low)
+    if width > 0.0:
+        low = sigma - smoothed_overlap(before, sigma, width)
+        inside, deeper = sigma - before, sigma - after
+        roots = np.sqrt(inside**2 + 4.0 * width**2) + np.sqrt(deeper**2 + 4.0 * width**2)
+        length = 0.5 * exact * (1.0 + (inside + deeper) / roots)
+    else:
+        low, high = np.minimum(before, sigma), np.minimum(after, sigma)
+        length = np.where((before < sigma) & (after < sigma), exact, high - low)
     total = 0.0
     for place, weight in zip(_PLACE, _WEIGHT, strict=True):
         total += weight * float(np.add.reduce(first(low + place * length, sigma) * length))

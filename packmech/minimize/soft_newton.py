@@ -34,6 +34,11 @@ _LOOSER, _TIGHTER = 0.3, 10.0
 _STIFF, _CORRECTIONS = 1e-2, 3
 # Newton's method without safeguards goes on from here
 _NEAR = 1e-7
+# smoothing of overlaps: its first width over the overlap at which a contact bears the pressure, and over the diameter.
+# Wide at first, because steps that bend around each other must be shorter than the root of the width
+_WIDE, _WIDEST = 1e2, 1e-3
+# merit at which the width is multiplied by a factor; its last value over that overlap, and over the error of positions
+_ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +71,13 @@ class SoftState:
         return self.negative == 0 and self.balanced(max(tolerance, 8.0 * self.floor))
 
 
-def network_of(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None) -> SoftNetwork:
-    """Return what Newton's method sees of the packing, with or without links."""
+def network_of(
+    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None, width: float = 0.0
+) -> SoftNetwork:
+    """Return what Newton's method sees of the packing, with or without links; overlaps smoothed over the width."""
     if packing.links is None:
-        return SoftNetwork(packing, units, basis_kdd, pressure)
-    return LinkedNetwork(packing, units, basis_kdd, pressure)
+        return SoftNetwork(packing, units, basis_kdd, pressure, width)
+    return LinkedNetwork(packing, units, basis_kdd, pressure, width)
 
 
 def newton(
@@ -152,21 +159,16 @@ def rounding_floor(network: SoftNetwork) -> float:
     if not len(network.contacts):
         return 0.0
     packing = network.packing
-    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
-    mean = float(np.abs(network.first_c).mean())
-    return float(np.finfo(float).eps * extent * float(network.second_c.max()) / mean)
+    mean = network.mean_force
+    return float(np.finfo(float).eps * _extent(packing) * float(network.second_c.max()) / mean)
 
 
 def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
     """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
     network = network_of(packing, units, basis_kdd, pressure)
-    extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
     contacts = pair_contacts(packing, *network.pairs)
-    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * extent))
-    try:
-        return network.direction(1e-10 * float(np.abs(network.second_c).mean()))[2]
-    except np.linalg.LinAlgError:
-        return 1
+    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)))
+    return _negative(network)
 
 
 def judge(state: SoftState, tolerance: float) -> Outcome:
@@ -216,6 +218,7 @@ def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volu
         after.vector_cd - near.vector_cd,
         near.contact_distance_c,
         lambda distance, sigma: network.units.derivatives(distance, sigma)[0],
+        network.width,
     )
     return total + (network.pressure * (packing.box.volume - volume) if network.volume is None else 0.0)
 
@@ -242,9 +245,89 @@ def descend(
 
     """
     network = network_of(packing, units, basis_kdd, pressure)
+    network, used, evaluations = _go_down(network, basis_kdd, pressure, _NEAR, iterations, watch)
+    end = newton(network.packing, units, basis_kdd, pressure)
+    return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
+
+
+def descend_smoothed(
+    packing: Packing,
+    units: Units,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | None,
+    *,
+    iterations: int = 400,
+    watch: Callable[[Packing], None] | None = None,
+) -> SoftState:
+    """Return the packing that Newton's method reaches going down with overlaps smoothed less and less.
+
+    Where there are more contacts than balance needs, as in crystals, some bear next to nothing when the others do:
+    which of them touch decides about the next step, and the step about which of them touch. Smoothed over a width, all
+    near pairs press a little, and the slopes change by little over that width; then the width is made small against
+    the overlaps.
+
+    Parameters
+    ----------
+    packing, units, basis_kdd, pressure, watch
+        As in `descend`.
+    iterations
+        Maximum number of iterations in all, those of the last digits not counted.
+
+    """
+    network = network_of(packing, units, basis_kdd, pressure)
+    own = _overlap(network)
+    width = max(own, min(_WIDE * own, _WIDEST))
+    used, evaluations, negative = 0, 1, 0
+    while width > 0.0 and used < iterations:
+        lowest = max(_NARROW * _overlap(network), _DIGITS * np.finfo(float).eps * _extent(network.packing))
+        width = max(width, lowest)
+        network = network_of(network.packing, units, basis_kdd, pressure, width)
+        goal = _ROUGH if width > lowest else _NEAR
+        network, more, measured = _go_down(network, basis_kdd, pressure, goal, iterations - used, watch)
+        used, evaluations = used + more, evaluations + measured
+        if width <= lowest:
+            negative = _negative(network)
+            break
+        width *= _NARROWER
+    end = newton(network.packing, units, basis_kdd, pressure)
+    # contacts that just touch hold what they touch: they count in the smoothed network alone
+    negative = min(negative, end.negative) if used < iterations else end.negative
+    return replace(end, negative=negative, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
+
+
+def _overlap(network: SoftNetwork) -> float:
+    """Return the overlap at which a contact bears the pressure [reduced length]; zero where nothing presses."""
+    packing = network.packing
+    sigma = packing.diameter_n.mean(keepdims=True)
+    force = network.pressure * sigma ** (packing.dimension - 1)
+    return float((sigma * network.units.overlap_of(force, sigma))[0]) if network.pressure > 0.0 else 0.0
+
+
+def _extent(packing: Packing) -> float:
+    """Return the largest coordinate, whose last digit is the error of positions."""
+    return max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+
+
+def _negative(network: SoftNetwork) -> int:
+    """Return the number of unstable directions."""
+    try:
+        return network.direction(_TRACE * float(np.abs(network.second_c).mean()))[2]
+    except np.linalg.LinAlgError:
+        return 1
+
+
+def _go_down(
+    network: SoftNetwork,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | None,
+    goal: float,
+    iterations: int,
+    watch: Callable[[Packing], None] | None,
+) -> tuple[SoftNetwork, int, int]:
+    """Return the network where Newton's method going down comes to the goal or no further, iterations, evaluations."""
     regularization, used, evaluations = _TRACE, 0, 1
     travelled = 0.0
-    while used < iterations and np.isfinite(network.merit) and network.merit > max(_NEAR, rounding_floor(network)):
+    while used < iterations and np.isfinite(network.merit) and network.merit > max(goal, rounding_floor(network)):
         used += 1
         found = _downhill(network, regularization)
         if found is None:
@@ -255,7 +338,7 @@ def descend(
         size = min(1.0, 0.5 * REACH / max(longest, 1e-300))
         travelled += size * longest
         if travelled > 0.8 * REACH:
-            network = network_of(start, units, basis_kdd, pressure)
+            network = network_of(start, network.units, basis_kdd, pressure, network.width)
             travelled = size * longest
         near = pair_contacts(start, *network.pairs)
         volume = start.box.volume
@@ -289,8 +372,7 @@ def descend(
             continue
         if watch is not None:
             watch(network.packing)
-    end = newton(network.packing, units, basis_kdd, pressure)
-    return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
+    return network, used, evaluations
 
 
 def _downhill(network: SoftNetwork, regularization: float) -> tuple[_Step, float] | None:

@@ -15,7 +15,7 @@ from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.soft_network import isochoric_part
-from packmech.minimize.soft_newton import SoftState, descend, judge, newton
+from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge, newton
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
@@ -230,9 +230,10 @@ class _Ascent:
             bottom = newton if packing.links is None else descend
             state = bottom(protocol.reduced(here), protocol.units, self.shears, None)
             if state.sound(max(self.tolerance, 1e-7)):
-                break
+                return state
             tolerance *= _TIGHTER
-        return state
+        # contacts that just touch open and close from step to step
+        return descend_smoothed(protocol.reduced(here), protocol.units, self.shears, None)
 
 
 def pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:

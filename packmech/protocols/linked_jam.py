@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
-from packmech.minimize.soft_newton import SoftState, descend, judge
+from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
@@ -83,7 +84,7 @@ def find_onset(protocol: Protocol, distance: float) -> Onset | None:
 
 def _onset_at(protocol: Protocol, packing: Packing, at: float) -> SoftState | None:
     """Return the packing, in reduced units, in stable balance at the pressure, or None."""
-    state = descend(packing, protocol.units, protocol.basis_kdd, protocol.reduced_pressure(at))
+    state = _descended(protocol, packing, at, "onset")
     return state if state.sound(protocol.force_tolerance) else None
 
 
@@ -270,9 +271,21 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
 
 
 def _descended(protocol: Protocol, reduced: Packing, pressure: float | None, stage: str) -> SoftState:
-    """Return the packing, in reduced units, that Newton's method going down reaches at a pressure or at its volume."""
+    """Return the packing, in reduced units, that Newton's method going down reaches at a pressure or at its volume.
+
+    Where it comes to no balance, overlaps are smoothed first.
+    """
     goal = None if pressure is None else protocol.reduced_pressure(pressure)
-    return descend(reduced, protocol.units, protocol.basis_kdd, goal, watch=protocol.watcher(stage, reduced=True))
+    watch = protocol.watcher(stage, reduced=True)
+    state = descend(reduced, protocol.units, protocol.basis_kdd, goal, watch=watch)
+    if state.sound(protocol.force_tolerance) or _is_unjammed(state):
+        return state
+    smoothed = descend_smoothed(reduced, protocol.units, protocol.basis_kdd, goal, watch=watch)
+    iterations, evaluations = (
+        state.iterations + smoothed.iterations,
+        state.evaluations + smoothed.evaluations,
+    )
+    return replace(smoothed, iterations=iterations, evaluations=evaluations)
 
 
 def _at(protocol: Protocol, packing: Packing, pressure: float, stage: str) -> SoftState | None:

@@ -98,6 +98,14 @@ def test_far_compression_closes_contacts_and_counts_rearrangements():
     assert far.report["rearrangements"] >= 0
 
 
+def test_compression_ends_in_balance_where_a_contact_that_just_touches_holds_the_packing():
+    packing = pm.random_packing(256, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.9, seed=29)
+    springs = (pm.Repulsion(law=pm.LinearSpring()),)
+    jammed = pm.jam(pm.Scene(packing, springs), pressure=1e-3)
+    (run,) = pm.compress(pm.Scene(jammed.packing, springs), [1e-3])
+    assert run.ok and run.residual <= 1e-9
+
+
 @pytest.mark.parametrize("bad", [[], [0.0], [-1e-3], [np.nan]])
 def test_distances_that_are_not_positive_are_refused(bad):
     with pytest.raises(ValueError, match="distances must"):

@@ -6,7 +6,7 @@ import pytest
 import packmech as pm
 from packmech.constraints.projection import scale_box
 from packmech.minimize.soft_network import Units
-from packmech.minimize.soft_newton import descend
+from packmech.minimize.soft_newton import descend, descend_smoothed
 
 START = {2: 0.35, 3: 0.2}
 DENSE = {2: 0.9, 3: 0.72}
@@ -88,6 +88,32 @@ def test_flexible_chains_jam_in_three_dimensions(chains, beads):
     packing = pm.chain_packing(chains, beads, dimension=3, packing_fraction=0.7, seed=1)
     run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)))
     assert is_isostatic(run) and np.abs(run.packing.link_error).max() <= 1e-13
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [pm.Dimer(), pm.Trimer(), None], ids=["dimers", "trimers", "chains"])
+def test_ordered_and_redundant_packings_with_links_end_at_the_pressure_asked_for(shape):
+    for seed in range(1, 21):
+        if shape is None:
+            packing = pm.chain_packing(10, 8, dimension=2, packing_fraction=0.4, seed=seed)
+        else:
+            packing = pm.cluster_packing(20, shape, dimension=2, packing_fraction=0.4, largest_overlap=0.1, seed=seed)
+        run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)))
+        assert run.report["pressure"] == pytest.approx(1e-8, rel=1e-5) and run.residual <= 1e-5
+
+
+def test_smoothing_finds_the_balance_where_contacts_that_just_touch_open_and_close():
+    # a triangular lattice of equal discs in a box that is compressed: every particle has twice the contacts it needs,
+    # and moves of the size of the overlaps open and close them
+    position = np.array([[i + 0.5 * (j % 2), 0.75**0.5 * j] for i in range(6) for j in range(6)])
+    lattice = 0.995 * np.diag([6.0, 6.0 * 0.75**0.5])
+    rng = np.random.default_rng(1)
+    moved = pm.Packing(0.995 * position + 0.01 * rng.standard_normal((36, 2)), [0.5] * 36, pm.Box(lattice))
+    units = Units((pm.Repulsion(),), 1.0, 1.0)
+    basis = np.eye(2)[None] / np.sqrt(2.0)
+    state = descend_smoothed(moved, units, basis, 1e-6)
+    assert state.sound(1e-9)
+    assert pm.packing_fraction(state.packing) == pytest.approx(np.pi / np.sqrt(12.0), abs=1e-5)
 
 
 def test_methods_that_know_no_links_are_refused_with_them():
