@@ -14,6 +14,7 @@ Examples
 
 """
 
+from packmech.validation.particle_shear.conversion import from_scene, to_scene
 from packmech.validation.particle_shear.experiment import (
     DRIFTS,
     Moduli,
@@ -51,11 +52,13 @@ __all__ = [
     "bond_force",
     "bond_fragments",
     "demodulate",
+    "from_scene",
     "is_as_stated",
     "judge",
     "normal_force",
     "prepared_discs",
     "read_text",
     "remove_jumps",
+    "to_scene",
     "write_text",
 ]
