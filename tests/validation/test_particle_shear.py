@@ -142,6 +142,21 @@ def test_plateau_law_is_continuous_and_a_slope_of_one_is_no_plateau():
     assert ps.normal_force(made, 0.0, 20.0) == -40.0
 
 
+def test_numbers_of_plateau_and_tension_are_the_experiments_and_the_files(tmp_path):
+    short = {"particles": 20, "pre_periods": 0.1, "periods": 0.1, "post_periods": 0.0}
+    flat = ps.ParticleShear(law="plateau", plateau_begin=0.2, plateau_end=0.9, plateau_slope=0.3, **short)
+    assert flat.material[-4:] == (0.2, 0.9, 0.3, 0.0)
+    weak = ps.ParticleShear(law="exponential", tensile_range=0.5, **short)
+    assert weak.material[-2:] == (1.0, 0.5)
+    for experiment, words in (
+        (flat, "Elastic force law = plateau, begin, end and slope = 0.2, 0.9, 0.3[-]"),
+        (weak, "Tensile force law = exponential, range = 0.5[-]"),
+    ):
+        run = experiment.run(ps.prepared_discs(experiment, seed=1, steps=2))
+        assert words in ps.write_text(run, tmp_path, tensors=False).read_text().splitlines()
+    assert "force law" not in "".join(ps.read_text(ps.write_text(short_run(), tmp_path)).header)
+
+
 def test_bonds_pull_linearly_or_saturate():
     linear, saturating = ps.Material(2.0), ps.Material(2.0, tensile_range=0.2)
     assert ps.bond_force(linear, 25.0, 20.0) == 10.0

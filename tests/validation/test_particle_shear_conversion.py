@@ -11,8 +11,8 @@ from packmech.validation import particle_shear as ps
 
 CHANGES = [
     {},
-    {"law": "plateau"},
-    {"law": "exponential"},
+    {"law": "plateau", "plateau_begin": 0.2, "plateau_end": 0.9, "plateau_slope": 0.3},
+    {"law": "exponential", "tensile_range": 0.5},
     {"divergence": 0.4, "friction_coefficient": 0.3, "tangential_ratio": 0.5, "relative_viscosity": 0.3},
     {"reinforcement_normal": 2.0, "reinforcement_tangential": 3.0},
     {"reinforcement_normal": 2.0, "reinforcement_tangential": 3.0, "keep_viscosity": True},

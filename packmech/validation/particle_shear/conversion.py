@@ -198,11 +198,12 @@ def _experiment(
 ) -> ParticleShear:
     """Return the parameters that a scene's numbers come from."""
     repulsion, friction, bonds = of[Repulsion].law, of[Friction], of.get(Bonds)
-    law, form = repulsion, "divergent"
+    law, form, numbers = repulsion, "divergent", {}
     if isinstance(repulsion, PlateauRepulsion):
         law, form = repulsion.law, "plateau"
+        numbers = {f"plateau_{name}": getattr(repulsion, name) for name in ("begin", "end", "slope")}
     elif bonds is not None and isinstance(bonds.tension, ExponentialTension):
-        form = "exponential"
+        form, numbers = "exponential", {"tensile_range": bonds.tension.fraction}
     if not isinstance(law, DivergentRepulsion):
         raise ValueError(f"scene must have a divergent repulsion, got {type(law).__name__}")
     normal = tangential = 1.0
@@ -241,6 +242,7 @@ def _experiment(
         post_periods=drive.post_periods,
         cooling=math.exp(-of[BackgroundDamping].rate / frequency),
         law=form,
+        **numbers,
     )
 
 
