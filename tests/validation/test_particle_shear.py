@@ -432,6 +432,43 @@ def test_broken_text_files_are_refused_by_line(tmp_path):
         ps.read_text(path)
 
 
+# ------------------------------------------------------------------------------------------------------ series of runs
+
+
+def test_series_runs_amplitudes_frictions_and_controls_on_fresh_discs_and_writes_true_files(tmp_path):
+    short = ps.ParticleShear(particles=20, pre_periods=0.1, periods=0.1, post_periods=0.1)
+    settings = {"amplitudes": [0.1, 0.2], "friction_coefficients": [0.01, 0.1], "repetitions": 2, "seed": 3}
+    settings |= {"controls": ps.CONTROLS, "centers": 2, "steps": 5, "spanning": "allowed"}
+    first, again = (list(ps.run_series(short, **settings, folder=tmp_path, tensors=False)) for _ in range(2))
+    assert len(first) == 2 * 2 * 2 * 4
+    for one, other in zip(first, again, strict=True):
+        assert np.array_equal(one.series.stress_tsdd, other.series.stress_tsdd)
+    assert len({run.start.position_nd.tobytes() for run in first}) == len(first)
+    found = [
+        (run.experiment.amplitude, run.experiment.friction_coefficient, run.start.preparation.kind) for run in first
+    ]
+    kinds = [("", False), ("_bulk", False), ("_uncrosslinked", False), ("", True)]
+    expected = [(a, 0.0 if bare else mu, kind) for a in (0.1, 0.2) for mu in (0.01, 0.1) for kind, bare in kinds]
+    assert found == 2 * expected
+    # two repetitions, twice
+    assert len(list(tmp_path.glob("dermal_filler_bulk0.1_*_strain_0.2_nr_*.txt"))) == 4
+    assert len(list(tmp_path.iterdir())) == 2 * len(first)
+
+
+def test_series_refuses_at_once_what_cannot_be(tmp_path):
+    good = {"amplitudes": [0.1], "friction_coefficients": [0.01], "repetitions": 1, "seed": 1}
+    for change, message in (
+        ({"amplitudes": [0.1, 0.0]}, "amplitudes.1. must be"),
+        ({"friction_coefficients": [-1.0]}, "friction_coefficients.0. must be"),
+        ({"repetitions": 0}, "repetitions must be"),
+        ({"controls": ["none"]}, "controls.0. must be one of"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ps.run_series(ps.ParticleShear(), **(good | change))
+    with pytest.raises(NotADirectoryError, match="folder must be an existing folder"):
+        ps.run_series(ps.ParticleShear(), **good, folder=tmp_path / "none")
+
+
 # ------------------------------------------------------------------------------------------------- names and commands
 
 

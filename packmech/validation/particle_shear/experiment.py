@@ -205,6 +205,7 @@ class ParticleShear:
     saveOutputImages, imageFileType         ``packmech run --frames 200 --format``
     doDrawing, plotStress                   ``packmech run --live``
     relative_y_scale_force                  none: figures find their scale
+    doParticleShearSimulationSeries         ``run_series``
     call_back_elastic_force_law             ``law``, ``plateau_begin`` and the like, ``tensile_range``
     ======================================  ==========================================================
 
