@@ -114,6 +114,7 @@ BAD = {
         for name in (
             "amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods",
             "reinforcement_normal", "reinforcement_tangential", "width", "height",
+            "tensile_range",
         )
     },
     **{
@@ -125,6 +126,9 @@ BAD = {
     "ParticleShear.cooling": [0.0, -1.0, 1.5, NAN, "1", None],
     "ParticleShear.keep_viscosity": SWITCH,
     "ParticleShear.law": CHOICE,
+    "ParticleShear.plateau_begin": [0.0, -1.0, 1.1, NAN, "1", None],
+    "ParticleShear.plateau_end": [0.2, 1.1, NAN, "1", None],
+    "ParticleShear.plateau_slope": [-0.1, 1.1, NAN, "1", None],
     # packings and boxes
     "lattice_dd": [np.zeros((2, 2)), [[1.0, NAN], [0.0, 1.0]], np.eye(4), np.ones((2, 3)), 3.0, "box", None, []],
     "position_nd": [[[0.0, NAN]], [[0.0, INF]], [[0.0]], [0.0, 0.0], [], np.zeros((0, 2)), "x", None, [[0.0, 1j]]],

@@ -142,6 +142,21 @@ def test_plateau_law_is_continuous_and_a_slope_of_one_is_no_plateau():
     assert ps.normal_force(made, 0.0, 20.0) == -40.0
 
 
+def test_numbers_of_plateau_and_tension_are_the_experiments_and_the_files(tmp_path):
+    short = {"particles": 20, "pre_periods": 0.1, "periods": 0.1, "post_periods": 0.0}
+    flat = ps.ParticleShear(law="plateau", plateau_begin=0.2, plateau_end=0.9, plateau_slope=0.3, **short)
+    assert flat.material[-4:] == (0.2, 0.9, 0.3, 0.0)
+    weak = ps.ParticleShear(law="exponential", tensile_range=0.5, **short)
+    assert weak.material[-2:] == (1.0, 0.5)
+    for experiment, words in (
+        (flat, "Elastic force law = plateau, begin, end and slope = 0.2, 0.9, 0.3[-]"),
+        (weak, "Tensile force law = exponential, range = 0.5[-]"),
+    ):
+        run = experiment.run(ps.prepared_discs(experiment, seed=1, steps=2))
+        assert words in ps.write_text(run, tmp_path, tensors=False).read_text().splitlines()
+    assert "force law" not in "".join(ps.read_text(ps.write_text(short_run(), tmp_path)).header)
+
+
 def test_bonds_pull_linearly_or_saturate():
     linear, saturating = ps.Material(2.0), ps.Material(2.0, tensile_range=0.2)
     assert ps.bond_force(linear, 25.0, 20.0) == 10.0
@@ -415,6 +430,43 @@ def test_broken_text_files_are_refused_by_line(tmp_path):
     path.write_text("\n".join(lines).replace("stress_tensor_overall_11", "stress_tensor_whole_11"))
     with pytest.raises(ValueError, match="must have the column stress_tensor_overall_11"):
         ps.read_text(path)
+
+
+# ------------------------------------------------------------------------------------------------------ series of runs
+
+
+def test_series_runs_amplitudes_frictions_and_controls_on_fresh_discs_and_writes_true_files(tmp_path):
+    short = ps.ParticleShear(particles=20, pre_periods=0.1, periods=0.1, post_periods=0.1)
+    settings = {"amplitudes": [0.1, 0.2], "friction_coefficients": [0.01, 0.1], "repetitions": 2, "seed": 3}
+    settings |= {"controls": ps.CONTROLS, "centers": 2, "steps": 5, "spanning": "allowed"}
+    first, again = (list(ps.run_series(short, **settings, folder=tmp_path, tensors=False)) for _ in range(2))
+    assert len(first) == 2 * 2 * 2 * 4
+    for one, other in zip(first, again, strict=True):
+        assert np.array_equal(one.series.stress_tsdd, other.series.stress_tsdd)
+    assert len({run.start.position_nd.tobytes() for run in first}) == len(first)
+    found = [
+        (run.experiment.amplitude, run.experiment.friction_coefficient, run.start.preparation.kind) for run in first
+    ]
+    kinds = [("", False), ("_bulk", False), ("_uncrosslinked", False), ("", True)]
+    expected = [(a, 0.0 if bare else mu, kind) for a in (0.1, 0.2) for mu in (0.01, 0.1) for kind, bare in kinds]
+    assert found == 2 * expected
+    # two repetitions, twice
+    assert len(list(tmp_path.glob("dermal_filler_bulk0.1_*_strain_0.2_nr_*.txt"))) == 4
+    assert len(list(tmp_path.iterdir())) == 2 * len(first)
+
+
+def test_series_refuses_at_once_what_cannot_be(tmp_path):
+    good = {"amplitudes": [0.1], "friction_coefficients": [0.01], "repetitions": 1, "seed": 1}
+    for change, message in (
+        ({"amplitudes": [0.1, 0.0]}, "amplitudes.1. must be"),
+        ({"friction_coefficients": [-1.0]}, "friction_coefficients.0. must be"),
+        ({"repetitions": 0}, "repetitions must be"),
+        ({"controls": ["none"]}, "controls.0. must be one of"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ps.run_series(ps.ParticleShear(), **(good | change))
+    with pytest.raises(NotADirectoryError, match="folder must be an existing folder"):
+        ps.run_series(ps.ParticleShear(), **good, folder=tmp_path / "none")
 
 
 # ------------------------------------------------------------------------------------------------- names and commands

@@ -14,6 +14,7 @@ Examples
 
 """
 
+from packmech.validation.particle_shear.conversion import from_scene, to_scene
 from packmech.validation.particle_shear.experiment import (
     DRIFTS,
     Moduli,
@@ -26,10 +27,12 @@ from packmech.validation.particle_shear.experiment import (
 from packmech.validation.particle_shear.material import Material, bond_force, normal_force
 from packmech.validation.particle_shear.preparation import bond_fragments, prepared_discs
 from packmech.validation.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, is_as_stated, judge
+from packmech.validation.particle_shear.series import CONTROLS, run_series
 from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, Preparation, StepRules, Steps, advance
 from packmech.validation.particle_shear.text_file import TextData, read_text, write_text
 
 __all__ = [
+    "CONTROLS",
     "DRIFTS",
     "SCENARIOS",
     "STATEMENTS",
@@ -51,11 +54,14 @@ __all__ = [
     "bond_force",
     "bond_fragments",
     "demodulate",
+    "from_scene",
     "is_as_stated",
     "judge",
     "normal_force",
     "prepared_discs",
     "read_text",
     "remove_jumps",
+    "run_series",
+    "to_scene",
     "write_text",
 ]

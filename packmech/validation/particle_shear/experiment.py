@@ -205,7 +205,8 @@ class ParticleShear:
     saveOutputImages, imageFileType         ``packmech run --frames 200 --format``
     doDrawing, plotStress                   ``packmech run --live``
     relative_y_scale_force                  none: figures find their scale
-    call_back_elastic_force_law             ``Material.plateau_*``, ``Material.tensile_range`` through ``law``
+    doParticleShearSimulationSeries         ``run_series``
+    call_back_elastic_force_law             ``law``, ``plateau_begin`` and the like, ``tensile_range``
     ======================================  ==========================================================
 
     `prepared_discs` makes the discs ready as the package does, with seeded random numbers in place of unseeded ones.
@@ -239,8 +240,12 @@ class ParticleShear:
     cooling
         What one period leaves of velocities relative to the sheared flow [1].
     law
-        "divergent" (with the share above), "plateau" (its begin, end and slope as the package ships them) or
-        "exponential" (bonds whose tension saturates).
+        "divergent" (with the share above), "plateau" or "exponential" (bonds whose tension saturates).
+    plateau_begin, plateau_end, plateau_slope
+        Between these fractions of the contact distance the plateau's repulsion rises with this slope instead of 1, as
+        the package ships it [1].
+    tensile_range
+        Range of the saturating tension, in rest lengths [1].
 
     Examples
     --------
@@ -276,13 +281,17 @@ class ParticleShear:
     post_periods: float = 1.0
     cooling: float = 0.5
     law: str = "divergent"
+    plateau_begin: float = 0.3
+    plateau_end: float = 0.8
+    plateau_slope: float = 0.1
+    tensile_range: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio", "pre_periods", "post_periods"):
             object.__setattr__(self, name, check.real(name, getattr(self, name), at_least=0.0))
         for name in (
             *("amplitude", "young_modulus", "packing_fraction", "density", "relative_frequency", "periods"),
-            *("width", "height"),
+            *("width", "height", "tensile_range"),
             *("reinforcement_normal", "reinforcement_tangential"),
         ):
             object.__setattr__(self, name, check.positive(name, getattr(self, name)))
@@ -291,6 +300,11 @@ class ParticleShear:
         object.__setattr__(self, "divergence", check.real("divergence", self.divergence, at_least=0.0, at_most=1.0))
         object.__setattr__(self, "cooling", check.real("cooling", self.cooling, above=0.0, at_most=1.0))
         check.one_of("law", self.law, ("divergent", "plateau", "exponential"))
+        begin = check.real("plateau_begin", self.plateau_begin, above=0.0, at_most=1.0)
+        end = check.real("plateau_end", self.plateau_end, at_least=begin, at_most=1.0)
+        slope = check.real("plateau_slope", self.plateau_slope, at_least=0.0, at_most=1.0)
+        for name, value in (("plateau_begin", begin), ("plateau_end", end), ("plateau_slope", slope)):
+            object.__setattr__(self, name, value)
         if not isinstance(self.keep_viscosity, bool):
             raise TypeError(f"keep_viscosity must be True or False, got {self.keep_viscosity!r}")
 
@@ -359,8 +373,10 @@ class ParticleShear:
             1.0 / normal,
             1.0 / tangential,
             bond_viscosity_follows=0.0 if self.keep_viscosity else 1.0,
-            plateau_slope=0.1 if self.law == "plateau" else 1.0,
-            tensile_range=0.2 if self.law == "exponential" else 0.0,
+            plateau_begin=self.plateau_begin,
+            plateau_end=self.plateau_end,
+            plateau_slope=self.plateau_slope if self.law == "plateau" else 1.0,
+            tensile_range=self.tensile_range if self.law == "exponential" else 0.0,
         )
 
     @property

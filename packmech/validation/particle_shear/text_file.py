@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech import check
-from packmech.validation.particle_shear.experiment import ParticleShearRun
+from packmech.validation.particle_shear.experiment import ParticleShear, ParticleShearRun
 from packmech.validation.particle_shear.material import contact_stiffness, contact_viscosity
 from packmech.validation.particle_shear.step import STRESSES, Discs, Preparation
 
@@ -87,6 +87,16 @@ def _about_bonds(how: Preparation) -> list[str]:
     return ["Dermal filler Ensemble:", f"\t{tool} used to generate the particles = {how.pieces}"]
 
 
+def _about_law(experiment: ParticleShear) -> list[str]:
+    """Return the lines that say which law is in force, where it is not the package's own one."""
+    if experiment.law == "plateau":
+        numbers = experiment.plateau_begin, experiment.plateau_end, experiment.plateau_slope
+        return [f"Elastic force law = plateau, begin, end and slope = {', '.join(map(_plain, numbers))}[-]"]
+    if experiment.law == "exponential":
+        return [f"Tensile force law = exponential, range = {_plain(experiment.tensile_range)}[-]"]
+    return []
+
+
 def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
     experiment, discs, made = run.experiment, run.start, run.experiment.material
     stiffness = contact_stiffness(experiment.young_modulus)
@@ -129,7 +139,7 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
         f"Particle number = {discs.discs}",
         "Radii = " + " ".join(_plain(size) for size in sizes[:8]) + "micrometers",
         f"Nonlinear enhancement for repulsion near sphere center = {_plain(experiment.divergence)}[-]",
-        *([] if experiment.law == "divergent" else [f"Elastic force law = {experiment.law}"]),
+        *_about_law(experiment),
         f"Adjustment coefficient for central force in permanent links = {_plain(bond[0])}[-]",
         f"\tk_permanent={_plain(made.stiffness * bond[0])}mg*s^(-2)",
         f"Adjustment coefficient for tangential force in permanent links = {_plain(bond[1])}[-]",
