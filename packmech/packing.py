@@ -1,23 +1,53 @@
-"""A packing: positions, radii and the periodic box, checked once."""
+"""A packing: positions, radii, masses and the periodic box, checked once."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import LONGEST, SHORTEST, Box
-from packmech.check import finite_array, instance, positive_array
+from packmech.check import finite_array, instance, positive, positive_array
 from packmech.links import Links
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
 DISCRETE_SIZES = 10
 # largest rounding of a position, relative to the smallest radius, at which contacts still mean something [1]
 _COARSEST = 1e-6
+
+
+def masses_of_density(
+    density: float | None, radius_n: NDArray[np.float64], dimension: int
+) -> NDArray[np.float64] | None:
+    """Return the (N,) masses of discs or spheres of one density [mass/length^d]; None where no density is given."""
+    if density is None:
+        return None
+    ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
+    return np.asarray(positive("density", density) * ball * radius_n**dimension)
+
+
+class _Masses:
+    """The field `mass_n` of a packing: the masses that were given, else those of density 1, which follow the radii."""
+
+    @overload
+    def __get__(self, packing: None, owner: type[Packing]) -> None: ...
+
+    @overload
+    def __get__(self, packing: Packing, owner: type[Packing]) -> NDArray[np.float64]: ...
+
+    def __get__(self, packing: Packing | None, owner: type[Packing]) -> NDArray[np.float64] | None:
+        if packing is None:
+            return None  # the default of the constructor's argument
+        given = packing.given_mass_n
+        return masses_of_density(1.0, packing.radius_n, packing.dimension) if given is None else given
+
+    def __set__(self, packing: Packing, mass_n: ArrayLike | None) -> None:
+        packing.__dict__["given_mass_n"] = mass_n
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +64,14 @@ class Packing:
         The periodic box.
     links
         Rigid links between particles, if there are any.
+    mass_n
+        (N,) masses. Unless given those of density 1: a particle's area pi r^2, or its volume 4/3 pi r^3 in space, which
+        follow the radii; masses that are given stay when radii change.
+
+    Attributes
+    ----------
+    given_mass_n
+        (N,) masses that were given; None where they are those of density 1.
 
     Raises
     ------
@@ -46,6 +84,8 @@ class Packing:
     >>> packing = Packing([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], Box.cubic(2.0, 2))
     >>> packing.particles, packing.dimension, packing.reference_diameter
     (2, 2, 1.0)
+    >>> packing.mass_n.round(6).tolist(), packing.replace(mass_n=[1.0, 3.0]).mass_n.tolist()
+    ([0.785398, 0.785398], [1.0, 3.0])
 
     """
 
@@ -53,6 +93,8 @@ class Packing:
     radius_n: NDArray[np.float64]
     box: Box
     links: Links | None = None
+    mass_n: _Masses = _Masses()  # noqa: RUF009
+    given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         instance("box", self.box, Box)
@@ -61,7 +103,10 @@ class Packing:
         if len(radius) != len(position):
             raise ValueError(f"radius_n must have one entry per particle ({len(position)}), got {len(radius)}")
         _check_digits(position, radius, self.box)
-        for name, array in (("position_nd", position), ("radius_n", radius)):
+        arrays = {"position_nd": position, "radius_n": radius}
+        if self.given_mass_n is not None:
+            arrays["given_mass_n"] = positive_array("mass_n", self.given_mass_n, shape=(len(position),))
+        for name, array in arrays.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if self.links is not None:
@@ -84,10 +129,15 @@ class Packing:
             and np.array_equal(self.position_nd, other.position_nd)
             and np.array_equal(self.radius_n, other.radius_n)
             and self.links == other.links
+            and self._given_masses() == other._given_masses()
         )
 
     def __hash__(self) -> int:
-        return hash((self.position_nd.tobytes(), self.radius_n.tobytes(), self.box, self.links))
+        arrays = self.position_nd.tobytes(), self.radius_n.tobytes()
+        return hash((*arrays, self.box, self.links, self._given_masses()))
+
+    def _given_masses(self) -> bytes | None:
+        return None if self.given_mass_n is None else self.given_mass_n.tobytes()
 
     @property
     def particles(self) -> int:
@@ -118,7 +168,18 @@ class Packing:
 
     def replace(self, **changes: Any) -> Packing:
         """Return a packing with the named fields exchanged."""
-        return dataclasses.replace(self, **changes)
+        return dataclasses.replace(self, **{"mass_n": self.given_mass_n, **changes})
+
+    def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
+        """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
+        given = self.given_mass_n
+        return Packing(
+            self.position_nd[kept_n],
+            self.radius_n[kept_n],
+            self.box,
+            links,
+            None if given is None else given[kept_n],
+        )
 
     def wrapped(self) -> Packing:
         """Return the same packing with every center inside the cell."""

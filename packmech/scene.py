@@ -177,7 +177,6 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "axes": _axes,
     "blocks": partial(integer, at_least=2),
     "carried": partial(instance, kind=bool),
-    "density": positive,
     "dt": positive,
     "duration": positive,
     "force_tolerance": positive,
@@ -187,7 +186,6 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "hold": positive,
     "inertia": positive,
     "largest_oscillation": positive,
-    "masses": partial(_tuple, of=positive, words="masses, one a particle"),
     "method": _method,
     "mode": partial(one_of, choices=("shear", "uniaxial", "isotropic")),
     "orders": _count,
@@ -241,9 +239,6 @@ class SimulateDrive:
         What pm.simulate takes; exactly one of steps and duration.
     velocities, spins
         One row a particle: velocities, and one number (three in space) of spin; at rest unless given.
-    masses, density
-        One a particle, or else mass over area (over volume in space) of every one [mass/length^d]; those of pm.simulate
-        unless given.
     held
         Numbers of the particles that nothing pushes or turns.
 
@@ -255,15 +250,11 @@ class SimulateDrive:
     method: Any = None
     velocities: tuple[tuple[float, ...], ...] | None = None
     spins: tuple[tuple[float, ...], ...] | None = None
-    masses: tuple[float, ...] | None = None
-    density: float | None = None
     held: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         _check_fields(self)
         _check_either(self, "steps", "duration")
-        if self.masses is not None and self.density is not None:
-            raise ValueError(f"drive.density must be left out where masses are given, got {self.density:g}")
 
 
 @_built_in("packmech.protocols.drives:QUENCH")
@@ -355,9 +346,6 @@ class OscillatoryShearDrive:
         What pm.oscillatory_shear takes; exactly one of the frequencies.
     samples_per_period
         As there.
-    density
-        Mass over area, or over volume in space, of every particle [mass/length^d]. Unless given a particle of the
-        reference diameter has mass 1.
     largest_oscillation
         What pm.equilibrate takes, which comes first; None: nothing does.
     plates
@@ -379,7 +367,6 @@ class OscillatoryShearDrive:
     dt: float | None = None
     method: Any = None
     samples_per_period: int = 200
-    density: float | None = None
     largest_oscillation: float | None = 0.1
     plates: str | float | None = None
     carried: bool = True
@@ -402,8 +389,6 @@ class SteadyShearDrive:
     ----------
     rates, applied_strain, skip_strain, blocks, samples, axes, dt, method
         What pm.steady_shear takes.
-    density
-        As in `OscillatoryShearDrive`.
 
     """
 
@@ -415,7 +400,6 @@ class SteadyShearDrive:
     axes: tuple[int, int] = (0, 1)
     dt: float | None = None
     method: Any = None
-    density: float | None = None
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -431,8 +415,6 @@ class RampStrainDrive:
     ----------
     rate, applied_strain, mode, samples, axes, dt, method
         What pm.ramp_strain takes.
-    density
-        As in `OscillatoryShearDrive`.
 
     """
 
@@ -443,7 +425,6 @@ class RampStrainDrive:
     axes: tuple[int, int] = (0, 1)
     dt: float | None = None
     method: Any = None
-    density: float | None = None
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -458,8 +439,6 @@ class CreepDrive:
     ----------
     stress, duration, hold, inertia, viscosity, axes, dt, method
         What pm.creep takes.
-    density
-        As in `OscillatoryShearDrive`.
 
     """
 
@@ -471,7 +450,6 @@ class CreepDrive:
     axes: tuple[int, int] = (0, 1)
     dt: float | None = None
     method: Any = None
-    density: float | None = None
 
     def __post_init__(self) -> None:
         _check_fields(self)

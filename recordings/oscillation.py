@@ -22,14 +22,12 @@ def sheared() -> tuple[pm.Scene, pm.OscillatoryShear]:
     """Return the scene at rest, and its run."""
     scene = pm.read_scene(SCENE)
     drive = scene.drive
-    assert isinstance(drive, pm.OscillatoryShearDrive) and drive.density is not None
-    mass_n = drive.density * np.pi * scene.packing.radius_n**2
+    assert isinstance(drive, pm.OscillatoryShearDrive)
     shared = {
         "amplitude": drive.amplitude,
         "relative_frequency": drive.relative_frequency,
         "axes": drive.axes,
         "dt": drive.dt,
-        "mass_n": mass_n,
     }
     if drive.largest_oscillation is not None:
         rest = pm.equilibrate(scene, largest_oscillation=drive.largest_oscillation, **shared)

@@ -70,13 +70,14 @@ def golden():
 
 @pytest.fixture(scope="session")
 def linked():
-    """Return a function: the stored packing with links of that name as a scene, and all that is stored about it."""
+    """Return a function: the stored packing with links and masses 1 of that name as a scene, and all that is stored."""
 
     def read(name):
         data = json.loads((GOLDEN / f"{name}.json").read_text())
         one = data["links"]
         links = pm.Links(*([link[key] for link in one] for key in ("i", "j", "z", "length"))) if one else None
         packing = pm.Packing(data["positions"], data["radii"], pm.Box(data["lattice_columns"]), links)
+        packing = packing.replace(mass_n=np.ones(packing.particles))
         return pm.Scene(packing, (pm.Repulsion(law=pm.PowerLaw(1.0, data["w"])),)), data
 
     return read

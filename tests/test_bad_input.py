@@ -210,6 +210,8 @@ BAD = {
     **{f"{name}.mode": CHOICE for name in ("SteadyStrain", "OscillatoryStrain")},
     "SteadyStrain.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), "01"],
     "OscillatoryStrain.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), "01"],
+    "density": [NAN, INF, 0.0, -1.0, "1"],
+    "Packing.mass_n": [1.0, [1.0, 1.0, 1.0], [0.0], [-1.0], [NAN], "m"],
     # preparation
     **{
         f"material_constants.{name}": POSITIVE
@@ -231,14 +233,10 @@ BAD = {
     "equilibrate.step_limit": [*COUNT, None],
     **{
         f"OscillatoryShearDrive.{name}": [NAN, INF, 0.0, -1.0, "1"]
-        for name in ("frequency", "relative_frequency", "dt", "density")
+        for name in ("frequency", "relative_frequency", "dt")
     },
     "OscillatoryShearDrive.periods": POSITIVE,
-    **{
-        f"{one}.{name}": [NAN, INF, 0.0, -1.0, "1"]
-        for one in ("CreepDrive", "RampStrainDrive")
-        for name in ("dt", "density")
-    },
+    **{f"{one}.dt": [NAN, INF, 0.0, -1.0, "1"] for one in ("CreepDrive", "RampStrainDrive")},
     **{
         f"{one}.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), (0.5, 1), "01"]
         for one in ("CreepDrive", "RampStrainDrive")
@@ -256,11 +254,10 @@ BAD = {
     "rough_plates.layer": ["rough", NAN, 0.0, -1.0, 1e9, None],
     "rough_plates.axis": [-1, 2, 0.5, "y", None],
     "SimulateDrive.steps": [*COUNT, None],
-    **{f"SimulateDrive.{name}": [NAN, INF, 0.0, -1.0, "1"] for name in ("duration", "dt", "density")},
+    **{f"SimulateDrive.{name}": [NAN, INF, 0.0, -1.0, "1"] for name in ("duration", "dt")},
     "SimulateDrive.method": ["verlet", 3, pm.VelocityVerlet],
     "SimulateDrive.velocities": [1.0, "1", [[0.0, 1.0]], ((NAN, 0.0),), (("1", 0.0),), (1.0,)],
     "SimulateDrive.spins": [1.0, "1", [[0.0]], ((INF,),), (("1",),), (1.0,)],
-    "SimulateDrive.masses": [1.0, "1", [1.0], (0.0,), (NAN,), ("1",)],
     "SimulateDrive.held": [0, "0", [0], (-1,), (0.5,), ("0",), None],
     "SteadyShearDrive.rates": [(), 0.1, (0.0,), (NAN,), ("1",), None],
     "SteadyShearDrive.applied_strain": [NAN, 0.0, -1.0, "1", None],
@@ -268,7 +265,6 @@ BAD = {
     "SteadyShearDrive.blocks": [*COUNT, 1, None],
     "SteadyShearDrive.samples": [*COUNT, None],
     "SteadyShearDrive.dt": [NAN, INF, 0.0, -1.0, "1"],
-    "SteadyShearDrive.density": [NAN, INF, 0.0, -1.0, "1"],
     "SteadyShearDrive.axes": [3, None, (0,), (0, 0), (0, 3), (0, -1), (0.5, 1), "01"],
     "SteadyShearDrive.method": ["verlet", 3, pm.VelocityVerlet],
     "OscillatoryShearDrive.skip_periods": [-1.0, NAN, 4.0, "1"],
@@ -430,7 +426,6 @@ BAD = {
     "switched_friction": [*SWITCH, True],
     "ShearBatch.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
     "ShearBatch.method": ["verlet", 3, pm.VelocityVerlet, pm.Fire()],
-    "ShearBatch.density": [NAN, INF, 0.0, -1.0, "1"],
     "ShearBatch.threads": [*COUNT, None],
     "checkpoint": [3, 1.5, "run.txt", "no such folder/run.npz"],
     "checkpoint_every": [*COUNT, 10],
@@ -491,7 +486,6 @@ BAD = {
     "count": COUNT,
     "bins": [0, -1, 2.5, "two", [1.0], [1.0, 0.5], [0.0, NAN], None],
     "source": [3, "modes", None, touching()],
-    "mass_n": [[1.0], np.zeros(9), -np.ones(9), np.full(9, NAN), "m"],
     "strain_scale": [NAN, INF, 0.0, -1.0, "1"],
     "displacement_nd": [np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), "u", None],
     "strain_dd": [np.eye(3), [[0.0, 1.0], [0.0, 0.0]], np.full((2, 2), INF), "e"],

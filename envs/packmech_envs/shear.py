@@ -156,8 +156,8 @@ def motion_of(scene: pm.Scene) -> dict[str, Any]:
 
     Examples
     --------
-    >>> motion_of(scene_of("frictionless"))["density"]
-    1e-09
+    >>> motion_of(scene_of("frictionless"))["axes"]
+    (0, 1)
 
     """
     drive = scene.drive
@@ -171,8 +171,6 @@ def motion_of(scene: pm.Scene) -> dict[str, Any]:
         "dt": getattr(drive, "dt", None),
         "method": method if isinstance(method, pm.VelocityVerlet | pm.SemiImplicitEuler) else None,
         "axes": getattr(drive, "axes", (0, 1)),
-        "density": getattr(drive, "density", None),
-        "mass_n": getattr(drive, "masses", None),
         "velocity_nd": None if velocities is None else np.array(velocities),
         "spin_nk": None if spins is None else np.array(spins),
         "held_n": held_n,

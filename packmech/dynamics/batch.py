@@ -410,9 +410,6 @@ class ShearBatch:
         Direction of the displacements, and of their gradient.
     method
         VelocityVerlet() unless given, or SemiImplicitEuler().
-    mass_n, density
-        (N,) masses of the particles of each packing, or mass over area (over volume in space) of all particles; unless
-        given a particle of the reference diameter has mass 1, and all the same density.
     velocity_nd, spin_nk
         (N, d) peculiar velocities and (N, 1 or 3) spins at the start; at rest unless given.
     held_n
@@ -458,8 +455,6 @@ class ShearBatch:
         switched_friction: bool = False,
         axes: tuple[int, int] = (0, 1),
         method: Method | None = None,
-        mass_n: ArrayLike | None = None,
-        density: float | None = None,
         velocity_nd: ArrayLike | None = None,
         spin_nk: ArrayLike | None = None,
         held_n: ArrayLike | None = None,
@@ -475,12 +470,8 @@ class ShearBatch:
         method = checked_method(method)
         self.axes = two_axes("axes", axes, dimension=first.packing.dimension)
         self._direction_dd = strain_direction("shear", self.axes, first.packing.dimension)
-        if mass_n is not None and density is not None:
-            raise ValueError(f"density must be left out where mass_n is given, got {density!r}")
-        self._density = None if density is None else positive("density", density)
-        self._start_of_motion = start_of_motion(first.packing, mass_n, velocity_nd, spin_nk, held_n)
-        self._mass = None if mass_n is None else self._start_of_motion.mass_n
-        longest = choose_time_step(first, self.masses(first.packing), method.fraction)
+        self._start_of_motion = start_of_motion(first.packing, velocity_nd, spin_nk, held_n)
+        longest = choose_time_step(first, method.fraction)
         self.dt: float = longest if dt is None else positive("dt", dt)
         d = first.packing.dimension
         self.steps: int = integer("steps", steps, at_least=1)
@@ -519,22 +510,6 @@ class ShearBatch:
     def __len__(self) -> int:
         return len(self.scenes)
 
-    def masses(self, packing: Packing) -> NDArray[np.float64]:
-        """Return the (N,) masses of the particles of a packing.
-
-        Parameters
-        ----------
-        packing
-            The packing.
-
-        """
-        if self._mass is not None:
-            return self._mass
-        d = packing.dimension
-        if self._density is None:
-            return np.asarray((packing.diameter_n / packing.reference_diameter) ** d)
-        return np.asarray(self._density * (np.pi if d == 2 else 4.0 / 3.0 * np.pi) * packing.radius_n**d)
-
     def restart(self, index: int, scene: Scene | None = None, *, rate: float = 0.0) -> None:
         """Start one packing again: nothing of what it did before is left.
 
@@ -564,7 +539,6 @@ class ShearBatch:
         built = build_engine(
             scene,
             dt=self.dt,
-            mass_n=self.masses(packing),
             velocity_nd=self._start_of_motion.velocity_nd,
             spin_nk=self._start_of_motion.spin_nk,
             profile=Driven(path),

@@ -560,7 +560,6 @@ def build_engine(
     scene: Scene,
     *,
     dt: float,
-    mass_n: NDArray[np.float64],
     velocity_nd: NDArray[np.float64],
     spin_nk: NDArray[np.float64] | None = None,
     profile: Any = None,
@@ -577,8 +576,8 @@ def build_engine(
         The scene; with rigid links only in a box that does not deform.
     dt
         Time step.
-    mass_n, velocity_nd, spin_nk
-        (N,) masses, (N, d) peculiar velocities, (N, 1 or 3) spins; None: at rest.
+    velocity_nd, spin_nk
+        (N, d) peculiar velocities, (N, 1 or 3) spins; None: at rest.
     profile, direction_dd
         How the box deforms; None: it does not.
     held_n
@@ -590,6 +589,7 @@ def build_engine(
 
     """
     packing, d = scene.packing, scene.packing.dimension
+    mass_n = packing.mass_n
     refuse_misfits(scene)
     if direction_dd is not None and packing.links is not None:
         raise ValueError(

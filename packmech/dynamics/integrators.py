@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import finite_array, positive, positive_array
+from packmech.check import finite_array, positive
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -60,23 +60,20 @@ def checked_method(method: Any) -> Method:
 
 
 class StartOfMotion(NamedTuple):
-    """(N,) masses, (N, d) velocities, (N, 1 or 3) spins, and (N,) who is held; None where nothing turns or is held."""
+    """(N, d) velocities, (N, 1 or 3) spins, and (N,) who is held; None where nothing turns or is held."""
 
-    mass_n: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None
     held_n: NDArray[np.bool_] | None
 
 
-def start_of_motion(packing: Packing, mass_n: Any, velocity_nd: Any, spin_nk: Any, held_n: Any) -> StartOfMotion:
+def start_of_motion(packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: Any) -> StartOfMotion:
     """Return what particles start with, checked.
 
     Parameters
     ----------
     packing
         The packing.
-    mass_n
-        (N,) masses. None: proportional to radius^d, with mass 1 for a particle of the reference diameter.
     velocity_nd, spin_nk
         (N, d) velocities and (N, 1 or 3) spins; None: at rest.
     held_n
@@ -89,10 +86,6 @@ def start_of_motion(packing: Packing, mass_n: Any, velocity_nd: Any, spin_nk: An
 
     """
     n, d = packing.particles, packing.dimension
-    if mass_n is None:
-        mass = np.asarray((packing.diameter_n / packing.reference_diameter) ** d)
-    else:
-        mass = positive_array("mass_n", mass_n, shape=(n,))
     velocity = np.zeros((n, d)) if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
     spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
     held = None
@@ -102,10 +95,10 @@ def start_of_motion(packing: Packing, mass_n: Any, velocity_nd: Any, spin_nk: An
             raise TypeError(f"held_n must be True or False for each particle, got {held_n!r:.60}")
         if held.shape != (n,):
             raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
-    return StartOfMotion(mass, velocity, spin, held)
+    return StartOfMotion(velocity, spin, held)
 
 
-def choose_time_step(scene: Scene, mass_n: NDArray[np.float64], fraction: float) -> float:
+def choose_time_step(scene: Scene, fraction: float) -> float:
     """Return fraction times the shortest of sqrt(m / k) and m / c over the particles [time].
 
     m is the smallest mass, k the largest stiffness, c the largest damping of whatever acts (`stiffness_and_damping`).
@@ -115,14 +108,12 @@ def choose_time_step(scene: Scene, mass_n: NDArray[np.float64], fraction: float)
     ----------
     scene
         The scene.
-    mass_n
-        (N,) masses.
     fraction
         The fraction [1].
 
     """
     stiffest, most_damped, drag = stiffness_and_damping(scene)
-    smallest = float(mass_n.min())
+    smallest = float(scene.packing.mass_n.min())
     # one over each of the two times
     fastest = max(math.sqrt(stiffest / smallest), most_damped / smallest + drag)
     if not fastest > 0.0:

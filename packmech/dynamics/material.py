@@ -119,7 +119,7 @@ class MaterialConstants:
     mean_mass
         m, of a particle [kg per m].
     density
-        As `pm.oscillatory_shear`'s drive takes it, mass over area [kg per m and um^2].
+        As packings take it (`pm.fill_box`), mass over area [kg per m and um^2].
     time
         tau = sqrt(m / k) [s].
     frequency

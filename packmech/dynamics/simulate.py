@@ -31,7 +31,6 @@ def simulate(
     velocity_nd: ArrayLike | None = None,
     temperature: float | None = None,
     seed: int | None = None,
-    mass_n: ArrayLike | None = None,
     spin_nk: ArrayLike | None = None,
     applied_strain: SteadyStrain | OscillatoryStrain | None = None,
     held_n: ArrayLike | None = None,
@@ -69,9 +68,6 @@ def simulate(
         independent motion that links and a resting center of mass leave. Needs a seed.
     seed
         Seed of the velocities.
-    mass_n
-        (N,) masses. Unless given proportional to radius^d (one density for all), with mass 1 for a particle of the
-        reference diameter.
     spin_nk
         (N, 1) spins at the start in a plane, (N, 3) in space [1/time], where particles turn (friction, bonds).
     applied_strain
@@ -120,7 +116,7 @@ def simulate(
     >>> import numpy as np
     >>> import packmech as pm
     >>> link = pm.Links([0], [1], [[0, 0]], [1.0])
-    >>> dimer = pm.Packing([[1.0, 2.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), link)
+    >>> dimer = pm.Packing([[1.0, 2.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), link, [1.0, 1.0])
     >>> turning = [[0.0, -0.5], [0.0, 0.5]]
     >>> run = pm.simulate(pm.Scene(dimer, (pm.Repulsion(),)), duration=2 * np.pi, velocity_nd=turning)
     >>> run.outcome.name, run.tension_l.round(12).tolist(), run.energy_drift < 1e-14
@@ -129,8 +125,8 @@ def simulate(
     """
     instance("scene", scene, Scene)
     method = checked_method(method)
-    mass, velocity, spin, held = start_of_motion(scene.packing, mass_n, velocity_nd, spin_nk, held_n)
-    longest = choose_time_step(scene, mass, method.fraction) if dt is None else positive("dt", dt)
+    velocity, spin, held = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)
+    longest = choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt)
     count, step = _steps(steps, duration, longest)
     if seed is not None:
         integer("seed", seed, at_least=0)
@@ -151,7 +147,6 @@ def simulate(
         )
     settings = SimulationSettings(
         scene,
-        mass,
         step,
         count,
         method,
@@ -184,8 +179,8 @@ def resume(
 ) -> Simulation:
     """Return a simulation that goes on from its checkpoint, with the bits of one that was never stopped.
 
-    Everything but the scene is in the file: time step, method, masses, applied strain, who is held, what is kept on the
-    way, and all that was kept so far. Checkpoints go on being written to it.
+    Everything but the scene is in the file: time step, method, applied strain, who is held, what is kept on the way,
+    and all that was kept so far. Checkpoints go on being written to it.
 
     Parameters
     ----------

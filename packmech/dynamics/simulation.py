@@ -154,8 +154,8 @@ class Simulation(Run):
 
     Attributes
     ----------
-    velocity_nd, mass_n
-        (N, d) velocities at the end [length/time]; (N,) masses.
+    velocity_nd
+        (N, d) velocities at the end [length/time].
     dt
         The time step [time].
     energy_drift
@@ -177,7 +177,6 @@ class Simulation(Run):
     """
 
     velocity_nd: NDArray[np.float64]
-    mass_n: NDArray[np.float64]
     dt: float
     energy_drift: float
     momentum_error: float
@@ -403,7 +402,6 @@ class SimulationSettings:
     """Checked settings of a simulation; a checkpoint keeps all but the scene."""
 
     scene: Scene
-    mass_n: NDArray[np.float64]
     dt: float
     steps: int
     method: Method
@@ -440,10 +438,9 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         strain = from_table(strain, "applied_strain", kinds_of((SteadyStrain, OscillatoryStrain)))
         strain.direction(scene.packing.dimension)  # which refuses axes that the packing does not have
     instance("trace_positions", table["trace_positions"], bool)
-    start = start_of_motion(scene.packing, arrays["mass_n"], None, None, arrays.get("held_n"))
+    start = start_of_motion(scene.packing, None, None, arrays.get("held_n"))
     return SimulationSettings(
         scene,
-        start.mass_n,
         positive("dt", table["dt"]),
         integer("steps", table["steps"], at_least=1),
         checked_method(from_table(table["method"], "method", kinds_of(INTEGRATORS))),
@@ -481,7 +478,6 @@ class SimulationTask:
         self.engine: Engine = build_engine(
             scene,
             dt=settings.dt,
-            mass_n=settings.mass_n,
             velocity_nd=np.zeros_like(scene.packing.position_nd),
             spin_nk=spin_nk,
             profile=None if strain is None else strain.profile(),
@@ -611,7 +607,7 @@ class SimulationTask:
     def arrays(self) -> Arrays:
         """Return what a checkpoint keeps, by name."""
         settings = self.settings
-        arrays = self.engine.arrays() | {"mass_n": settings.mass_n}
+        arrays = self.engine.arrays()
         if settings.held_n is not None:
             arrays["held_n"] = settings.held_n
         arrays["start_row"], arrays["last_row"] = self.start, self.last
@@ -695,7 +691,6 @@ class SimulationTask:
             stages=(Stage(name, residual, self.reached, evaluations, seconds, note),),
             trace=self._trace(),
             velocity_nd=self.state[1],
-            mass_n=settings.mass_n,
             dt=settings.dt,
             energy_drift=change / largest["energy"] if largest["energy"] > 0 else 0.0,
             momentum_error=largest["momentum"] / largest["impulse"] if largest["impulse"] > 0 else 0.0,

@@ -7,14 +7,16 @@ Three formats, chosen by the ending of the name:
     columns, ``format_version`` and, when it is known, ``law`` (a JSON table such as
     ``{"kind": "harmonic", "energy_scale": 1.0}``). A file with the first three arrays alone is read too. A packing with
     links has them as ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, as
-    ``pm.Links`` describes them; such a file is of format version 2, so that a reader without links refuses it.
+    ``pm.Links`` describes them; such a file is of format version 2, so that a reader without links refuses it. Masses
+    that were given are ``mass_n`` (N,), and make it version 3.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     Visible to those programs in single precision and in their orientation of the box; the exact packing lies beside it
     in log chunks, so that what packmech wrote it reads back to the last bit. Links are shown as bonds and constraints.
 ``.txt``, ``.dat``, ``.csv`` (plain table)
-    Positions and radii only; a packing with links is refused.
-    A line ``lattice x y [z]`` for each lattice vector, then a line ``x y [z] radius`` for each particle. Blanks or
-    commas separate numbers, ``#`` starts a comment. Numbers get as many digits as they need to be read back exactly::
+    Positions, radii and masses only; a packing with links is refused.
+    A line ``lattice x y [z]`` for each lattice vector, then a line ``x y [z] radius [mass]`` for each particle, with
+    masses in all lines or in none. Blanks or commas separate numbers, ``#`` starts a comment. Numbers get as many
+    digits as they need to be read back exactly::
 
         lattice 4.0 0.0
         lattice 0.5 4.0
@@ -26,13 +28,16 @@ positive diagonal, and particles inside it. A packing is therefore written twice
 
 visible to every reader
     ``configuration/box`` (2D: ``dimensions`` 2, unit height), ``particles/position`` wrapped into that box and rotated
-    with it, ``particles/image`` as taken away, ``particles/diameter``, one particle type for each of up to ten sizes.
+    with it, ``particles/image`` as taken away, ``particles/diameter`` and ``particles/mass``, one particle type for
+    each of up to ten sizes. The schema does not store masses that are all 1: in other programs' files they are read as
+    not given.
     Links are ``constraints`` (pair and length) and ``bonds`` of the types "bond" and "shape", for what draws or holds
     them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
     image is left out.
 exact, for packmech
     the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
-    links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``.
+    links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, with given masses
+    ``mass_n``.
 """
 
 from __future__ import annotations
@@ -61,8 +66,8 @@ from packmech.packing import DISCRETE_SIZES, Packing
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
-# a file without links is of version 1
-_FORMAT_VERSION = 2
+# a file without links and masses is of version 1, one without masses at most of version 2
+_FORMAT_VERSION = 3
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 _TEXT = (".txt", ".dat", ".csv")
 _ENDINGS = (".npz", ".gsd", *_TEXT)
@@ -247,7 +252,8 @@ def _read_npz(path: Path) -> Packing:
     missing = [name for name in ("position_nd", "radius_n", "lattice_dd") if name not in arrays]
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
-    return Packing(arrays["position_nd"], arrays["radius_n"], Box(arrays["lattice_dd"]), _links(arrays))
+    box = Box(arrays["lattice_dd"])
+    return Packing(arrays["position_nd"], arrays["radius_n"], box, _links(arrays), arrays.get("mass_n"))
 
 
 def _links(arrays: dict[str, Any]) -> Links | None:
@@ -261,14 +267,17 @@ def _links(arrays: dict[str, Any]) -> Links | None:
 
 
 def _write_npz(packing: Packing, path: Path, law: Any) -> None:
+    version = 1 if packing.links is None else 2
     arrays: dict[str, Any] = {
-        "format_version": np.array(1 if packing.links is None else _FORMAT_VERSION),
+        "format_version": np.array(version if packing.given_mass_n is None else _FORMAT_VERSION),
         "position_nd": packing.position_nd,
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
     }
     if packing.links is not None:
         arrays |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
+    if packing.given_mass_n is not None:
+        arrays["mass_n"] = packing.given_mass_n
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
     with open(path, "wb") as file:
@@ -289,10 +298,13 @@ def _read_text(path: Path) -> Packing:
             raise ValueError(f"line {number} must hold numbers, got {line.strip()!r}") from None
         if is_vector and len(values) not in (2, 3):
             raise ValueError(f"line {number} must hold a lattice vector of 2 or 3 numbers, got {len(values)}")
-        if not is_vector and len(values) != len(vectors) + 1:
+        d = len(vectors)
+        # a mass may follow the radius, in all lines or in none
+        wanted = (len(rows[0]),) if rows else (d + 1, d + 2) if d in (2, 3) else (d + 1,)
+        if not is_vector and len(values) not in wanted:
             raise ValueError(
-                f"line {number} must hold {len(vectors)} coordinates and a radius, after the lines with the lattice "
-                f"vectors, got {len(values)} numbers"
+                f"line {number} must hold {d} coordinates and a radius, after the lines with the lattice "
+                f"vectors (and a mass, in all lines or in none), got {len(values)} numbers"
             )
         (vectors if is_vector else rows).append(values)
     if len(vectors) not in (2, 3) or any(len(vector) != len(vectors) for vector in vectors):
@@ -300,17 +312,19 @@ def _read_text(path: Path) -> Packing:
     if not rows:
         raise ValueError("it must hold at least one line 'x y [z] radius', got none")
     table = np.array(rows)
-    return Packing(table[:, :-1], table[:, -1], Box(np.array(vectors).T))
+    d = len(vectors)
+    mass_n = table[:, d + 1] if table.shape[1] > d + 1 else None
+    return Packing(table[:, :d], table[:, d], Box(np.array(vectors).T), mass_n=mass_n)
 
 
 def _text(packing: Packing) -> str:
     """Return the plain table; `repr` of a float is the shortest decimal that is read back exactly."""
     axes = "x y z".split()[: packing.dimension]
-    lines = [
-        f"# packing of {packing.particles} particles: lattice vectors, then {' '.join(axes)} radius of each particle"
-    ]
+    given = packing.given_mass_n
+    columns = [*axes, "radius"] if given is None else [*axes, "radius mass"]
+    lines = [f"# packing of {packing.particles} particles: lattice vectors, then {' '.join(columns)} of each particle"]
     lines += ["lattice " + " ".join(map(repr, vector)) for vector in packing.box.lattice_dd.T.tolist()]
-    table = np.column_stack([packing.position_nd, packing.radius_n])
+    table = np.column_stack([packing.position_nd, packing.radius_n, *([] if given is None else [given])])
     lines += [" ".join(map(repr, row)) for row in table.tolist()]
     return "\n".join(lines) + "\n"
 
@@ -366,6 +380,7 @@ def write_gsd(packing: Packing, path: Path) -> None:
     frame.particles.position = _three_axes(visible.position_nd).astype(np.float32)
     frame.particles.image = _three_axes(visible.image_nd).astype(np.int32)
     frame.particles.diameter = packing.diameter_n.astype(np.float32)
+    frame.particles.mass = packing.mass_n.astype(np.float32)
     size_k, type_n = np.unique(packing.radius_n, return_inverse=True)
     if len(size_k) > DISCRETE_SIZES:
         type_n = np.zeros_like(type_n)
@@ -376,6 +391,8 @@ def write_gsd(packing: Packing, path: Path) -> None:
         _LOG + "radius_n": packing.radius_n,
         _LOG + "lattice_dd": packing.box.lattice_dd,
     }
+    if packing.given_mass_n is not None:
+        frame.log[_LOG + "mass_n"] = packing.given_mass_n
     if packing.links is not None:
         _add_links(frame, packing.links)
     with gsd.hoomd.open(str(path), "w") as file:
@@ -446,7 +463,9 @@ def read_gsd(path: Path) -> Packing:
     lattice = _lattice(frame.configuration.box, dimension)
     position = np.asarray(frame.particles.position, dtype=np.float64)[:, :dimension]
     box = Box(lattice)
-    seen = Packing(position, 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64), box)
+    mass_n = np.asarray(frame.particles.mass, dtype=np.float64)
+    visible = None if (mass_n == 1.0).all() else mass_n
+    seen = Packing(position, 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64), box, mass_n=visible)
     chunks = [frame.log.get(_LOG + name) for name in ("position_nd", "radius_n", "lattice_dd")]
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
@@ -455,7 +474,7 @@ def read_gsd(path: Path) -> Packing:
     if all(part is not None for part in parts):
         i_l, j_l, image_ld, length_l, shape_l = parts
         links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links)
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, frame.log.get(_LOG + "mass_n"))
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact
@@ -483,6 +502,7 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     return bool(
         np.allclose(seen.box.lattice_dd, visible.lattice_dd, rtol=_SINGLE, atol=_SINGLE * size)
         and np.allclose(seen.radius_n, exact.radius_n, rtol=_SINGLE, atol=0.0)
+        and (seen.given_mass_n is None or np.allclose(seen.mass_n, exact.mass_n, rtol=_SINGLE, atol=0.0))
         # a center on the face of the box may be written on either side of it
         and np.abs(apart - np.rint(apart @ seen.box.inverse_dd.T) @ seen.box.lattice_dd.T).max() <= 4 * _SINGLE * size
     )

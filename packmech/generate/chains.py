@@ -19,7 +19,7 @@ from packmech.contacts.fused_volume import lens, shared_volume
 from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
-from packmech.packing import Packing
+from packmech.packing import Packing, masses_of_density
 
 Point = tuple[float, ...]
 # what becomes of bonds that would cross, in two dimensions
@@ -572,6 +572,7 @@ def chain_packing(
     box: Box | ArrayLike | None = None,
     crossing: str = "avoided",
     tries: int = 200,
+    density: float | None = None,
 ) -> Packing:
     """Return chains grown as random walks from independent uniform places, at the packing fraction asked for.
 
@@ -626,6 +627,8 @@ def chain_packing(
         ``"avoided"`` or ``"allowed"``: whether bonds may cross in two dimensions.
     tries
         Number of proposals per bead, on average, before giving up.
+    density
+        Mass over area, or over volume in space, of every bead [mass/length^d]; as of a `Packing` unless given.
 
     Raises
     ------
@@ -676,6 +679,7 @@ def chain_packing(
         plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
         slithers = avoid and isinstance(form, str) and form == "open" and bend_b is None
         packing = _grown(plan, count, radius_n, scaled, rng, avoid=avoid, slithers=slithers, tries=tries)
+        packing = packing.replace(mass_n=masses_of_density(density, radius_n, dimension))
         found = shared_volume(packing)
         if abs(found - shared) <= _SAME * scaled.volume:
             return packing.wrapped()

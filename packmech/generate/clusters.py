@@ -16,7 +16,7 @@ from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
-from packmech.packing import Packing, no_own_images
+from packmech.packing import Packing, masses_of_density, no_own_images
 
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05
@@ -35,6 +35,7 @@ def cluster_packing(
     crossing: str = "avoided",
     largest_overlap: float | None = None,
     tries: int = 1000,
+    density: float | None = None,
 ) -> Packing:
     """Return clusters of one shape at independent uniform places and orientations, at the packing fraction asked for.
 
@@ -70,6 +71,8 @@ def cluster_packing(
         a small number here keeps them apart for good.
     tries
         Number of places tried for a cluster before giving up.
+    density
+        Mass over area, or over volume in space, of every bead [mass/length^d]; as of a `Packing` unless given.
 
     Raises
     ------
@@ -132,7 +135,8 @@ def cluster_packing(
             )
         if placed is not None:
             placed.add(position[k])
-    return Packing(position.reshape(-1, dimension), radius_n, scaled, links).wrapped()
+    mass_n = masses_of_density(density, radius_n, dimension)
+    return Packing(position.reshape(-1, dimension), radius_n, scaled, links, mass_n).wrapped()
 
 
 @honors("links", packing_only=True)
@@ -184,7 +188,7 @@ def scattered_packing(
     box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
     links = packing.links
     if links is None:
-        return Packing(np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d))), radius, box=box)
+        return packing.replace(position_nd=np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d))), box=box)
     offset, winding = image_offsets(links, n)
     if winding.any():
         particle = int(np.argmax(winding))
@@ -207,7 +211,8 @@ def scattered_packing(
                 allowed += _MORE
         placed.add(position[part])
     none = np.zeros_like(links.image_ld)
-    return Packing(position, radius, box, Links(links.i_l, links.j_l, none, links.length_l, links.shape_l))
+    links = Links(links.i_l, links.j_l, none, links.length_l, links.shape_l)
+    return packing.replace(position_nd=position, box=box, links=links)
 
 
 def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import find_contacts
 from packmech.honors import honors
-from packmech.packing import Packing
+from packmech.packing import Packing, masses_of_density
 
 _ROOT_2, _ROOT_3 = math.sqrt(2.0), math.sqrt(3.0)
 Columns = tuple[tuple[float, ...], ...]
@@ -185,6 +185,7 @@ def lattice_packing(
     conventional: bool = False,
     relative_overlap: float = 0.0,
     diameter: float = 1.0,
+    density: float | None = None,
 ) -> Packing:
     """Return a crystal of discs or spheres in which every particle overlaps its neighbors alike.
 
@@ -210,6 +211,8 @@ def lattice_packing(
         xi = 1 - r/sigma of nearest neighbors [1], below 1. 0: they touch exactly; negative: they are apart.
     diameter
         Diameter of the particles, the largest where there are two [length].
+    density
+        Mass over area, or over volume in space, of every particle [mass/length^d]; as of a `Packing` unless given.
 
     Raises
     ------
@@ -226,7 +229,7 @@ def lattice_packing(
 
     """
     crystal = CRYSTALS[one_of("name", name, LATTICE_NAMES)]
-    return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter)
+    return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter, density)
 
 
 def crystal_packing(
@@ -236,6 +239,7 @@ def crystal_packing(
     conventional: bool,
     relative_overlap: float,
     diameter: float,
+    density: float | None,
 ) -> Packing:
     """Return the packing of any crystal; arguments as for `lattice_packing`."""
     diameter = positive("diameter", diameter)
@@ -255,7 +259,8 @@ def crystal_packing(
     fraction_nd = (_cells_inside(cells_dd)[:, None, :] + basis_bd[None, :, :]).reshape(-1, dimension)
     position_nd = np.einsum("de,ne->nd", vectors_dd, fraction_nd)
     radius_n = diameter * np.tile(crystal.radius_b, len(position_nd) // len(basis_bd))
-    return Packing(position_nd, radius_n, box=Box(np.einsum("de,ef->df", vectors_dd, cells_dd)))
+    box = Box(np.einsum("de,ef->df", vectors_dd, cells_dd))
+    return Packing(position_nd, radius_n, box, mass_n=masses_of_density(density, radius_n, dimension))
 
 
 def _repeats(repeats: int | Sequence[int] | None, dimension: int) -> list[int]:
@@ -318,6 +323,7 @@ def reinforced_kagome_packing(
     conventional: bool = False,
     relative_overlap: float = 0.0,
     diameter: float = 1.0,
+    density: float | None = None,
 ) -> Packing:
     """Return a kagome lattice with one row and one column of discs more in every so many cells.
 
@@ -331,7 +337,7 @@ def reinforced_kagome_packing(
     ----------
     cells
         Kagome cells c between two reinforcements, at least 1.
-    repeats, supercell, conventional, relative_overlap, diameter
+    repeats, supercell, conventional, relative_overlap, diameter, density
         As for `lattice_packing`; the cell is the one of side 2 c + 1.
 
     Raises
@@ -347,7 +353,7 @@ def reinforced_kagome_packing(
 
     """
     crystal = reinforced_kagome(integer("cells", cells, at_least=1))
-    return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter)
+    return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter, density)
 
 
 def tunneled_packing(
@@ -357,6 +363,7 @@ def tunneled_packing(
     supercell: ArrayLike | None = None,
     relative_overlap: float = 0.0,
     diameter: float = 1.0,
+    density: float | None = None,
 ) -> Packing:
     """Return a tunneled crystal: honeycomb layers, stacked so that their vacancies form self-avoiding tunnels.
 
@@ -377,7 +384,7 @@ def tunneled_packing(
     steps
         From each layer to the next, 0 to 5. A single step, ``(0,)``, is part of the fcc crystal with straight
         tunnels; ``(0, 3)`` of the hcp crystal. Even and odd steps are the two ways to stack close-packed layers.
-    repeats, supercell, relative_overlap, diameter
+    repeats, supercell, relative_overlap, diameter, density
         As for `lattice_packing`; the primitive cell holds two spheres of each layer. Its third vector is the sum of the
         steps.
 
@@ -398,7 +405,7 @@ def tunneled_packing(
     if not len(steps):
         raise ValueError("steps must hold at least 1 integer, got none")
     step_k = [integer(f"steps[{k}]", step, at_least=0, at_most=5) for k, step in enumerate(steps)]
-    return crystal_packing(tunneled(step_k), repeats, supercell, False, relative_overlap, diameter)
+    return crystal_packing(tunneled(step_k), repeats, supercell, False, relative_overlap, diameter, density)
 
 
 @honors("", packing_only=True)
@@ -450,7 +457,7 @@ def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool 
         found = np.count_nonzero(~kept_n)
         if found < count:
             raise ValueError(f"vacancies must find room apart from each other, got {count}, with room for {found} here")
-    return Packing(packing.position_nd[kept_n], packing.radius_n[kept_n], packing.box)
+    return packing.select(kept_n)
 
 
 def open_contact(packing: Packing, contact: int, gap: float) -> Packing:
@@ -505,7 +512,8 @@ def open_contact(packing: Packing, contact: int, gap: float) -> Packing:
         worst = float(np.abs(error_c / sum_c).max())
         if worst >= best:
             break
-        best, found = worst, Packing(position_nd, radius_n, Box(lattice_dd))
+        best = worst
+        found = packing.replace(position_nd=position_nd, radius_n=radius_n, box=Box(lattice_dd), links=None)
         normal_cd = vector_cd / distance_c[:, None]
         change = np.zeros((len(contacts), n * d + n + len(pairs)))
         for k in range(d):

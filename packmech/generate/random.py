@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
-from packmech.packing import Packing
+from packmech.packing import Packing, masses_of_density
 
 # A gaussian factor this far from 1 is drawn again: radii stay positive, and cutting both tails alike keeps the mean.
 _LARGEST_DEVIATION = 0.9
@@ -287,6 +287,7 @@ def random_packing(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
+    density: float | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions, in a box that gives the packing fraction asked for.
 
@@ -309,6 +310,8 @@ def random_packing(
     box
         Shape of the box, a ``Box`` or (d, d) lattice vectors as columns; its size is set by the packing fraction.
         Square or cubic when nothing is said.
+    density
+        Mass over area, or over volume in space, of every particle [mass/length^d]; as of a `Packing` unless given.
 
     Raises
     ------
@@ -334,7 +337,7 @@ def random_packing(
     scaled = box_for(radius_n, packing_fraction, shape_dd)
     # einsum, not BLAS: the same bits for any number of threads
     position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
-    return Packing(position_nd, radius_n, box=scaled)
+    return Packing(position_nd, radius_n, scaled, mass_n=masses_of_density(density, radius_n, dimension))
 
 
 def fill_box(
@@ -345,6 +348,7 @@ def fill_box(
     sizes: Sizes | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
+    density: float | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions in this very box, of radii that fill it as asked.
 
@@ -358,7 +362,7 @@ def fill_box(
         The box; 2 or 3 dimensions.
     particles
         Number of particles N.
-    packing_fraction, sizes, seed, rng
+    packing_fraction, sizes, seed, rng, density
         As for `random_packing`.
 
     Raises
@@ -384,7 +388,8 @@ def fill_box(
         box=box,
     )
     scale = (box.volume / drawn.box.volume) ** (1.0 / box.dimension)
-    return Packing(drawn.position_nd * scale, drawn.radius_n * scale, box=box)
+    radius_n = drawn.radius_n * scale
+    return Packing(drawn.position_nd * scale, radius_n, box, mass_n=masses_of_density(density, radius_n, box.dimension))
 
 
 def box_for(

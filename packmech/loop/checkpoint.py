@@ -270,7 +270,8 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     packing = scene.packing
     links = packing.links
     named = () if links is None else (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l)
-    found = {"packing": fingerprint((packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named))}
+    masses = () if packing.given_mass_n is None else (packing.given_mass_n,)
+    found = {"packing": fingerprint((packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses))}
     return found | {f"effects[{k}]": fingerprint(one) for k, one in enumerate(scene.effects)}
 
 

@@ -260,7 +260,7 @@ def without(packing: Packing, rattling_n: NDArray[np.bool_]) -> tuple[Packing, N
         whole = _with_inner_links(packing, packing.links, rattling_n)
         if (~rattling_n[whole.i_l] & ~rattling_n[whole.j_l]).any():
             links = whole.numbered(np.where(rattling_n, -1, np.cumsum(~rattling_n) - 1))
-    return packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept], links=links), kept
+    return packing.select(kept, links), kept
 
 
 def _with_inner_links(packing: Packing, links: Links, rattling_n: NDArray[np.bool_]) -> Links:

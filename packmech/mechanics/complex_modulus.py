@@ -316,7 +316,6 @@ def complex_modulus(
     *,
     mode: str = "shear",
     axes: tuple[int, int] = (0, 1),
-    mass_n: ArrayLike | None = None,
     held_n: ArrayLike | None = None,
 ) -> ComplexModulus:
     """Return G' + i G'' of a scene at rest for strains so small that nothing opens, closes or slides.
@@ -334,8 +333,6 @@ def complex_modulus(
     mode, axes
         How the box is strained, as in `SteadyStrain`: "shear" along the first and with the gradient along the second of
         the axes, "uniaxial" along the first, "isotropic".
-    mass_n
-        (N,) masses; as in `simulate` unless given.
     held_n
         (N,) True for particles that follow the box.
 
@@ -360,10 +357,6 @@ def complex_modulus(
     n, d = packing.particles, packing.dimension
     frequency = positive_array("frequency_f", frequency_f, shape=(None,), what="frequency")
     direction = _direction(mode, axes, d)
-    if mass_n is None:
-        mass = (packing.diameter_n / packing.reference_diameter) ** d
-    else:
-        mass = positive_array("mass_n", mass_n, shape=(n,))
     free = _free(held_n, n)
     drag = _drag(scene)
     springs = find_springs(scene)
@@ -375,7 +368,7 @@ def complex_modulus(
     turns = any(isinstance(one, Friction | Bonds) for one in scene.effects)
     spins = 0 if not turns else 1 if d == 2 else 3
     with single_thread():
-        system = linear_system(springs, packing.radius_n, mass, drag, direction, spins)
+        system = linear_system(springs, packing.radius_n, packing.mass_n, drag, direction, spins)
         solved = [solve_at(system, 2.0 * np.pi * one, np.repeat(free, d), np.repeat(free, spins)) for one in frequency]
         sums: NDArray[np.complex128] = np.array(
             [stress_amplitude(system, springs, q, 2.0 * np.pi * f) for (q, _), f in zip(solved, frequency, strict=True)]

@@ -659,10 +659,7 @@ def _pseudoinverse(
     if not size:
         return with_infinities(np.zeros((components, components)), np.eye(components))
     if links is None:
-        kept = backbone.index_n
-        links = ConstraintFactor(
-            packing.replace(position_nd=packing.position_nd[kept], radius_n=packing.radius_n[kept], links=None)
-        )
+        links = ConstraintFactor(packing.select(backbone.index_n))
     check_memory(size + components, size + components, memory_limit)
     sums = bond_sums(*prestressed(contacts, closed_terms(scene, contacts), kind, links))
     full = bordered(sums.position_matrix(), sums.coupling_xe, sums.strain_ee)

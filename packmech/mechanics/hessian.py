@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, one_of, positive, positive_array
+from packmech.check import finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
@@ -380,7 +380,6 @@ def dynamical_matrix(
     kind: str = "exact",
     *,
     volume_curvature: str = "det",
-    mass_n: ArrayLike | None = None,
     strain_scale: float | None = None,
     gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
@@ -398,8 +397,6 @@ def dynamical_matrix(
         Which strains vibrate too, as the coordinates strain_scale * e with unit mass: "none", "isotropic" (one),
         "isochoric" (s - 1) or "free" (s). What mass a strain has is a convention, so these frequencies depend on it;
         their signs do not.
-    mass_n
-        (N,) masses; 1 for all by default.
     strain_scale
         Length by which strains are multiplied to be coordinates of unit mass [length]. None: V^(1/d), by which
         frequencies do not depend on the unit of length.
@@ -409,13 +406,15 @@ def dynamical_matrix(
     Raises
     ------
     TypeError, ValueError
-        As `hessian`, or if a mass or the scale is not positive, or the matrix would exceed the memory limit.
+        As `hessian`, or if the scale is not positive, or the matrix would exceed the memory limit.
 
     Examples
     --------
     >>> import packmech as pm
-    >>> scene = pm.Scene(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), (pm.Repulsion(),))
-    >>> light, heavy = (pm.dynamical_matrix(scene, mass_n=[m] * 9) for m in (1.0, 4.0))
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    >>> light, heavy = (
+    ...     pm.dynamical_matrix(pm.Scene(crystal.replace(mass_n=[m] * 9), (pm.Repulsion(),))) for m in (1.0, 4.0)
+    ... )
     >>> round(float((light / heavy.max()).max()), 12)
     4.0
 
@@ -423,7 +422,7 @@ def dynamical_matrix(
     instance("scene", scene, Scene)
     check_choices(kind, strain, volume_curvature)
     positive("memory_limit", memory_limit)
-    mass = checked_masses(mass_n, scene.packing.particles)
+    mass = scene.packing.mass_n
     scale = scale_of_strain(scene.packing, strain_scale)
     full = hessian(scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
@@ -443,14 +442,6 @@ def dynamical_matrix(
     return result
 
 
-def checked_masses(mass_n: ArrayLike | None, particles: int) -> NDArray[np.float64]:
-    """Return the masses, 1 where none were given, after checking their number and sign."""
-    if mass_n is None:
-        return np.ones(particles)
-    return positive_array("mass_n", mass_n, shape=(particles,))
-
-
-@honors("repulsion links", at_rest=True)
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,

@@ -20,7 +20,6 @@ from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.hessian import (
     bordered,
     check_choices,
-    checked_masses,
     closed_terms,
     scene_sums,
     volume_curvature_term,
@@ -116,7 +115,6 @@ def normal_modes(
     strain: str = "none",
     kind: str = "exact",
     volume_curvature: str = "det",
-    mass_n: ArrayLike | None = None,
     strain_scale: float | None = None,
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
@@ -134,8 +132,8 @@ def normal_modes(
     count
         How many modes, counted from the lowest and without the d translations; None for all. A packing with fewer
         gives those it has.
-    strain, kind, volume_curvature, mass_n, strain_scale
-        As in `dynamical_matrix`. Masses are those of all N particles, 1 by default.
+    strain, kind, volume_curvature, strain_scale
+        As in `dynamical_matrix`.
     rattlers
         "remove" leaves them out; "keep" adds their zero modes.
     gap_tolerance
@@ -159,8 +157,8 @@ def normal_modes(
     Examples
     --------
     >>> import packmech as pm
-    >>> scene = pm.Scene(pm.lattice_packing("triangular", repeats=(4, 4)), (pm.Repulsion(),))
-    >>> modes = pm.normal_modes(scene)
+    >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4)).replace(mass_n=[1.0] * 16)
+    >>> modes = pm.normal_modes(pm.Scene(crystal, (pm.Repulsion(),)))
     >>> len(modes), modes.translations, round(float(modes.frequency_m[-1]), 6)
     (30, 2, 2.44949)
 
@@ -172,7 +170,7 @@ def normal_modes(
     if count is not None:
         count = integer("count", count, at_least=1)
     packing = scene.packing
-    mass = checked_masses(mass_n, packing.particles)
+    mass = packing.mass_n
     scale = scale_of_strain(packing, strain_scale)
     backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     contacts, index, links = backbone
@@ -408,7 +406,7 @@ def density_of_states(
     Parameters
     ----------
     source
-        All modes of a packing (`normal_modes(scene)`), or a scene, taken with masses 1 in its fixed box.
+        All modes of a packing (`normal_modes(scene)`), or a scene, taken in its fixed box.
     bins
         Number of bins between zero (or the lowest unstable frequency) and the highest, or their edges [1/time].
     kind, rattlers, gap_tolerance
@@ -448,10 +446,11 @@ def density_of_states(
         return StateDensity(_edges(bins, 0.0, 1.0), np.zeros(1, np.int64), 0, time.process_time() - start)
     with single_thread():
         matrix = scene_sums(contacts, closed_terms(source, contacts), kind, links).position_matrix()
+        weight = np.repeat(1.0 / np.sqrt(source.packing.mass_n[index]), dimension)
+        matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
         operator: Operator = FreeOperator(matrix)
         if links is not None:
-            size = matrix.shape[0]
-            rows = weighted_rows(links, np.ones(size), np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)
+            rows = weighted_rows(links, weight, np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)
             operator = LinkedOperator(matrix, rows, dimension)
         low, high = _ends(operator)
         edge = _edges(bins, low, high)

@@ -325,9 +325,5 @@ def held_network(packing: Packing, *, gap_tolerance: float | None, rattlers: str
         return Network(renumbered, np.flatnonzero(held))
     if not held.any():
         return Network(renumbered, np.flatnonzero(held), None)
-    left = packing.replace(
-        position_nd=packing.position_nd[held],
-        radius_n=packing.radius_n[held],
-        links=packing.links.numbered(np.where(held, number, -1)),
-    )
+    left = packing.select(held, packing.links.numbered(np.where(held, number, -1)))
     return Network(renumbered, np.flatnonzero(held), None if left.links is None else ConstraintFactor(left))

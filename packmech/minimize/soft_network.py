@@ -47,12 +47,14 @@ class Units:
         """Return the packing in reduced lengths."""
         links = None if packing.links is None else packing.links.scaled(1.0 / self.length)
         box = Box(packing.box.lattice_dd / self.length)
-        return Packing(packing.position_nd / self.length, packing.radius_n / self.length, box, links)
+        return packing.replace(
+            position_nd=packing.position_nd / self.length, radius_n=packing.radius_n / self.length, box=box, links=links
+        )
 
     def restored(self, packing: Packing, like: Packing) -> Packing:
-        """Return a packing of reduced lengths in true ones, with radii and links exactly those of another."""
+        """Return a packing of reduced lengths in true ones, with radii, links and masses exactly those of another."""
         box = Box(packing.box.lattice_dd * self.length)
-        return Packing(packing.position_nd * self.length, like.radius_n, box, like.links)
+        return like.replace(position_nd=packing.position_nd * self.length, box=box)
 
     def terms(self, contacts: Contacts, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""

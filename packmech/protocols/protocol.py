@@ -330,7 +330,7 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
     assert links is not None
     # links may all be between particles that rattle
     kept = links.numbered(number) if (held[links.i_l] & held[links.j_l]).any() else None
-    part = packing.replace(position_nd=packing.position_nd[held], radius_n=packing.radius_n[held], links=kept)
+    part = packing.select(held, kept)
     bearing = contacts.select(rattling.backbone_c)
     inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
     states = states_of_self_stress(

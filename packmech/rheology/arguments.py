@@ -27,7 +27,6 @@ class Stepping(TypedDict, total=False):
 
     dt: float | None
     method: Method | None
-    mass_n: ArrayLike | None
     progress: Progress | None
     checkpoint: str | os.PathLike[str] | RunsFile | None
 
@@ -69,7 +68,7 @@ def listed(arguments: type) -> Callable[[F], F]:
     >>> @listed(Several)
     ... def strained(scene, **common): ...
     >>> list(inspect.signature(strained).parameters)
-    ['scene', 'dt', 'method', 'mass_n', 'progress', 'checkpoint', 'held_n', 'frames']
+    ['scene', 'dt', 'method', 'progress', 'checkpoint', 'held_n', 'frames']
 
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
@@ -103,7 +102,6 @@ class StrainSettings:
 
     scene: Scene
     method: Method
-    mass_n: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None
     held_n: NDArray[np.bool_] | None
@@ -118,7 +116,6 @@ def check_arguments(
     *,
     dt: float | None = None,
     method: Method | None = None,
-    mass_n: ArrayLike | None = None,
     velocity_nd: ArrayLike | None = None,
     spin_nk: ArrayLike | None = None,
     held_n: ArrayLike | None = None,
@@ -139,14 +136,14 @@ def check_arguments(
     instance("scene", scene, Scene)
     refuse_misfits(scene)
     method = checked_method(method)
-    start = start_of_motion(scene.packing, mass_n, velocity_nd, spin_nk, held_n)
+    start = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)
     if start.held_n is not None:
         start.velocity_nd[start.held_n] = 0.0
     return StrainSettings(
         scene,
         method,
         *start,
-        choose_time_step(scene, start.mass_n, method.fraction) if dt is None else positive("dt", dt),
+        choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt),
         integer("frames", frames, at_least=0),
         RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check)),
         runs_file(checkpoint),

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
 from packmech.dynamics.simulate import simulate
@@ -35,19 +33,11 @@ Progress = Callable[[str, dict[str, Any]], None]
 
 # arguments of oscillatory shear that the periods at rest before it take, too
 _AT_REST = (
-    *("amplitude", "frequency", "relative_frequency", "axes", "dt", "method", "mass_n", "progress", "checkpoint"),
+    *("amplitude", "frequency", "relative_frequency", "axes", "dt", "method", "progress", "checkpoint"),
     "check",
 )
 # rows of a trace that is kept of a simulation
 _ROWS = 200
-
-
-def masses(scene: Scene, density: float | None) -> NDArray[np.float64] | None:
-    """Return the (N,) masses of particles of one density; None where none is given."""
-    if density is None:
-        return None
-    ball = math.pi if scene.packing.dimension == 2 else 4.0 * math.pi / 3.0
-    return np.asarray(density * ball * scene.packing.radius_n**scene.packing.dimension)
 
 
 def follow(
@@ -68,7 +58,6 @@ def follow(
 
     """
     n = scene.packing.particles
-    mass = masses(scene, drive.density) if drive.masses is None else np.array(drive.masses)
     held = None
     if drive.held:
         if max(drive.held) >= n:
@@ -77,8 +66,7 @@ def follow(
     steps = drive.steps
     if steps is None:
         fraction = (VelocityVerlet() if drive.method is None else drive.method).fraction
-        weight = (scene.packing.diameter_n / scene.packing.reference_diameter) ** scene.packing.dimension
-        longest = choose_time_step(scene, weight if mass is None else mass, fraction) if drive.dt is None else drive.dt
+        longest = choose_time_step(scene, fraction) if drive.dt is None else drive.dt
         assert drive.duration is not None
         steps = int(np.ceil(drive.duration / longest))
     arguments: dict[str, Any] = {
@@ -87,7 +75,6 @@ def follow(
         "method": drive.method,
         "velocity_nd": None if drive.velocities is None else np.array(drive.velocities),
         "spin_nk": None if drive.spins is None else np.array(drive.spins),
-        "mass_n": mass,
         "held_n": held,
         "trace_every": max(1, steps // (frames or _ROWS)),
         "trace_positions": frames > 0,
@@ -100,15 +87,9 @@ def follow(
 def _arguments(
     drive: Any, scene: Scene, frames: int, progress: Progress | None, checkpoint: Path | RunsFile | None
 ) -> dict[str, Any]:
-    """Return what a drive says to the call that it names: its fields but the density, of which masses are made."""
-    named = {field.name: getattr(drive, field.name) for field in fields(drive) if field.name != "density"}
-    return {
-        **named,
-        "mass_n": masses(scene, drive.density),
-        "frames": frames,
-        "progress": progress,
-        "checkpoint": checkpoint,
-    }
+    """Return what a drive says to the call that it names: its fields."""
+    named = {field.name: getattr(drive, field.name) for field in fields(drive)}
+    return {**named, "frames": frames, "progress": progress, "checkpoint": checkpoint}
 
 
 def _oscillatory_shear(

@@ -120,7 +120,7 @@ def equilibrate(
         a packing that is there already.
     axes
         As for `oscillatory_shear`.
-    dt, method, mass_n
+    dt, method
         As for `oscillatory_shear`.
     step_limit
         Largest number of time steps.
@@ -277,7 +277,7 @@ def _stiff(modulus: float) -> float:
 
 def _dragged(scene: Scene, settings: StrainSettings) -> Scene:
     """Return the scene with its background damping, if it has any, strong enough to settle in."""
-    rate = _SETTLING / characteristic_time(settings.scene, settings.mass_n)
+    rate = _SETTLING / characteristic_time(settings.scene)
     effects = (
         BackgroundDamping(max(rate, one.rate)) if isinstance(one, BackgroundDamping) else one for one in scene.effects
     )

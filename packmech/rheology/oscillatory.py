@@ -177,7 +177,7 @@ class OscillatoryShear(StrainRun):
         )
 
 
-def characteristic_time(scene: Scene, mass_n: NDArray[np.float64]) -> float:
+def characteristic_time(scene: Scene) -> float:
     """Return tau = sqrt(mean mass / k) [time], k the normal stiffness of a contact (or a bond) that just closes.
 
     The time scale of section 1 of the corrected specification: the mean mass is that of one size with the same packing
@@ -197,7 +197,7 @@ def characteristic_time(scene: Scene, mass_n: NDArray[np.float64]) -> float:
         stiffness = max((abs(law_second(one.compression, (1.0 - _TOUCH) * sigma, sigma)) for one in bonds), default=0.0)
     if not stiffness > 0.0:
         raise ValueError("relative_frequency must be left out where contacts have no stiffness: give frequency")
-    return math.sqrt(float(mass_n.mean()) / stiffness)
+    return math.sqrt(float(scene.packing.mass_n.mean()) / stiffness)
 
 
 def frequency_of(settings: StrainSettings, frequency: float | None, relative_frequency: float | None) -> float:
@@ -207,7 +207,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
         got = "neither" if frequency is None else "both"
         raise ValueError(f"frequency must be given, or else relative_frequency, got {got}")
     if relative is not None:
-        return relative / characteristic_time(settings.scene, settings.mass_n)
+        return relative / characteristic_time(settings.scene)
     return positive("frequency", frequency)
 
 
@@ -255,8 +255,6 @@ def oscillatory_shear(
         samples. Where there are rests, the strain starts and ends in the middle of a step.
     method
         VelocityVerlet() unless given, or SemiImplicitEuler().
-    mass_n
-        (N,) masses; as in `simulate` unless given.
     velocity_nd, spin_nk
         (N, d) peculiar velocities [length/time] and (N, 1 or 3) spins [1/time] at the start; at rest unless given.
     held_n

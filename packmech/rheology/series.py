@@ -104,7 +104,7 @@ def amplitude_sweep(
         The scene, without rigid links.
     amplitudes
         Of the strain, in any order [1].
-    frequency, relative_frequency, pre_periods, periods, post_periods, axes, dt, method, mass_n, held_n
+    frequency, relative_frequency, pre_periods, periods, post_periods, axes, dt, method, held_n
         As in `oscillatory_shear`.
     samples_per_period, frames
         As in `oscillatory_shear`.

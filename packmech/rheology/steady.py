@@ -69,7 +69,7 @@ def ramp_strain(
         "isotropic".
     samples
         How often figures are kept.
-    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
+    dt, method, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
         As in `oscillatory_shear`; `time_limit` and interrupts keep what was reached.
 
     Raises
@@ -253,7 +253,7 @@ def steady_shear(
         The strain that counts is cut into so many blocks, whose means give the errors.
     samples
         How often figures are kept at each rate.
-    axes, dt, method, mass_n, held_n, frames
+    axes, dt, method, held_n, frames
         As in `oscillatory_shear`; as many frames of each run.
     check
         Raise NotConverged at the first run that does not finish; otherwise its place in the curve is nan, and
@@ -413,7 +413,7 @@ def creep(
         2 sqrt(W E / V) with E = stiffness d^(2 - dimension).
     axes
         Direction of the displacements, and of their gradient.
-    dt, method, mass_n, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
+    dt, method, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
         As in `oscillatory_shear`.
 
     Raises
@@ -440,7 +440,7 @@ def creep(
     packing = scene.packing
     d, volume = packing.dimension, packing.box.volume
     if inertia is None:
-        weight = float(settings.mass_n.sum()) * volume ** (2.0 / d) / 12.0
+        weight = float(packing.mass_n.sum()) * volume ** (2.0 / d) / 12.0
     else:
         weight = positive("inertia", inertia)
     stiff = stiffness_and_damping(scene)[0] * packing.reference_diameter ** (2 - d)

@@ -82,8 +82,8 @@ class StrainRun(Run):
         The component of the stress that answers to the strain.
     dt
         The time step [time].
-    mass_n, velocity_nd, spin_nk
-        (N,) masses; (N, d) peculiar velocities and (N, 1 or 3) spins at the end (None where particles do not turn).
+    velocity_nd, spin_nk
+        (N, d) peculiar velocities and (N, 1 or 3) spins at the end (None where particles do not turn).
     frame_time_f, position_fnd, lattice_fdd
         (F,) times, (F, N, d) positions and (F, d, d) lattice vectors of the frames that were asked for.
     spin_fnk, touching_f
@@ -107,7 +107,6 @@ class StrainRun(Run):
     sliding_t: NDArray[np.int64]
     axes: tuple[int, int]
     dt: float
-    mass_n: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None
     frame_time_f: NDArray[np.float64]
@@ -257,7 +256,6 @@ class StrainTask:
             self.engine: Engine = build_engine(
                 settings.scene,
                 dt=dt,
-                mass_n=settings.mass_n,
                 velocity_nd=settings.velocity_nd,
                 spin_nk=settings.spin_nk,
                 profile=profile,
@@ -301,7 +299,7 @@ class StrainTask:
             "samples": self.every,
             "strain": (profile, direction_dd),
             "frames": self.due_f,
-            **{name: getattr(settings, name) for name in ("method", "mass_n", "velocity_nd", "spin_nk", "held_n")},
+            **{name: getattr(settings, name) for name in ("method", "velocity_nd", "spin_nk", "held_n")},
             **further,
         }
 
@@ -502,7 +500,6 @@ class StrainTask:
             "sliding_t": rows[:, SLIDING].astype(np.int64),
             "axes": axes,
             "dt": self.dt,
-            "mass_n": settings.mass_n,
             "velocity_nd": motion.velocity_nd,
             "spin_nk": motion.spin_nk,
             "frame_time_f": np.array(self.frame_time_f),

@@ -44,7 +44,7 @@ from packmech.generate import (
     random_packing,
 )
 from packmech.links import Links
-from packmech.packing import Packing
+from packmech.packing import Packing, masses_of_density
 from packmech.scene import Scene
 
 Vectors = tuple[tuple[float, ...], ...]
@@ -149,6 +149,7 @@ def _lattice(
     conventional: bool = False,
     relative_overlap: float = 0.0,
     diameter: float = 1.0,
+    density: float | None = None,
 ) -> Packing:
     """Return what `lattice_packing` makes; `supercell` has one box vector a line."""
     return lattice_packing(
@@ -158,6 +159,7 @@ def _lattice(
         conventional=conventional,
         relative_overlap=relative_overlap,
         diameter=diameter,
+        density=density,
     )
 
 
@@ -172,6 +174,7 @@ def _prepared(
     lattice_vectors: Vectors | None = None,
     law: Law = _LAW,
     force_tolerance: float = 1e-10,
+    density: float | None = None,
 ) -> Packing:
     """Return a random packing at its energy minimum under the law, without friction and bonds.
 
@@ -180,7 +183,7 @@ def _prepared(
     """
     if side is not None and lattice_vectors is not None:
         raise ValueError(f"side must be left out where lattice_vectors are given, got {side!r}")
-    drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed}
+    drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed, "density": density}
     if side is not None:
         drawn = fill_box(Box.cubic(side, dimension), particles, **drawing)
     elif lattice_vectors is not None:
@@ -193,9 +196,14 @@ def _prepared(
 
 
 @packing_kind
-def _file(path: str, folder: Path) -> Packing:
+def _file(path: str, folder: Path, density: float | None = None) -> Packing:
     """Return the packing in a file; its path is relative to the scene file."""
-    return read_packing(folder / path)
+    packing = read_packing(folder / path)
+    if density is None:
+        return packing
+    if packing.given_mass_n is not None:
+        raise ValueError(f"density must be left out where the file has masses, got {density!r}")
+    return packing.replace(mass_n=masses_of_density(density, packing.radius_n, packing.dimension))
 
 
 @packing_kind
@@ -207,9 +215,13 @@ def _inline(
     link_images: tuple[tuple[int, ...], ...] | None = None,
     link_lengths: tuple[float, ...] | None = None,
     link_shapes: tuple[bool, ...] | None = None,
+    masses: tuple[float, ...] | None = None,
+    density: float | None = None,
 ) -> Packing:
     """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each."""
     box = Box(_columns(lattice_vectors))
+    if masses is not None and density is not None:
+        raise ValueError(f"density must be left out where masses are given, got {density!r}")
     links = None
     if link_pairs is None:
         _left_out({"link_images": link_images, "link_lengths": link_lengths, "link_shapes": link_shapes}, "link_pairs")
@@ -219,7 +231,10 @@ def _inline(
         pairs, images = _pairs("link_", link_pairs, link_images, box.dimension)
         shape = None if link_shapes is None else np.array(link_shapes, dtype=bool)
         links = Links(pairs[:, 0], pairs[:, 1], images, np.array(link_lengths), shape)
-    return Packing(_rows("positions", positions), np.array(radii), box, links)
+    packing = Packing(_rows("positions", positions), np.array(radii), box, links, masses)
+    if density is None:
+        return packing
+    return packing.replace(mass_n=masses_of_density(density, packing.radius_n, packing.dimension))
 
 
 # what the functions that make packings and bonds call a field of the file
@@ -228,6 +243,7 @@ FIELD_OF = {
     "lattice_dd": "lattice_vectors",
     "position_nd": "positions",
     "radius_n": "radii",
+    "mass_n": "masses",
     "i_l": "link_pairs",
     "j_l": "link_pairs",
     "links": "link_pairs",
@@ -249,6 +265,8 @@ def inline_table(packing: Packing) -> dict[str, Any]:
         "radii": packing.radius_n.tolist(),
         "positions": packing.position_nd.tolist(),
     }
+    if packing.given_mass_n is not None:
+        table["masses"] = packing.given_mass_n.tolist()
     links = packing.links
     if links is not None:
         assert links.shape_l is not None

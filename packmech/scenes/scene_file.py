@@ -26,17 +26,18 @@ The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` 
 `kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given), and
 `kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement,
 and `kind = "oscillatory-shear"`, `"steady-shear"`, `"ramp-strain"` and `"creep"`, with the arguments of
-`pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep` and a `density`; `kind = "simulate"` follows
-Newton's equations for so many `steps` (or a `duration`), from `velocities` and `spins` one row a particle, with
-`masses` (or a `density`) and the numbers of the particles that are `held`. Oscillatory shear may have rough `plates`,
-the layer of `pm.rough_plates`.
+`pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep`; `kind = "simulate"` follows Newton's
+equations for so many `steps` (or a `duration`), from `velocities` and `spins` one row a particle, with the numbers of
+the particles that are `held`. Oscillatory shear may have rough `plates`, the layer of `pm.rough_plates`.
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
 `chains` those of `pm.chain_packing`; `file` takes a `path`, relative to the scene file; `inline` takes
 `lattice_vectors`, `positions` and `radii`. Lattice vectors stand one in a line. Clusters name their shape, as in
 `shape = { kind = "trimer", angle = 1.2 }`, or `angle = [1.1, 2.8]` for another one in every cluster. An inline
 packing may have links: `link_pairs` of particles and `link_lengths`, with `link_images` where some are not zero and
 `link_shapes` where some hold a shape. `prepared` takes the arguments of a random packing, and a `side` or
-`lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion.
+`lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion. Each of these
+packings takes a `density`, mass over area, or over volume in space, of every particle, which is 1 unless given; an
+inline one may have `masses` instead.
 
 Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
 `seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.

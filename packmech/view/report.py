@@ -118,7 +118,7 @@ class Report:
         Results by name, as `packmech jam --json` writes them. Pressures and moduli are in units of
         energy_scale / reference_diameter^d: elastic_constants are second derivatives of the energy by symmetric
         strains over the volume, stiffness_cauchy is the Mandel matrix of the Cauchy stress. Frequencies are in units
-        of sqrt(energy_scale / mass) / reference_diameter; those of at most frequency_floor are zero to rounding.
+        of sqrt(energy_scale / mean mass) / reference_diameter; those of at most frequency_floor are zero to rounding.
         force_residual is None where no contact carries a force.
     stages
         What each part of the examination achieved and cost.
@@ -372,7 +372,8 @@ def _modes(report: Report, count: int) -> None:
     scene = report.scene
     modes = normal_modes(scene, count)
     report.modes = modes
-    unit = np.sqrt(scene.energy_scale) / scene.packing.reference_diameter
+    packing = scene.packing
+    unit = np.sqrt(scene.energy_scale / packing.mass_n.mean()) / packing.reference_diameter
     report.numbers["lowest_frequencies"] = (modes.frequency_m / unit).tolist()
     report.numbers["frequency_floor"] = float(np.sqrt(_ZERO * modes.largest)) / unit
     report.stages.append(Stage("modes", modes.residual, seconds=modes.seconds))
@@ -420,7 +421,7 @@ def _residual(residual: float | None) -> Row:
 
 def _frequencies(frequencies: Sequence[float], floor: float) -> Row:
     listed = ["0" if abs(value) <= floor else f"{value:.3g}" for value in frequencies]
-    note = "sqrt(energy_scale / mass) / diameter"
+    note = "sqrt(energy_scale / mean mass) / diameter"
     if "0" in listed:
         note += f"; 0: within rounding, {floor:.0e} (1e-6 of the stiffest)"
     return ("lowest frequencies", "  ".join(listed) or "none", note)

@@ -56,7 +56,6 @@ def program(scene, dt):
     march = build_engine(
         scene,
         dt=dt,
-        mass_n=(scene.packing.diameter_n / scene.packing.reference_diameter) ** 2,
         velocity_nd=np.zeros((scene.packing.particles, 2)),
         profile=Driven(path),
         direction_dd=np.array([[0.0, 1.0], [0.0, 0.0]]),

@@ -71,12 +71,11 @@ def make_start(n):
 
 def ours(start, effects, threads=1):
     """Return the march of a start under these effects."""
-    packing = pm.Packing(start.position_nd, start.radius_n, pm.Box.cubic(start.side, 2))
+    packing = pm.Packing(start.position_nd, start.radius_n, pm.Box.cubic(start.side, 2), mass_n=start.mass_n)
     turns = any(isinstance(one, pm.Friction | pm.Bonds) for one in effects)
     return build_engine(
         pm.Scene(packing, effects),
         dt=DT,
-        mass_n=start.mass_n,
         velocity_nd=start.peculiar_nd,
         spin_nk=start.spin_n[:, None] if turns else None,
         profile=Ramp(0.0, RATE, 0.0, np.inf),

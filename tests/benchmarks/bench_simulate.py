@@ -24,7 +24,8 @@ DAMPED = (pm.Repulsion(), pm.ContactDamping(0.1))
 def cost(scene, steps):
     """Return CPU ns a particle and step of a run, the same of the force pass alone, and contacts a particle."""
     n = scene.packing.particles
-    engine = build_engine(scene, dt=0.05, mass_n=np.ones(n), velocity_nd=np.zeros_like(scene.packing.position_nd))
+    scene = scene.replace(packing=scene.packing.replace(mass_n=np.ones(n)))
+    engine = build_engine(scene, dt=0.05, velocity_nd=np.zeros_like(scene.packing.position_nd))
     engine.set_velocities(engine.thermal_velocities(1e-4, np.random.default_rng(1)))
     engine.advance(2)
     program = build_program(scene)

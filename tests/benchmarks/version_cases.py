@@ -1851,7 +1851,10 @@ def native_scenario(pm, name):
     drive = scene.drive
     steps = drive.steps if drive.steps is not None else round(drive.duration / drive.dt)
     packing = scene.packing
-    mass = drive.masses if drive.masses is not None else drive.density * np.pi * packing.radius_n**2
+    if pm.side == "head":
+        mass = packing.mass_n
+    else:
+        mass = drive.masses if drive.masses is not None else drive.density * np.pi * packing.radius_n**2
     held = np.zeros(packing.particles, dtype=bool)
     held[list(drive.held)] = True
     given = {"dt": drive.dt, "mass_n": np.array(mass), "velocity_nd": drive.velocities}
@@ -2042,7 +2045,7 @@ def numbers_of(pm, *words):
         return {"code": code, "numbers": json.loads(path.read_text())}
 
 
-_DRIVEN = {"density": 1.0, "dt": 0.05, "axes": (0, 1)}
+_DRIVEN = {"dt": 0.05, "axes": (0, 1)}
 
 # drive -> (scene, drive) of a facade
 DRIVES = {
@@ -2065,7 +2068,6 @@ DRIVES = {
             steps=50,
             dt=0.05,
             method=pm.SemiImplicitEuler(),
-            density=1.0,
             velocities=tuple((0.01 * (k % 3), -0.02 * (k % 2)) for k in range(24)),
             spins=tuple((0.01 * k,) for k in range(24)),
             held=(3, 5),

@@ -18,6 +18,8 @@ a field of a record, a key of a report         ``NAMES["ending of the old name"]
 a text among results                           ``WORDS["name pattern"] = {"old": "new"}``
 modules and private names                      ``PRIVATE["word"] = ("head.module:name", "tag.module:name")``
 what is gone on purpose                        ``GONE["case pattern"] = {"array pattern": "reason"}``
+masses: arguments of calls at the tag,         ``MASSES["call"] = function`` of a packing: those of the tag unless
+of the packing at the head                     given; ``DENSITY``: drives that have a density at the tag
 =============================================  ========================================================================
 
 In cases only arguments without a default go by position, all others by name.
@@ -152,6 +154,34 @@ GONE: dict[str, dict[str, str]] = {
     cases: {"*touching_t": "contacts are given with positions for every scene"}
     for cases in ("simulate/*", "checkpoint/*", "scenarios/two-spheres-central", "measure/effects of one's own")
 }
+
+
+def _reference_masses(packing: Any) -> np.ndarray:
+    """Return masses of one density, 1 for a particle of the reference diameter."""
+    return (2.0 * packing.radius_n / packing.reference_diameter) ** packing.dimension
+
+
+def _equal_masses(packing: Any) -> np.ndarray:
+    """Return masses 1."""
+    return np.ones(packing.particles)
+
+
+# call -> the masses that it took at the tag unless given; at the head they are put into the packings of its scenes
+MASSES: dict[str, Callable[[Any], np.ndarray]] = {
+    **dict.fromkeys(
+        (
+            "simulate", "resume", "oscillatory_shear", "steady_shear", "ramp_strain", "creep", "equilibrate",
+            "amplitude_sweep", "frequency_sweep", "shear_series", "complex_modulus", "ShearBatch", "Shear-v0",
+        ),
+        _reference_masses,
+    ),
+    **dict.fromkeys(("dynamical_matrix", "normal_modes", "density_of_states"), _equal_masses),
+}  # fmt: skip
+# what drives are given at the tag; at the head it is what packings have unless masses are given
+_ONE = {"density": 1.0}
+DENSITY: dict[str, dict[str, float]] = dict.fromkeys(
+    ("SimulateDrive", "OscillatoryShearDrive", "SteadyShearDrive", "RampStrainDrive", "CreepDrive"), _ONE
+)
 
 # -- defaults, in the head's words; functions are called with the facade -----------------------------------------------
 
@@ -436,13 +466,27 @@ class Call:
             if name not in kwargs:
                 kwargs[name] = value(self._versions) if callable(value) else value
         if self._versions.side == "head":
+            if self._name in MASSES:
+                mass_n = kwargs.pop("mass_n", None)
+                args = tuple(self._with_masses(one, mass_n) for one in args)
+                kwargs = {name: self._with_masses(one, mass_n) for name, one in kwargs.items()}
             return self._target(*args, **kwargs)
         renamed = RENAMED.get(self._name, {})
         translated: dict[str, Any] = {}
         for name, value in kwargs.items():
             old = renamed.get(name, name)
             translated |= {old: value} if isinstance(old, str) else old[value]
+        translated = DENSITY.get(self._name, {}) | translated
         return RESULTS.get(self._name, _unchanged)(self._target(*args, **translated))
+
+    def _with_masses(self, given: Any, mass_n: Any) -> Any:
+        """Return a scene, or a list of them, with the masses of the tag in its packings; anything else as it is."""
+        if isinstance(given, list) and given and hasattr(given[0], "packing"):
+            return [self._with_masses(scene, mass_n) for scene in given]
+        if not (hasattr(given, "packing") and hasattr(given, "effects")) or given.packing.given_mass_n is not None:
+            return given
+        packing = given.packing
+        return given.replace(packing=packing.replace(mass_n=MASSES[self._name](packing) if mass_n is None else mass_n))
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of what is called, such as a class method."""
@@ -469,7 +513,11 @@ class Versions:
         """Return a public name: what it is where nothing is to be stated or translated, else a call."""
         if name.startswith("__"):
             raise AttributeError(name)
-        value = Call(self, name) if name in STATED or name in RENAMED else self.raw(name)
+        value = (
+            Call(self, name)
+            if name in STATED or name in RENAMED or name in MASSES or name in DENSITY
+            else self.raw(name)
+        )
         setattr(self, name, value)
         return value
 
@@ -570,8 +618,10 @@ class Versions:
             raise TypeError(f"{name} must be made of records, mappings, sequences and arrays, got {type(value)}")
 
 
-# fields that hold times, and texts for readers
-_PROSE = frozenset({"note", "reason", "local_reason", "status", "name", "experiment", "about", "description"})
+# masses, which runs hold at the tag and packings at the head, and texts for readers
+_PROSE = frozenset(
+    {"mass_n", "given_mass_n", "note", "reason", "local_reason", "status", "name", "experiment", "about", "description"}
+)
 
 
 def _unchanged(result: Any) -> Any:

@@ -55,8 +55,8 @@ def test_onset_by_name_is_a_number_in_scenes_and_their_files(tmp_path):
 
 def chosen(*effects, distance=0.9):
     """Return the time step that is chosen for two discs of mass 1, over the method's fraction of it."""
-    packing = pm.Packing([[4.0, 5.0], [4.0 + distance, 5.0]], [0.5, 0.5], pm.Box.cubic(10.0, 2))
-    return choose_time_step(pm.Scene(packing, effects), np.ones(2), 0.01) / 0.01
+    packing = pm.Packing([[4.0, 5.0], [4.0 + distance, 5.0]], [0.5, 0.5], pm.Box.cubic(10.0, 2), mass_n=[1.0, 1.0])
+    return choose_time_step(pm.Scene(packing, effects), 0.01) / 0.01
 
 
 def bond(**numbers):

@@ -47,9 +47,8 @@ def engine_of(effects, *, sheared=True, threads=1, particles=700, speed=0.02):
     velocity = speed * rng.standard_normal((particles, 2))
     spin = speed * rng.standard_normal((particles, 1))
     return build_engine(
-        pm.Scene(start, effects),
+        pm.Scene(start.replace(mass_n=start.diameter_n**2), effects),
         dt=0.1,
-        mass_n=start.diameter_n**2,
         velocity_nd=velocity,
         spin_nk=spin,
         profile=Ramp(0.0, 0.01, 0.0, np.inf) if sheared else None,

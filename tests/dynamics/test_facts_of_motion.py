@@ -39,9 +39,12 @@ def scene_of(packing, *, friction=0.5, across=0.4, damping=0.0, damping_across=0
     )
 
 
-def pair(dimension, vector, radius=(0.5, 0.5)):
+def pair(dimension, vector, radius=(0.5, 0.5), mass_n=None):
+    """Return two particles, of masses in proportion to their volumes and 1 for the smaller unless given."""
+    if mass_n is None:
+        mass_n = (np.array(radius) / min(radius)) ** dimension
     first = np.full(dimension, 5.0)
-    return pm.Packing([first, first + vector], radius, pm.Box.cubic(10.0, dimension))
+    return pm.Packing([first, first + vector], radius, pm.Box.cubic(10.0, dimension), mass_n=mass_n)
 
 
 AXES = {2: np.array([0.6, 0.8]), 3: np.array([2.0, -1.0, 2.0]) / 3.0}
@@ -54,7 +57,7 @@ def sliding(dimension, approach):
     coefficient, overlap, across, damping = 0.5, 0.1, 50.0, 0.1
     slip = 1e-3 * coefficient * overlap / damping
     scene = scene_of(
-        pair(dimension, (1.0 - overlap) * AXES[dimension]),
+        pair(dimension, (1.0 - overlap) * AXES[dimension], mass_n=[1e15, 1e15]),
         friction=coefficient,
         across=across,
         damping=0.3,
@@ -67,7 +70,6 @@ def sliding(dimension, approach):
         duration=12.0,
         dt=0.01,
         velocity_nd=velocity,
-        mass_n=[1e15, 1e15],
         applied_strain=STILL,
         trace_every=50,
         trace_positions=True,
@@ -107,7 +109,7 @@ def test_a_fast_slid_contact_with_a_strong_dashpot_stays_at_its_cap_and_winds_no
     # the dashpot alone would bear two hundred times the cap, and weakens faster than the spring gains
     coefficient, overlap, across, damping = 0.5, 0.1, 1.0, 10.0
     scene = scene_of(
-        pair(dimension, (1.0 - overlap) * AXES[dimension]),
+        pair(dimension, (1.0 - overlap) * AXES[dimension], mass_n=[1e15, 1.0]),
         friction=coefficient,
         across=across,
         damping=0.3,
@@ -120,7 +122,6 @@ def test_a_fast_slid_contact_with_a_strong_dashpot_stays_at_its_cap_and_winds_no
         duration=0.1,
         dt=0.002,
         velocity_nd=velocity,
-        mass_n=[1e15, 1.0],
         applied_strain=STILL,
         trace_every=1,
         trace_positions=True,
@@ -228,7 +229,7 @@ def test_angular_momentum_holds_to_rounding_with_sliding_bonds_and_dashpots(dime
     _, run = cluster(dimension)
     trace = run.trace
     lever = np.linalg.norm(trace.position_tnd[0], axis=1)
-    scale = float((run.mass_n * lever * np.linalg.norm(trace.velocity_tnd[0], axis=1)).sum())
+    scale = float((run.packing.mass_n * lever * np.linalg.norm(trace.velocity_tnd[0], axis=1)).sum())
     assert trace.sliding_t.max() > 0 and np.ptp(trace.contacts_t) > 0
     assert trace.rotational_t[-1] != pytest.approx(trace.rotational_t[0], rel=0.1)
     drift = trace.angular_momentum_tk - trace.angular_momentum_tk[0]
@@ -257,13 +258,11 @@ def test_a_quenched_packing_displaced_by_a_thousandth_of_a_diameter_relaxes_back
     assert not pm.find_rattlers(packing).any()
     displacement = np.random.default_rng(6).standard_normal(packing.position_nd.shape)
     displacement *= 1e-3 * packing.reference_diameter / np.linalg.norm(displacement, axis=1)[:, None]
-    mass = packing.diameter_n**dimension
+    mass = packing.mass_n
     # dashpots between particles leave the center of mass where it is
     displacement -= mass @ displacement / mass.sum()
     moved = packing.replace(position_nd=packing.position_nd + displacement)
-    run = pm.simulate(
-        scene_of(moved, friction=0.0, damping=0.7), duration=500.0, dt=0.1, mass_n=mass, applied_strain=STILL
-    )
+    run = pm.simulate(scene_of(moved, friction=0.0, damping=0.7), duration=500.0, dt=0.1, applied_strain=STILL)
     back = np.linalg.norm(run.packing.position_nd - packing.position_nd, axis=1)
     assert np.linalg.norm(displacement, axis=1).min() > 5e-4
     assert back.max() < 1e-9
@@ -295,11 +294,11 @@ def test_bonds_and_drag_alone_make_a_damped_oscillator_without_any_effect_betwee
     stiffness, rate, stretch, mass = 3.0, 0.2, 0.1, 1.5
     law = pm.LinearSpring(stiffness)
     bonds = bond(2, 1.0, compression=law, tension=law)
-    scene = pm.Scene(pair(2, (1.0 + stretch) * AXES[2]), (bonds, pm.BackgroundDamping(rate)))
+    scene = pm.Scene(pair(2, (1.0 + stretch) * AXES[2], mass_n=[mass, mass]), (bonds, pm.BackgroundDamping(rate)))
     frequency = np.sqrt(2.0 * stiffness / mass - 0.25 * rate**2)
     error = []
     for dt in (0.1, 0.05, 0.025):
-        run = pm.simulate(scene, duration=10.0, dt=dt, mass_n=[mass, mass], trace_every=1, trace_positions=True)
+        run = pm.simulate(scene, duration=10.0, dt=dt, trace_every=1, trace_positions=True)
         time = run.trace.time_t
         swing = np.cos(frequency * time) + 0.5 * rate / frequency * np.sin(frequency * time)
         length = np.linalg.norm(run.trace.position_tnd[:, 1] - run.trace.position_tnd[:, 0], axis=1)

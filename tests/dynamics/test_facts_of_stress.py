@@ -80,7 +80,7 @@ def test_no_stress_depends_on_the_velocity_of_the_frame(dimension, name, strain)
 @DIMENSIONS
 def test_kinetic_energy_is_that_of_another_frame_and_so_depends_on_it(dimension):
     one, other = (moved(dimension, strain=STILL, boost=v, steps=20) for v in (0.0, BOOST[dimension]))
-    mass, boost = one.mass_n.sum(), BOOST[dimension]
+    mass, boost = one.packing.mass_n.sum(), BOOST[dimension]
     expected = one.trace.kinetic_t + one.trace.momentum_td @ boost + 0.5 * mass * boost @ boost
     assert other.trace.kinetic_t == pytest.approx(expected, rel=1e-11)
 
@@ -115,7 +115,7 @@ def alone(dimension, spin, *, velocity=None, shift=0.0):
     packing = pm.Packing(position, [0.5, 0.6, 0.8], pm.Box.cubic(12.0, dimension))
     moving = {"velocity_nd": velocity, "spin_nk": spin, "applied_strain": STILL}
     run = pm.simulate(scene_of(packing, none), steps=1, dt=0.1, trace_every=1, **moving)
-    inertia = INERTIA[dimension] * run.mass_n * packing.radius_n**2
+    inertia = INERTIA[dimension] * packing.mass_n * packing.radius_n**2
     return run.trace, inertia, packing.box.volume
 
 

@@ -123,7 +123,7 @@ def test_the_work_of_shear_is_volume_times_stress_times_rate():
     )
     trace = run.trace
     velocity = trace.kinetic_stress_tdd[:, 0, 1] - trace.momentum_td[:, 0] * trace.momentum_td[:, 1] / (
-        run.mass_n.sum() * run.packing.box.volume
+        run.packing.mass_n.sum() * run.packing.box.volume
     )
     power = rate * run.packing.box.volume * (trace.stress_tdd[:, 0, 1] + velocity)
     gained = trace.energy_t + trace.kinetic_t - trace.energy_t[0] - trace.kinetic_t[0]

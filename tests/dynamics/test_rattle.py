@@ -11,11 +11,12 @@ REPULSION = (pm.Repulsion(),)
 SIDE = 40.0
 
 
-def free_scene(position_nd, links, *, radius=0.3, effects=REPULSION):
-    """Return a scene of few particles in a box so large that they meet no image."""
+def free_scene(position_nd, links, *, radius=0.3, effects=REPULSION, mass_n=None):
+    """Return a scene of few particles, of mass 1 unless given, in a box so large that they meet no image."""
     position = np.asarray(position_nd, dtype=float) + 0.5 * SIDE
     box = pm.Box.cubic(SIDE, position.shape[1])
-    return pm.Scene(pm.Packing(position, [radius] * len(position), box, links), effects)
+    mass_n = np.ones(len(position)) if mass_n is None else mass_n
+    return pm.Scene(pm.Packing(position, [radius] * len(position), box, links, mass_n), effects)
 
 
 def chain_links(beads, dimension, lengths=1.0):
@@ -30,8 +31,8 @@ def tumbling_chain(beads, dimension, seed=0):
     step = np.eye(dimension)[0] + 0.5 * rng.standard_normal((beads - 1, dimension))
     step /= np.linalg.norm(step, axis=1, keepdims=True)
     position = np.vstack([np.zeros(dimension), np.cumsum(step, axis=0)])
-    scene = free_scene(position, chain_links(beads, dimension))
     velocity, mass = 0.5 * rng.standard_normal((beads, dimension)), rng.uniform(0.5, 2.0, beads)
+    scene = free_scene(position, chain_links(beads, dimension), mass_n=mass)
     return scene, velocity - mass @ velocity / mass.sum(), mass
 
 
@@ -47,7 +48,7 @@ REDUCED = MASS.prod() / MASS.sum()
 def rotor():
     """Return a dimer, and the velocities with which it turns about a center at rest."""
     arm = LENGTH * np.array([-MASS[1], MASS[0]]) / MASS.sum()
-    scene = free_scene(np.outer(arm, [1.0, 0.0]), chain_links(2, 2, LENGTH))
+    scene = free_scene(np.outer(arm, [1.0, 0.0]), chain_links(2, 2, LENGTH), mass_n=MASS)
     return scene, np.outer(SPIN * arm, [0.0, 1.0]), arm
 
 
@@ -62,7 +63,7 @@ def test_rotor_follows_its_closed_form_to_second_order():
     turned = np.outer(arm, [np.cos(SPIN * duration), np.sin(SPIN * duration)]) + 0.5 * SIDE
     error = []
     for dt in 2.0 ** -np.arange(3, 8):
-        run = pm.simulate(scene, duration=duration, dt=dt, velocity_nd=velocity, mass_n=MASS)
+        run = pm.simulate(scene, duration=duration, dt=dt, velocity_nd=velocity)
         error.append(np.abs(run.packing.position_nd - turned).max())
     assert np.allclose(np.divide(error[:-1], error[1:]), 4.0, atol=0.2)
     assert error[-1] < 2e-5
@@ -70,13 +71,13 @@ def test_rotor_follows_its_closed_form_to_second_order():
 
 def test_tension_of_a_rotor_is_reduced_mass_times_spin_squared_times_length():
     scene, velocity, _ = rotor()
-    run = pm.simulate(scene, steps=200, velocity_nd=velocity, mass_n=MASS)
+    run = pm.simulate(scene, steps=200, velocity_nd=velocity)
     assert run.tension_l == pytest.approx([REDUCED * SPIN**2 * LENGTH], rel=1e-13)
 
 
 def test_stress_of_a_rotor_is_tension_along_the_link_and_kinetic_stress_across_it():
     scene, velocity, _ = rotor()
-    run = pm.simulate(scene, steps=300, velocity_nd=velocity, mass_n=MASS, trace_every=30, trace_positions=True)
+    run = pm.simulate(scene, steps=300, velocity_nd=velocity, trace_every=30, trace_positions=True)
     trace = run.trace
     vector = trace.position_tnd[:, 1] - trace.position_tnd[:, 0]
     along = vector / LENGTH
@@ -91,7 +92,7 @@ def test_link_forces_are_what_mass_times_acceleration_asks_for():
     scene, velocity, mass = tumbling_chain(6, 3)
     apart = []
     for dt in (1 / 64, 1 / 128, 1 / 256):
-        manner = {"dt": dt, "velocity_nd": velocity, "mass_n": mass, "trace_every": 1, "trace_positions": True}
+        manner = {"dt": dt, "velocity_nd": velocity, "trace_every": 1, "trace_positions": True}
         one, two = (pm.simulate(scene, steps=steps, **manner) for steps in (1, 2))
         acceleration = (two.velocity_nd - two.trace.velocity_tnd[0]) / (2.0 * dt)
         vector = np.diff(one.packing.position_nd, axis=0)
@@ -108,7 +109,7 @@ def test_free_chains_converge_with_order_two(beads, dimension):
     scene, velocity, mass = tumbling_chain(beads, dimension)
 
     def end(dt):
-        run = pm.simulate(scene, duration=2.0, dt=dt, velocity_nd=velocity, mass_n=mass)
+        run = pm.simulate(scene, duration=2.0, dt=dt, velocity_nd=velocity)
         return np.concatenate([run.packing.position_nd, run.velocity_nd])
 
     fine = end(2.0**-12)
@@ -131,9 +132,7 @@ def test_links_and_contacts_together_converge_with_order_two():
 @pytest.fixture(scope="module")
 def long_run():
     scene, velocity, mass = tumbling_chain(5, 2)
-    run = pm.simulate(
-        scene, steps=100_000, dt=1 / 64, velocity_nd=velocity, mass_n=mass, trace_every=100, trace_positions=True
-    )
+    run = pm.simulate(scene, steps=100_000, dt=1 / 64, velocity_nd=velocity, trace_every=100, trace_positions=True)
     return run, mass
 
 
@@ -147,7 +146,7 @@ def drift_over_its_error(effects, seeds=15):
     for seed in range(seeds):
         scene, velocity, mass = tumbling_chain(5, 2, seed)
         scene = pm.Scene(scene.packing, effects)
-        run = pm.simulate(scene, steps=100_000, dt=1 / 64, velocity_nd=velocity, mass_n=mass, trace_every=100)
+        run = pm.simulate(scene, steps=100_000, dt=1 / 64, velocity_nd=velocity, trace_every=100)
         energy = run.trace.kinetic_t + run.trace.energy_t
         change.append((energy[-100:].mean() - energy[:100].mean()) / energy[0])
     low, middle, high = np.quantile(change, (0.25, 0.5, 0.75))
@@ -189,9 +188,9 @@ def test_momentum_and_angular_momentum_hold_to_rounding_over_1e5_steps(long_run)
 
 def test_reversed_velocities_lead_back_to_the_start():
     scene, velocity, mass = tumbling_chain(5, 3)
-    there = pm.simulate(scene, steps=500, dt=1 / 64, velocity_nd=velocity, mass_n=mass)
+    there = pm.simulate(scene, steps=500, dt=1 / 64, velocity_nd=velocity)
     turned = pm.Scene(there.packing, REPULSION)
-    back = pm.simulate(turned, steps=500, dt=1 / 64, velocity_nd=-there.velocity_nd, mass_n=mass)
+    back = pm.simulate(turned, steps=500, dt=1 / 64, velocity_nd=-there.velocity_nd)
     assert np.abs(there.packing.position_nd - scene.packing.position_nd).max() > 1.0
     assert np.abs(back.packing.position_nd - scene.packing.position_nd).max() < 1e-11
 
@@ -235,10 +234,10 @@ def test_a_bond_converges_to_the_link_as_one_over_its_stiffness(beads):
     for k in stiffness:
         every = int(np.ceil(duration / frames / (0.05 / np.sqrt(k))))
         faint = pm.Repulsion(law=pm.Harmonic(energy_scale=1e-30))
-        bonded = free_scene(position, None, radius=0.7, effects=(faint, Spring(k)))
+        bonded = free_scene(position, None, radius=0.7, effects=(faint, Spring(k)), mass_n=np.ones(beads))
         run = pm.simulate(
             bonded, steps=every * frames, dt=duration / (every * frames), velocity_nd=velocity, trace_every=every,
-            trace_positions=True, mass_n=np.ones(beads),
+            trace_positions=True,
         )  # fmt: skip
         apart.append(np.abs(run.trace.position_tnd - reference.trace.position_tnd).max())
         stretch.append(np.abs(np.linalg.norm(np.diff(run.trace.position_tnd, axis=1), axis=2) - 1.0).max())
@@ -291,7 +290,7 @@ def test_same_seed_gives_the_same_bits_with_links_whatever_is_traced():
 
 def test_a_step_too_long_for_the_links_is_named():
     scene, velocity, mass = tumbling_chain(5, 2)
-    run = pm.simulate(scene, steps=1000, dt=2.0, velocity_nd=3.0 * velocity, mass_n=mass, check=False)
+    run = pm.simulate(scene, steps=1000, dt=2.0, velocity_nd=3.0 * velocity, check=False)
     assert run.outcome is pm.Outcome.STEP_TOO_LONG
     assert run.packing.link_error < 1e-13
 
@@ -307,11 +306,10 @@ def test_any_number_of_threads_gives_the_same_bits_with_links():
 
 def test_a_link_to_a_held_particle_is_a_pendulum_with_the_tension_of_one():
     gravity, length = 0.7, 1.0
-    scene = free_scene(
-        [[0.0, 0.0], [length, 0.0]], chain_links(2, 2), effects=(pm.Repulsion(), pm.Gravity(0.0, -gravity))
-    )
     mass = np.array([1.0, 2.0])
-    run = pm.simulate(scene, duration=2.0, dt=1e-3, held_n=[True, False], mass_n=mass, trace_every=100)
+    effects = (pm.Repulsion(), pm.Gravity(0.0, -gravity))
+    scene = free_scene([[0.0, 0.0], [length, 0.0]], chain_links(2, 2), effects=effects, mass_n=mass)
+    run = pm.simulate(scene, duration=2.0, dt=1e-3, held_n=[True, False], trace_every=100)
     hang = run.packing.position_nd[1] - run.packing.position_nd[0]
     assert np.array_equal(run.packing.position_nd[0], scene.packing.position_nd[0])
     assert np.linalg.norm(hang) == pytest.approx(length, abs=1e-13)

@@ -14,6 +14,8 @@ AMPLITUDE, FREQUENCY = 2e-3, 0.02
 @cache
 def plain(seed, n=24):
     packing = pm.random_packing(n, dimension=2, packing_fraction=0.9, seed=seed)
+    # mass 1 for a small disc
+    packing = packing.replace(mass_n=(packing.diameter_n / packing.reference_diameter) ** 2)
     scene = pm.Scene(packing, (pm.Repulsion(),))
     return scene.replace(packing=pm.quench(scene, force_tolerance=1e-8, check=False).packing)
 

@@ -10,8 +10,9 @@ REPULSION = (pm.Repulsion(),)
 METHODS = (pm.VelocityVerlet(), pm.SemiImplicitEuler())
 
 
-def pair_scene(distance, *effects, radius=0.5):
-    packing = pm.Packing([[4.0, 5.0], [4.0 + distance, 5.0]], [radius, radius], pm.Box.cubic(10.0, 2))
+def pair_scene(distance, *effects, radius=0.5, mass=1.0):
+    position, masses = [[4.0, 5.0], [4.0 + distance, 5.0]], [mass, mass]
+    packing = pm.Packing(position, [radius, radius], pm.Box.cubic(10.0, 2), mass_n=masses)
     return pm.Scene(packing, effects)
 
 
@@ -165,16 +166,11 @@ def test_temperature_is_met_exactly_and_momentum_is_zero(jammed):
     assert np.abs(run.trace.momentum_td).max() < 1e-14
 
 
-def test_masses_go_with_volume_and_are_one_at_the_reference_diameter(jammed):
-    run = pm.simulate(pm.Scene(jammed, REPULSION), steps=1)
-    assert run.mass_n == pytest.approx((jammed.diameter_n / jammed.diameter_n.min()) ** 2, rel=1e-14)
-
-
 def test_time_step_is_a_fraction_of_the_root_of_mass_over_stiffness_whatever_the_amplitude():
     stiffness, mass, fraction = 7.0, 3.0, 0.02
     for distance in (0.8, 0.99, 1.5):
-        scene = pair_scene(distance, pm.Repulsion(law=pm.Harmonic(stiffness)))
-        run = pm.simulate(scene, steps=1, method=pm.VelocityVerlet(fraction), mass_n=[mass, mass])
+        scene = pair_scene(distance, pm.Repulsion(law=pm.Harmonic(stiffness)), mass=mass)
+        run = pm.simulate(scene, steps=1, method=pm.VelocityVerlet(fraction))
         assert run.dt == pytest.approx(fraction * np.sqrt(mass / stiffness), rel=1e-14)
 
 
@@ -201,7 +197,7 @@ def test_a_step_beyond_stability_is_named_and_the_last_good_state_returned(jamme
 
 def test_one_over_the_stability_limit_of_a_pair_grows_and_one_below_does_not():
     # a particle between two images of itself does not move; a pair in contact from both sides is a spring for good
-    packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box(np.diag([1.8, 5.0])))
+    packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box(np.diag([1.8, 5.0])), mass_n=[1.0, 1.0])
     scene = pm.Scene(packing, (pm.Repulsion(),))
     velocity = 1e-6 * np.array([[1.0, 0.0], [-1.0, 0.0]])
     # two springs of stiffness 1 on the reduced mass 1/2
@@ -238,7 +234,7 @@ def test_time_limit_interrupts(jammed):
 
 
 def test_a_scene_without_links_has_none_of_their_arrays(jammed):
-    engine = build_engine(pm.Scene(jammed, REPULSION), dt=0.1, mass_n=np.ones(48), velocity_nd=np.zeros((48, 2)))
+    engine = build_engine(pm.Scene(jammed, REPULSION), dt=0.1, velocity_nd=np.zeros((48, 2)))
     assert engine.space.linked is None and engine.rattle is None
 
 

@@ -33,7 +33,8 @@ def test_discs_of_a_triangular_lattice_turn_like_a_driven_oscillator():
     # I theta'' = 3 d^2 k_t* (W - theta) + drag I (W - theta)' with W = -gamma/2: six springs at arms of half a diameter
     packing, bonds = lattice(tangential_stiffness=0.4, tangential_damping=0.3)
     found = pm.complex_modulus(pm.Scene(packing, (bonds, pm.BackgroundDamping(0.2))), FREQUENCY)
-    inertia, spring = 0.5 * 0.25, 3.0 * (0.4 + 0.3j * OMEGA) + 0.2j * OMEGA * 0.5 * 0.25
+    inertia = 0.5 * (np.pi / 4.0) * 0.25
+    spring = 3.0 * (0.4 + 0.3j * OMEGA) + 0.2j * OMEGA * inertia
     expected = -0.5 * spring / (spring - OMEGA**2 * inertia)
     assert np.allclose(found.rotation_fnk, expected[:, None, None], rtol=1e-12)
     # torques that inertia takes are what makes the forces' stress unsymmetric

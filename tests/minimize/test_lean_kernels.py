@@ -42,9 +42,7 @@ def a_march(law: object) -> Engine:
     profile = Ramp(0.0, 0.01, 0.0, np.inf)
     still = np.zeros((30, 2))
     effects = (pm.Repulsion(law=law), pm.ContactDamping(0.3))
-    return build_engine(
-        pm.Scene(packing, effects), dt=0.05, mass_n=np.ones(30), velocity_nd=still, profile=profile, direction_dd=SHEAR
-    )
+    return build_engine(pm.Scene(packing, effects), dt=0.05, velocity_nd=still, profile=profile, direction_dd=SHEAR)
 
 
 def test_law_that_makes_arrays_steps_as_one_that_makes_none() -> None:

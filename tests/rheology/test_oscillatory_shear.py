@@ -135,9 +135,8 @@ def test_time_step_does_not_depend_on_the_amplitude_and_divides_the_period(scene
 
 
 def test_relative_frequency_is_in_units_of_the_mean_mass_and_a_contacts_stiffness(scene):
-    packing = scene.packing
-    mass = (packing.diameter_n / packing.reference_diameter) ** 2
-    assert characteristic_time(scene, mass) == pytest.approx(np.sqrt(mass.mean()), rel=1e-12)
+    mass = np.pi * scene.packing.radius_n**2
+    assert characteristic_time(scene) == pytest.approx(np.sqrt(mass.mean()), rel=1e-12)
     run = pm.oscillatory_shear(scene, amplitude=1e-3, relative_frequency=0.1, periods=1)
     assert run.frequency == pytest.approx(0.1 / np.sqrt(mass.mean()), rel=1e-12)
 

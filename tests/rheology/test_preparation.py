@@ -16,10 +16,6 @@ def microgel():
     return pm.read_scene("microgel")
 
 
-def masses(scene):
-    return scene.drive.density * np.pi * scene.packing.radius_n**2
-
-
 # -- constants of a material -------------------------------------------------------------------------------------------
 
 
@@ -49,7 +45,7 @@ def test_forces_are_those_of_the_equations_of_the_source():
 
 
 def test_masses_of_one_density_have_the_mean_mass(microgel):
-    assert masses(microgel).mean() == pytest.approx(pm.material_constants().mean_mass, rel=1e-13)
+    assert microgel.packing.mass_n.mean() == pytest.approx(pm.material_constants().mean_mass, rel=1e-13)
 
 
 def test_what_a_period_leaves_of_a_velocity_is_the_decay_asked_for():
@@ -68,7 +64,7 @@ def test_effects_of_a_material_have_no_friction_where_there_is_none():
 
 def test_bonds_made_in_a_frictionless_minimum_leave_it_at_rest(microgel):
     # bonds push as the contacts did, and tangential springs are slack
-    rest = pm.equilibrate(microgel, amplitude=0.2, relative_frequency=0.025, mass_n=masses(microgel))
+    rest = pm.equilibrate(microgel, amplitude=0.2, relative_frequency=0.025)
     assert rest.outcome is pm.Outcome.CONVERGED and rest.periods == 1
     assert rest.packing == microgel.packing
     assert rest.oscillation == 0.5 * np.ptp(rest.baseline.shear_stress_t)
@@ -79,7 +75,7 @@ def test_a_scene_that_was_moved_settles_until_it_oscillates_little(microgel):
     rng = np.random.default_rng(2)
     moved = microgel.packing.position_nd + 0.1 * microgel.packing.radius_n.min() * rng.standard_normal((150, 2))
     scene = microgel.replace(packing=microgel.packing.replace(position_nd=moved))
-    rest = pm.equilibrate(scene, amplitude=0.005, relative_frequency=0.025, mass_n=masses(scene))
+    rest = pm.equilibrate(scene, amplitude=0.005, relative_frequency=0.025)
     assert rest.outcome is pm.Outcome.CONVERGED and rest.periods > 1 and rest.ratio < 0.1
     # what follows starts as the last look did: its first period without strain is the same
     run = pm.oscillatory_shear(
@@ -88,7 +84,6 @@ def test_a_scene_that_was_moved_settles_until_it_oscillates_little(microgel):
         relative_frequency=0.025,
         pre_periods=1,
         periods=2,
-        mass_n=masses(scene),
     )
     before = run.shear_stress_t[run.time_t < 1.0 / run.frequency]
     assert 0.5 * np.ptp(before) == pytest.approx(rest.oscillation, rel=0.02)
@@ -99,7 +94,7 @@ def test_a_scene_that_cannot_settle_in_time_says_so(microgel):
     rng = np.random.default_rng(2)
     moved = microgel.packing.position_nd + 3.0 * rng.standard_normal((150, 2))
     scene = microgel.replace(packing=microgel.packing.replace(position_nd=moved))
-    how = {"amplitude": 1e-6, "relative_frequency": 0.025, "mass_n": masses(scene), "step_limit": 2000}
+    how = {"amplitude": 1e-6, "relative_frequency": 0.025, "step_limit": 2000}
     with pytest.raises(pm.NotConverged) as caught:
         pm.equilibrate(scene, **how)
     assert caught.value.run.outcome is pm.Outcome.STEP_LIMIT
@@ -108,7 +103,7 @@ def test_a_scene_that_cannot_settle_in_time_says_so(microgel):
 
 def test_a_frictionless_minimum_that_is_not_found_is_an_outcome_where_that_is_not_checked(microgel, monkeypatch):
     scene = microgel.replace(effects=microgel.effects[:3])
-    drawn = scene.replace(packing=pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1))
+    drawn = scene.replace(packing=pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1, density=1e-9))
     short = functools.partial(pm.quench, step_limit=3)
     monkeypatch.setattr("packmech.rheology.equilibrate.quench", short)
     how = {"amplitude": 0.2, "relative_frequency": 0.025}
@@ -127,7 +122,7 @@ def test_a_frictionless_minimum_that_is_not_found_is_an_outcome_where_that_is_no
 
 
 def test_time_that_runs_out_within_the_frictionless_minimum_is_an_outcome(microgel):
-    drawn = pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1)
+    drawn = pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1, density=1e-9)
     scene = microgel.replace(packing=drawn, effects=microgel.effects[:3])
     how = {"amplitude": 0.2, "relative_frequency": 0.025, "time_limit": 1e-9}
     rest = pm.equilibrate(scene, check=False, **how)
@@ -141,14 +136,14 @@ def test_time_that_runs_out_within_the_frictionless_minimum_is_an_outcome(microg
 
 def test_without_bonds_the_frictionless_minimum_comes_first(microgel):
     scene = microgel.replace(effects=microgel.effects[:1])
-    drawn = pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1)
+    drawn = pm.fill_box(microgel.packing.box, 150, packing_fraction=1.5, seed=1, density=1e-9)
     rest = pm.equilibrate(scene.replace(packing=drawn), amplitude=0.2, relative_frequency=0.025)
     assert rest.packing == microgel.packing
 
 
 def test_the_expected_stress_is_amplitude_times_the_frictionless_modulus(microgel):
     modulus = pm.elastic_moduli(microgel.replace(effects=microgel.effects[:1])).shear_modulus
-    rest = pm.equilibrate(microgel, amplitude=0.2, relative_frequency=0.025, mass_n=masses(microgel))
+    rest = pm.equilibrate(microgel, amplitude=0.2, relative_frequency=0.025)
     assert rest.expected_stress == pytest.approx(0.2 * modulus, rel=1e-14)
 
 

@@ -16,12 +16,12 @@ SMALL = 1e-4
 
 @pytest.fixture(scope="module")
 def slab():
-    """Ten rows of a triangular crystal of slack bonds, four discs wide.
+    """Ten rows of a triangular crystal of slack bonds, four discs of mass 1 wide.
 
     Contacts, friction and drag do nothing here: their loops serve other tests too.
     """
     packing = pm.lattice_packing("triangular", repeats=(2, 5), conventional=True)
-    packing = packing.replace(position_nd=packing.position_nd + 0.1)
+    packing = packing.replace(position_nd=packing.position_nd + 0.1, mass_n=np.ones(20))
     springs = {"compression": LAW, "tension": LAW, "tangential_stiffness": 0.0, "damping": DASHPOT}
     bonds = pm.bond_contacts(packing, rest="distance", gap_tolerance=1e-9, **springs)
     idle = (pm.Repulsion(law=LAW), pm.ContactDamping(0.0), pm.Friction(0.0, 1.0, 0.0))
@@ -48,9 +48,7 @@ def exact(frequency):
 
 def shear(scene, held, **choices):
     settings = {"amplitude": SMALL, "frequency": 0.05, "periods": 2, "dt": 0.1, "samples_per_period": 40}
-    return pm.oscillatory_shear(
-        scene, held_n=held, mass_n=np.ones(scene.packing.particles), **(settings | {"carried": False} | choices)
-    )
+    return pm.oscillatory_shear(scene, held_n=held, **(settings | {"carried": False} | choices))
 
 
 def both(walls):
@@ -82,7 +80,7 @@ def test_fast_shear_makes_a_standing_wave_that_the_plates_feel_and_the_flag_tell
 
 def test_a_slab_that_is_carried_along_has_no_wave_and_the_moduli_of_the_frequency_domain(slab, plates):
     walls = shear(slab, plates, carried=True).walls
-    domain = pm.complex_modulus(slab, [0.05], held_n=plates, mass_n=np.ones(20)).modulus_f[0]
+    domain = pm.complex_modulus(slab, [0.05], held_n=plates).modulus_f[0]
     for found in both(walls):
         assert abs(found - domain) < 1e-6 * abs(domain)
     assert walls.agree
@@ -225,7 +223,6 @@ def test_slow_shear_between_rough_plates_has_one_modulus_whatever_their_discs_he
         relative_frequency=0.002,
         periods=1,
         held_n=pm.rough_plates(scene.packing),
-        mass_n=scene.drive.density * np.pi * scene.packing.radius_n**2,
         samples_per_period=40,
     )
     assert run.walls.difference < 0.01
@@ -234,13 +231,13 @@ def test_slow_shear_between_rough_plates_has_one_modulus_whatever_their_discs_he
 @pytest.mark.slow
 def test_plates_in_space_have_one_modulus_above_that_of_the_bulk_as_they_let_nothing_turn():
     packing = pm.lattice_packing("sc", repeats=(3, 3, 5))
-    packing = packing.replace(position_nd=packing.position_nd + 0.2)
+    packing = packing.replace(position_nd=packing.position_nd + 0.2, mass_n=np.ones(45))
     springs = {"compression": LAW, "tension": LAW, "tangential_stiffness": 0.5, "damping": 0.2}
     bonds = pm.bond_contacts(packing, rest="distance", gap_tolerance=1e-9, tangential_damping=0.1, **springs)
     scene, marches = pm.Scene(packing, (bonds,)), []
     held = pm.rough_plates(packing, layer=0.9, axis=2)
     assert held.sum() == 18
-    choices = {"axes": (0, 2), "held_n": held, "mass_n": np.ones(45)}
+    choices = {"axes": (0, 2), "held_n": held}
     run = pm.oscillatory_shear(
         scene,
         amplitude=1e-6,

@@ -104,7 +104,6 @@ def test_a_drive_of_oscillatory_shear_is_read_as_it_was_written(tmp_path, packin
         skip_periods=0.5,
         axes=(1, 0),
         method=pm.SemiImplicitEuler(0.1),
-        density=1e-9,
         largest_oscillation=0.05,
     )
     scene = pm.Scene(packing, (pm.Repulsion(),), drive)
@@ -112,9 +111,7 @@ def test_a_drive_of_oscillatory_shear_is_read_as_it_was_written(tmp_path, packin
 
 
 def test_a_drive_of_steady_shear_is_read_as_it_was_written(tmp_path, packing):
-    drive = pm.SteadyShearDrive(
-        rates=(0.1, 1.0 / 3.0), applied_strain=2.0, samples=50, axes=(1, 0), dt=0.01, density=2.0
-    )
+    drive = pm.SteadyShearDrive(rates=(0.1, 1.0 / 3.0), applied_strain=2.0, samples=50, axes=(1, 0), dt=0.01)
     scene = pm.Scene(packing, (pm.Repulsion(),), drive)
     assert again(tmp_path, scene) == scene
 
@@ -208,7 +205,7 @@ def test_shipped_constants_are_those_of_the_material(shipped, name):
     assert (law.law if name == "plateau" else law) == pm.DivergentRepulsion(made.stiffness)
     assert of["ContactDamping"].coefficient == made.damping
     assert of["BackgroundDamping"].rate == made.background_damping
-    assert scene.drive.density == made.density
+    assert np.array_equal(scene.packing.mass_n, made.density * np.pi * scene.packing.radius_n**2)
     if name != "frictionless":
         assert of["Friction"] == pm.Friction(0.01, made.tangential_stiffness, made.tangential_damping)
     radii = sorted(set(scene.packing.radius_n))
@@ -239,10 +236,7 @@ def test_the_command_prints_stresses_and_moduli_and_writes_them(tmp_path, capsys
     assert pm.read_packing(tmp_path / "a.npz").particles == 150
     # the same by hand
     scene = shipped["microgel"]
-    mass = scene.drive.density * np.pi * scene.packing.radius_n**2
-    run = pm.oscillatory_shear(
-        scene, amplitude=0.2, relative_frequency=0.025, pre_periods=2, periods=3, post_periods=1, mass_n=mass
-    )
+    run = pm.oscillatory_shear(scene, amplitude=0.2, relative_frequency=0.025, pre_periods=2, periods=3, post_periods=1)
     assert run.moduli.storage == numbers["storage_modulus"]
     assert run.frequency == pytest.approx(pm.material_constants().frequency, rel=1e-8)
 

@@ -63,18 +63,17 @@ def test_an_assembly_at_rest_stays_at_rest(tmp_path):
 
 
 def test_a_drive_is_read_back_equal_and_does_what_simulate_does(tmp_path):
-    packing = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
-    moving = {"velocities": ((1.0, 0.0), (0.0, 0.5)), "masses": (1.0, 2.0)}
-    drive = pm.SimulateDrive(duration=2.0, dt=0.1, **moving)
+    packing = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), mass_n=[1.0, 2.0])
+    drive = pm.SimulateDrive(duration=2.0, dt=0.1, velocities=((1.0, 0.0), (0.0, 0.5)))
     scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),), drive)
     other = scene.replace(
-        drive=pm.SimulateDrive(steps=3, method=pm.SemiImplicitEuler(), spins=((0.5,), (0.0,)), density=2.0, held=(1,))
+        drive=pm.SimulateDrive(steps=3, method=pm.SemiImplicitEuler(), spins=((0.5,), (0.0,)), held=(1,))
     )
     for one in (other, scene):
         pm.write_scene(one, tmp_path / "a.toml")
         assert pm.read_scene(tmp_path / "a.toml") == one
     numbers = ran(tmp_path / "a.toml", tmp_path, "--out", str(tmp_path / "end.npz"))
-    run = pm.simulate(scene, duration=2.0, dt=0.1, velocity_nd=[[1.0, 0.0], [0.0, 0.5]], mass_n=[1.0, 2.0])
+    run = pm.simulate(scene, duration=2.0, dt=0.1, velocity_nd=[[1.0, 0.0], [0.0, 0.5]])
     assert pm.read_packing(tmp_path / "end.npz") == run.packing
     assert numbers["steps"] == 20 and numbers["momentum"] == pytest.approx([1.0, 1.0], rel=1e-12)
 
@@ -84,10 +83,6 @@ def test_a_drive_is_read_back_equal_and_does_what_simulate_does(tmp_path):
     [
         ({}, "drive.steps must be given, or else duration, got neither"),
         ({"steps": 2, "duration": 1.0}, "drive.steps must be given, or else duration, got both"),
-        (
-            {"steps": 2, "masses": (1.0,), "density": 2.0},
-            "drive.density must be left out where masses are given, got 2",
-        ),
     ],
 )
 def test_a_drive_that_cannot_be_is_refused(changes, message):

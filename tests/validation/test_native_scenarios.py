@@ -8,7 +8,7 @@ import pytest
 
 import packmech as pm
 from packmech.dynamics.pair_forces import PairForces, pair_forces
-from packmech.rheology.drives import follow, masses
+from packmech.rheology.drives import follow
 from packmech.validation import particle_shear as ps
 from packmech.validation.particle_shear.scenarios import elastic_pair_forces, judge_natively, native_tensors, table_rows
 
@@ -29,7 +29,7 @@ def conserved(name, run):
     linear = np.abs(np.diff(trace.momentum_td[[0, -1]], axis=0)).max()
     if trace.angular_momentum_tk is None:
         x, v = trace.position_tnd, trace.velocity_tnd
-        angular_t = (run.mass_n * (x[..., 0] * v[..., 1] - x[..., 1] * v[..., 0])).sum(axis=1)
+        angular_t = (run.packing.mass_n * (x[..., 0] * v[..., 1] - x[..., 1] * v[..., 0])).sum(axis=1)
     else:
         angular_t = trace.angular_momentum_tk[:, -1]
     spin = np.abs(start.spin_n)
@@ -67,8 +67,9 @@ def of_pair(name, scenario, scene):
     packing = scene.packing.replace(position_nd=run.trace.position_tnd[at])
     pairs = seen[0] if seen else elastic_pair_forces(scene.replace(packing=packing))
     tensors = {key: tensor_t[at] for key, tensor_t in run.trace.stress.items()}
-    moving = {"mass_n": run.mass_n, "velocity_nd": run.trace.velocity_tnd[at]}
-    found = native_tensors(packing, pairs, tensors, held_n=run.held_n, unit=MICRO, **moving)
+    found = native_tensors(
+        packing, pairs, tensors, held_n=run.held_n, unit=MICRO, velocity_nd=run.trace.velocity_tnd[at]
+    )
     return found | conserved(name, run)
 
 
@@ -83,7 +84,6 @@ def sheared(name):
         relative_frequency=drive.relative_frequency,
         pre_periods=drive.pre_periods,
         periods=drive.periods,
-        mass_n=masses(scene, drive.density),
         frames=38,
         progress=lambda stage, figures: engines.append(figures["engine"]),
     )
@@ -94,7 +94,7 @@ def of_assembly(name):
     if name != "assembly_at_rest":
         run, pairs = sheared(name)
         tensors = {key: tensor_t[-1] for key, tensor_t in run.stress.items()}
-        return native_tensors(run.packing, pairs, tensors, mass_n=run.mass_n, velocity_nd=run.velocity_nd)
+        return native_tensors(run.packing, pairs, tensors, velocity_nd=run.velocity_nd)
     # the last frame before the strain starts: the same discs, without a loop of their own to compile
     run, _ = sheared("assembly_sheared")
     assert scene_of(name).packing == scene_of("assembly_sheared").packing
@@ -110,7 +110,7 @@ def of_assembly(name):
     tensors = {key: tensor_t[at] for key, tensor_t in run.stress.items()}
     rest = np.zeros_like(packing.position_nd)
     assert run.kinetic_t[at] < 1e-12 * run.potential_t[at]
-    return native_tensors(packing, pairs, tensors, mass_n=run.mass_n, velocity_nd=rest)
+    return native_tensors(packing, pairs, tensors, velocity_nd=rest)
 
 
 @pytest.mark.parametrize("name", ps.SCENARIOS)
@@ -151,7 +151,7 @@ def test_scenes_of_a_disc_or_two_start_as_the_packages_scenarios_do(name):
     assert np.array_equal(scene.packing.position_nd, start.position_nd)
     assert np.array_equal(scene.packing.radius_n, start.radius_n)
     assert scene.packing.box == pm.Box.cubic(500.0, 2)
-    assert drive.masses == tuple(start.mass_n) and drive.dt == scenario.rules.time_step
+    assert np.array_equal(scene.packing.mass_n, start.mass_n) and drive.dt == scenario.rules.time_step
     assert drive.steps == scenario.measured_step
     spins = np.zeros((start.discs, 1)) if drive.spins is None else np.array(drive.spins)
     assert np.array_equal(spins[:, 0], start.spin_n)
@@ -192,7 +192,8 @@ def test_scenes_of_assemblies_are_the_packages_in_number_size_material_and_strai
     assert of["ContactDamping"].coefficient == made.damping
     assert of["BackgroundDamping"].rate == made.background_damping
     assert of["Friction"] == pm.Friction(0.01, made.tangential_stiffness, made.tangential_damping)
-    assert scene.drive.density == made.density and ("Bonds" in of) == (name == "crosslinked_sheared")
+    assert np.array_equal(scene.packing.mass_n, made.density * np.pi * scene.packing.radius_n**2)
+    assert ("Bonds" in of) == (name == "crosslinked_sheared")
     if name == "assembly_at_rest":
         assert scene.drive.duration == pytest.approx(0.1 / made.frequency, rel=1e-3)
     else:

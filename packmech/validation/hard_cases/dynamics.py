@@ -45,9 +45,9 @@ def frictional_scene(
 
 
 def pair_of(distance: float, across: float = 0.0, radius: float = 0.5) -> pm.Packing:
-    """Return two discs, the second so far from the first along x and y."""
+    """Return two discs of mass 1, the second so far from the first along x and y."""
     position_nd = np.array([[5.0, 5.0], [5.0 + distance, 5.0 + across]])
-    return pm.Packing(position_nd, np.full(2, radius), pm.Box.cubic(12.0, 2))
+    return pm.Packing(position_nd, np.full(2, radius), pm.Box.cubic(12.0, 2), mass_n=np.ones(2))
 
 
 @cache
@@ -127,7 +127,7 @@ def _resonance() -> float:
     u'(0) = A w / 2, so that u = -(3/4) A wt cos wt + (5/4) A sin wt.
     """
     amplitude, periods, phase = 1e-5, 50, 0.01
-    packing = pm.Packing(np.array([[1.0, 2.0], [1.5, 2.0]]), np.full(2, 0.1), pm.Box.cubic(4.0, 2))
+    packing = pm.Packing(np.array([[1.0, 2.0], [1.5, 2.0]]), np.full(2, 0.1), pm.Box.cubic(4.0, 2), mass_n=np.ones(2))
     bonds = bonds_of((0, 1, 0, 0.5), (0, 1, -1, 3.5))
     scene = frictional_scene(packing, bonds=bonds)
     scene = scene.replace(effects=(*scene.effects, pm.BackgroundDamping(0.0)))
@@ -136,7 +136,6 @@ def _resonance() -> float:
         scene,
         duration=2.0 * math.pi * periods / omega,
         dt=phase / omega,
-        mass_n=[1.0, 1.0],
         applied_strain=pm.OscillatoryStrain(amplitude, omega / (2.0 * math.pi), mode="uniaxial"),
         trace_every=50,
         trace_positions=True,
@@ -193,7 +192,7 @@ def _broad() -> float:
 def _crushed() -> float:
     """Relative error of the speed at which two discs part that coincided, under the divergent law up to its cap."""
     law = pm.DivergentRepulsion()
-    run = pm.simulate(pm.Scene(pair_of(0.0), (pm.Repulsion(law=law),)), duration=0.6, dt=1e-5, mass_n=[1.0, 1.0])
+    run = pm.simulate(pm.Scene(pair_of(0.0), (pm.Repulsion(law=law),)), duration=0.6, dt=1e-5)
     parting = float(np.linalg.norm(run.velocity_nd[1] - run.velocity_nd[0]))
     return abs(parting / math.sqrt(4.0 * law.energy(0.0, 1.0)) - 1.0)
 
@@ -206,7 +205,6 @@ def _crossed() -> float:
         pm.Scene(pair_of(1.1, 1e-9), (pm.Repulsion(law=law),)),
         duration=1.0,
         dt=1e-5,
-        mass_n=[1.0, 1.0],
         velocity_nd=[[speed, 0.0], [-speed, 0.0]],
     )
     through = run.packing.position_nd[0, 0] - run.packing.position_nd[1, 0] > 1.0
@@ -220,7 +218,6 @@ def _head_on() -> float:
         frictional_scene(pair_of(1.05), stiffness=stiffness, damping=damping),
         duration=8.0,
         dt=1e-4,
-        mass_n=[1.0, 1.0],
         velocity_nd=[[speed, 0.0], [-speed, 0.0]],
         applied_strain=STILL,
     )
@@ -236,7 +233,6 @@ def _grazing() -> float:
         frictional_scene(pair_of(-1.0, aside), friction=0.0),
         duration=0.2,
         dt=1e-5,
-        mass_n=[1.0, 1.0],
         velocity_nd=[[-0.5 * speed, 0.0], [0.5 * speed, 0.0]],
         applied_strain=STILL,
     )
@@ -265,12 +261,13 @@ def _squeezed() -> float:
     stiffness, gap, aside, periods = 1.0, 0.8, 0.05, 20
     omega = math.sqrt(8.0 * stiffness)
     walls = pm.Walls(axis=1, low=5.0, high=5.0 + gap, law=pm.LinearSpring(stiffness))
-    packing = pm.Packing(np.array([[5.0, 5.0 + 0.5 * gap + aside]]), np.array([0.5]), pm.Box.cubic(12.0, 2))
+    packing = pm.Packing(
+        np.array([[5.0, 5.0 + 0.5 * gap + aside]]), np.array([0.5]), pm.Box.cubic(12.0, 2), mass_n=[1.0]
+    )
     run: Any = pm.simulate(
         pm.Scene(packing, (walls,)),
         duration=2.0 * math.pi * periods / omega,
         dt=0.01 / omega,
-        mass_n=[1.0],
         trace_every=100,
         trace_positions=True,
     )

@@ -403,7 +403,6 @@ def native_tensors(
     pairs: PairForces,
     stress: Mapping[str, NDArray[np.float64]],
     *,
-    mass_n: NDArray[np.float64],
     velocity_nd: NDArray[np.float64],
     held_n: NDArray[np.bool_] | None = None,
     unit: float = 1.0,
@@ -413,13 +412,13 @@ def native_tensors(
     Parameters
     ----------
     packing
-        Positions and box at that time.
+        Positions, masses and box at that time.
     pairs
         The pair forces then.
     stress
         (d, d) tensors of the run at that time, as `StrainRun.stress` names them.
-    mass_n, velocity_nd
-        (N,) masses and (N, d) peculiar velocities.
+    velocity_nd
+        (N, d) peculiar velocities.
     held_n
         (N,) particles that are held.
     unit
@@ -431,7 +430,7 @@ def native_tensors(
     outside = held[pairs.i_k] != held[pairs.j_k]
     from_outside = PairForces(*(column[outside] for column in pairs)).net(packing.particles)
     share = unit / packing.box.volume
-    weight = np.where(held, 0.0, mass_n)[:, None]
+    weight = np.where(held, 0.0, packing.mass_n)[:, None]
     own = velocity_nd - (weight * velocity_nd).sum(axis=0) / weight.sum()
     return {
         "love_weber": -unit * stress["contact"],

@@ -102,7 +102,6 @@ class Start:
     """The state that every run starts from: one under steady shear, mapped back to a square box."""
 
     packing: pm.Packing
-    mass_n: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
     spin_nk: NDArray[np.float64]
 
@@ -113,14 +112,14 @@ def start_of(particles: int) -> Start:
     sizes = pm.Bidisperse(ratio=1.4)
     packing = pm.random_packing(particles, dimension=2, sizes=sizes, packing_fraction=FRACTION, seed=1)
     packing = pm.quench(pm.Scene(packing, (SPRING,)), force_tolerance=1e-2).packing
-    mass = packing.diameter_n**2 / np.mean(packing.diameter_n**2)
-    rest = Start(packing, mass, np.zeros((particles, 2)), np.zeros((particles, 1)))
+    packing = packing.replace(mass_n=packing.diameter_n**2 / np.mean(packing.diameter_n**2))
+    rest = Start(packing, np.zeros((particles, 2)), np.zeros((particles, 1)))
     engine = engine_of(rest, (SPRING, DASHPOT, FRICTION))
     engine.advance(WARM_STEPS)
     back = np.linalg.inv(np.eye(2) + engine.gamma * SHEAR)
     spin = engine.spins()
     assert spin is not None
-    return Start(packing.replace(position_nd=engine.positions() @ back.T), mass, engine.velocities(), spin)
+    return Start(packing.replace(position_nd=engine.positions() @ back.T), engine.velocities(), spin)
 
 
 def engine_of(start: Start, effects: tuple[Any, ...]) -> Engine:
@@ -129,7 +128,6 @@ def engine_of(start: Start, effects: tuple[Any, ...]) -> Engine:
     return build_engine(
         pm.Scene(start.packing, effects),
         dt=DT,
-        mass_n=start.mass_n,
         velocity_nd=start.velocity_nd,
         spin_nk=start.spin_nk if turns else None,
         profile=Ramp(0.0, RATE, 0.0, np.inf),

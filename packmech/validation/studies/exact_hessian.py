@@ -180,7 +180,8 @@ def state(name: str, dimension: int, pressure: float) -> pm.Scene:
 
 def lowest(scene: pm.Scene, kind: str) -> float:
     """Return the lowest eigenvalue of the reduced Hessian at fixed volume, translations and dangling ends left out."""
-    value: NDArray[np.float64] = np.linalg.eigvalsh(pm.dynamical_matrix(scene, "isochoric", kind).toarray())
+    equal = scene.replace(packing=scene.packing.replace(mass_n=np.ones(scene.packing.particles)))
+    value: NDArray[np.float64] = np.linalg.eigvalsh(pm.dynamical_matrix(equal, "isochoric", kind).toarray())
     return float(value[np.abs(value) > _ZERO * value.max()].min())
 
 

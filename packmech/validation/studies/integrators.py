@@ -35,10 +35,11 @@ State = tuple[NDArray[np.float64], float, float]
 
 @cache
 def packing_of(repeat: int) -> pm.Packing:
-    """Return a packing at its energy minimum."""
+    """Return a packing at its energy minimum, with mass 1 for a small disc."""
     start = pm.random_packing(
         PARTICLES, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=FRACTION, seed=repeat
     )
+    start = start.replace(mass_n=(start.diameter_n / start.reference_diameter) ** 2)
     return pm.quench(pm.Scene(start, (pm.Repulsion(law=LAW),)), force_tolerance=1e-10).packing
 
 

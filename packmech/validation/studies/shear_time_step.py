@@ -35,11 +35,6 @@ STORAGE, LOSS = "G' (relative)", "G'' (relative)"
 DISTINCT = 2.0
 
 
-def mass_of(packing: pm.Packing) -> float:
-    """Return the mean mass where a disc of the reference diameter has mass 1."""
-    return float(np.mean((packing.diameter_n / packing.reference_diameter) ** 2))
-
-
 @cache
 def scene_of(kind: str, repeat: int) -> pm.Scene:
     """Return a scene at rest; kind is "unlinked", "smooth onset" (unlinked too) or "linked"."""
@@ -48,7 +43,8 @@ def scene_of(kind: str, repeat: int) -> pm.Scene:
     )
     law = pm.DivergentRepulsion(STIFFNESS)
     packing = pm.quench(pm.Scene(start, (pm.Repulsion(law=law),)), force_tolerance=1e-9).packing
-    mass = mass_of(packing)
+    packing = packing.replace(mass_n=(packing.diameter_n / packing.reference_diameter) ** 2)
+    mass = float(packing.mass_n.mean())
     dashpot = VISCOSITY * math.sqrt(mass * STIFFNESS)
     drag = -math.log(KEPT) * FREQUENCY / math.sqrt(mass / STIFFNESS)
     effects = (
@@ -73,7 +69,7 @@ def scene_of(kind: str, repeat: int) -> pm.Scene:
 def moduli(kind: str, method: object, step: float, repeat: int) -> tuple[float, float]:
     """Return G' and G'' of one repeat at a time step in units of tau."""
     scene = scene_of(kind, repeat)
-    tau = math.sqrt(mass_of(scene.packing) / STIFFNESS)
+    tau = math.sqrt(float(scene.packing.mass_n.mean()) / STIFFNESS)
     run = pm.oscillatory_shear(
         scene,
         amplitude=AMPLITUDE,
