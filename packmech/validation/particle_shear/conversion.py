@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech import check
 from packmech.box import Box
@@ -73,10 +74,7 @@ def to_scene(experiment: ParticleShear, discs: Discs, *, plates: bool = True) ->
             f"discs must be in the experiment's cell of {experiment.width:g} by {experiment.height:g}, "
             f"got one of {discs.width:g} by {discs.height:g}"
         )
-    density_n = _UNIT * discs.mass_n / (math.pi * discs.radius_n**2)
-    density = float(density_n.mean())
-    if np.abs(density_n - density).max() > _SAME * density:
-        raise ValueError("discs must be of one density, got masses that are not in proportion to the areas")
+    _density("discs", _UNIT * discs.mass_n, discs.radius_n)
     made = experiment.material
     repulsion = _repulsion(experiment, made.stiffness * _UNIT)
     effects: list[Any] = [
@@ -93,11 +91,20 @@ def to_scene(experiment: ParticleShear, discs: Discs, *, plates: bool = True) ->
         pre_periods=experiment.pre_periods,
         periods=experiment.periods,
         post_periods=experiment.post_periods,
-        density=density,
         plates="crossing" if plates else None,
     )
     box = Box(np.array([[discs.width, discs.height * discs.strain], [0.0, discs.height]]))
-    return Scene(Packing(discs.position_nd, discs.radius_n, box), tuple(effects), drive)
+    packing = Packing(discs.position_nd, discs.radius_n, box, mass_n=_UNIT * discs.mass_n)
+    return Scene(packing, tuple(effects), drive)
+
+
+def _density(name: str, mass_n: NDArray[np.float64], radius_n: NDArray[np.float64]) -> float:
+    """Return the mass over area of discs that all have the same."""
+    density_n = mass_n / (math.pi * radius_n**2)
+    density = float(density_n.mean())
+    if np.abs(density_n - density).max() > _SAME * density:
+        raise ValueError(f"{name} must be of one density, got masses that are not in proportion to the areas")
+    return density
 
 
 def _repulsion(experiment: ParticleShear, stiffness: float) -> Any:
@@ -143,7 +150,7 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
     ----------
     scene
         Discs of two sizes in a cell that is rectangular or sheared along its first vector, with the effects of
-        `to_scene` (bonds or none) and an oscillatory shear with `frequency` and `density`.
+        `to_scene` (bonds or none) and an oscillatory shear with a `frequency`; discs are of one density.
 
     Raises
     ------
@@ -161,8 +168,8 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
     """
     check.instance("scene", scene, Scene)
     packing, drive = scene.packing, scene.drive
-    if not isinstance(drive, OscillatoryShearDrive) or drive.frequency is None or drive.density is None:
-        raise ValueError("scene must have an oscillatory shear with frequency and density as its drive")
+    if not isinstance(drive, OscillatoryShearDrive) or drive.frequency is None:
+        raise ValueError("scene must have an oscillatory shear with a frequency as its drive")
     of = {type(one): one for one in scene.effects}
     needed = (Repulsion, ContactDamping, Friction, BackgroundDamping)
     if len(of) != len(scene.effects) or not set(needed) <= set(of) <= {*needed, Bonds}:
@@ -181,7 +188,7 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
     discs = Discs(
         packing.box.wrap(packing.position_nd)[0],
         packing.radius_n,
-        drive.density * math.pi * packing.radius_n**2 / _UNIT,
+        packing.mass_n / _UNIT,
         contact_ck=pair_ck,
         kind_c=np.full(len(pair_ck), "bond"),
         width=width,
@@ -218,7 +225,8 @@ def _experiment(
     ratio = large / small
     mixture = (ratio + 1.0 / ratio) / 2.0
     area = math.pi * large * small * mixture
-    mass = float(drive.density) / mixture * area  # type: ignore[arg-type]
+    density = _density("scene.packing", packing.mass_n, packing.radius_n)
+    mass = density / mixture * area
     frequency = float(drive.frequency)  # type: ignore[arg-type]
     return ParticleShear(
         amplitude=drive.amplitude,
@@ -226,7 +234,7 @@ def _experiment(
         young_modulus=stiffness / native_stiffness(1.0),
         particles=packing.particles,
         packing_fraction=packing.particles * area / (width * height),
-        density=float(drive.density) / mixture / 1e-12,  # type: ignore[arg-type]
+        density=density / mixture / 1e-12,
         size_ratio=ratio,
         width=width,
         height=height,
