@@ -51,7 +51,7 @@ def test_a_bonded_scene_is_pushed_off_as_the_discs_are():
     dt = 1e-9
     expected = ps.advance(discs, experiment.material, ps.StepRules(dt, plates=False), np.zeros(1)).final.velocity_nd
     scene = ps.to_scene(experiment, discs)
-    run = pm.simulate(scene, steps=1, dt=dt, method=pm.SemiImplicitEuler(), mass_n=1e-6 * discs.mass_n)
+    run = pm.simulate(scene, steps=1, dt=dt, method=pm.SemiImplicitEuler())
     assert np.abs(run.velocity_nd - expected).max() < 1e-6 * np.abs(expected).max()
 
 
