@@ -331,6 +331,7 @@ BAD = {
     "frequency": [NAN, INF, 0.0, -1.0, "1", None],
     "relative_frequency": POSITIVE,
     "value": [NAN, INF, 0.0, -1.0, "1", None],
+    "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
     "vector_e": ["v", None, [], [NAN, 0.0, 0.0], [[1.0]], [1.0, 2.0]],
     "tensor_dd": ["t", None, [], [[NAN, 0.0], [0.0, 1.0]], [[1.0]], [1.0, 2.0]],
     "value_r": ["v", None, [], [NAN], [[1.0]]],
