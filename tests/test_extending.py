@@ -169,8 +169,8 @@ def test_a_scene_file_names_a_minimizer_of_ones_own(folder):
 
 def test_a_body_effect_of_ones_own_pushes_every_particle(folder):
     numbers = run(folder, "wind")
-    # particles of density 1
-    assert numbers["momentum"] == pytest.approx([16 * np.pi / 4.0 * 0.25 * 2.0, 0.0], abs=1e-9)
+    # density 1, diameter 1/0.9
+    assert numbers["momentum"] == pytest.approx([16 * np.pi / 4.0 / 0.9**2 * 0.25 * 2.0, 0.0], abs=1e-9)
 
 
 def test_an_observable_of_ones_own_is_in_trace_columns_and_recording(folder):

@@ -442,6 +442,7 @@ def dynamical_matrix(
     return result
 
 
+@honors("repulsion links", at_rest=True)
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,
