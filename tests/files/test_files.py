@@ -37,7 +37,7 @@ def test_a_packing_is_read_back_to_the_last_bit(tmp_path, ending, dimension, lef
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 2), min_size=1, max_size=5),
+    st.lists(st.tuples(*[st.floats(-1e9, 1e9)] * 2), min_size=1, max_size=5),
     st.floats(1e-59, 1e59),
     st.floats(1e-59, 1e59),
 )
