@@ -16,6 +16,7 @@ from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
 from packmech.contacts.crossing import crossing_links
 from packmech.contacts.fused_volume import lens, shared_volume
+from packmech.generate.placed import Placed
 from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
@@ -362,8 +363,14 @@ class Plan:
 class Walk:
     """Chains of one plan, grown one after another; in two dimensions their bonds avoid each other where asked for."""
 
-    def __init__(self, plan: Plan, rng: np.random.Generator, bonds: BondGrid | None) -> None:
-        self.plan, self._rng, self._bonds = plan, rng, bonds
+    def __init__(
+        self, plan: Plan, rng: np.random.Generator, bonds: BondGrid | None, placed: Placed | None = None
+    ) -> None:
+        self.plan, self._rng, self._bonds, self._placed = plan, rng, bonds, placed
+        # the earlier beads of its chain that each bead is linked to
+        self._linked_b: list[list[int]] = [[] for _ in range(plan.beads)]
+        for i, j, _ in [*_bonds(plan), *(_angle_pairs(plan) if plan.held else [])]:
+            self._linked_b[max(i, j)].append(min(i, j))
         reach = math.sqrt(math.fsum(x * x for x in plan.around))
         self._left = 0
         self._spare = plan.beads * plan.link_length - reach
@@ -379,6 +386,8 @@ class Walk:
             places: list[Point] = []
             if self._bonds is not None:
                 self._bonds.take_back(0)
+            if self._placed is not None:
+                self._placed.take_back(0)
             for _ in range(count):
                 chain = self._chain(len(places), box, most)
                 if chain is None:
@@ -393,7 +402,9 @@ class Walk:
         lattice = box.lattice_dd.tolist()
         before = 0 if self._bonds is None else len(self._bonds)
         stop = max(0, self._left - most)
-        places = [self._start(lattice)]
+        places = self._first(lattice, first, stop)
+        if not places:
+            return None
         longest, back = 1, 1
         while len(places) < self.plan.beads:
             if self._extend(places, first):
@@ -404,11 +415,28 @@ class Walk:
                 return None
             del places[max(0, len(places) - back) :]
             back *= 2
+            if self._placed is not None:
+                self._placed.take_back(first + len(places))
             if not places:
-                places, longest, back = [self._start(lattice)], 1, 1
+                places, longest, back = self._first(lattice, first, stop), 1, 1
+                if not places:
+                    return None
             if self._bonds is not None:
                 self._bonds.take_back(before + len(places) - 1)
         return places
+
+    def _first(self, lattice_dd: list[list[float]], first: int, stop: int) -> list[Point]:
+        """Return the place of the first bead of a chain; none where no place is found before the tries are used up."""
+        while True:
+            place = self._start(lattice_dd)
+            if self._placed is None:
+                return [place]
+            if self._placed.admits_next(place, ()):
+                self._placed.add(np.array([place]))
+                return [place]
+            self._left -= 1
+            if self._left <= stop:
+                return []
 
     def _start(self, lattice_dd: list[list[float]]) -> Point:
         fraction = self._rng.random(self.plan.dimension).tolist()
@@ -426,6 +454,18 @@ class Walk:
         return False
 
     def _join(self, places: list[Point], place: Point, first: int) -> bool:
+        if self._placed is not None:
+            linked = [first + bead for bead in self._linked_b[len(places)]]
+            if not self._placed.admits_next(place, linked):
+                return False
+        if not self._bind(places, place, first):
+            return False
+        if self._placed is not None:
+            self._placed.add(np.array([place]))
+        return True
+
+    def _bind(self, places: list[Point], place: Point, first: int) -> bool:
+        """Place the bonds of the next bead, or none of them where one would cross another."""
         if self._bonds is None:
             return True
         bead, plan = len(places), self.plan
@@ -571,17 +611,18 @@ def chain_packing(
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
     crossing: str = "avoided",
+    largest_overlap: float | None = None,
     tries: int = 200,
     density: float | None = None,
 ) -> Packing:
     """Return chains grown as random walks from independent uniform places, at the packing fraction asked for.
 
-    Beads overlap at random, as particles do in ``random_packing``. In two dimensions bonds do not cross: a chain steps
-    back and grows another way where it finds no room. Open chains that find none at all, because long walks lock
-    themselves in, start in rows instead and slither out of them for ten times their own length; they keep some of the
-    rows' direction (nematic order of bonds about 0.3 for chains of 100 discs, 0.5 for 400, at a packing fraction of
-    0.9). Closed and branched ones, and those with angles given, then want a lower packing fraction. The particles of a
-    chain follow each other.
+    Beads overlap at random, as particles do in ``random_packing``, unless ``largest_overlap`` is given. In two
+    dimensions bonds do not cross: a chain steps back and grows another way where it finds no room. Open chains that
+    find none at all, because long walks lock themselves in, start in rows instead (where overlaps do not matter) and
+    slither out of them for ten times their own length; they keep some of the rows' direction (nematic order of bonds
+    about 0.3 for chains of 100 discs, 0.5 for 400, at a packing fraction of 0.9). Closed and branched ones, and those
+    with angles given, then want a lower packing fraction. The particles of a chain follow each other.
 
     Parameters
     ----------
@@ -624,7 +665,12 @@ def chain_packing(
         Shape of the box, a ``Box`` or (d, d) lattice vectors as columns; its size is set by the packing fraction.
         Square or cubic when nothing is said.
     crossing
-        ``"avoided"`` or ``"allowed"``: whether bonds may cross in two dimensions.
+        ``"avoided"`` or ``"allowed"``: whether bonds may cross in two dimensions. In three, chains of spheres that do
+        not overlap cannot pass through each other while every link is shorter than sqrt(2) times the smallest
+        diameter: two links at right angles through each other's middle have their beads 1/sqrt(2) of a link apart.
+        Longer links, and overlaps deeper than 1 - link / (sqrt(2) diameter), let them pass, and nothing tells of it.
+    largest_overlap
+        Largest overlap of two beads that no link joins, relative to the sum of their radii [1]; None: any.
     tries
         Number of proposals per bead, on average, before giving up.
     density
@@ -654,6 +700,8 @@ def chain_packing(
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
     one_of("crossing", crossing, CROSSING)
+    if largest_overlap is not None:
+        largest_overlap = real("largest_overlap", largest_overlap, at_least=0.0, below=1.0)
     tries = integer("tries", tries, at_least=1)
     radius_n = _radius_n(radii, sizes, count, beads, rng)
 
@@ -677,8 +725,9 @@ def chain_packing(
             least = math.floor(reach / link_length) + 1
             raise ValueError(f"beads must be at least {least} for a chain to reach around the box, got {beads}")
         plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
-        slithers = avoid and isinstance(form, str) and form == "open" and bend_b is None
-        packing = _grown(plan, count, radius_n, scaled, rng, avoid=avoid, slithers=slithers, tries=tries)
+        slithers = avoid and largest_overlap is None and isinstance(form, str) and form == "open" and bend_b is None
+        placed = None if largest_overlap is None else Placed(scaled, radius_n, largest_overlap)
+        packing = _grown(plan, count, radius_n, scaled, placed, rng, avoid=avoid, slithers=slithers, tries=tries)
         packing = packing.replace(mass_n=masses_of_density(density, radius_n, dimension))
         found = shared_volume(packing)
         if abs(found - shared) <= _SAME * scaled.volume:
@@ -699,6 +748,7 @@ def _grown(
     count: int,
     radius_n: NDArray[np.float64],
     box: Box,
+    placed: Placed | None,
     rng: np.random.Generator,
     *,
     avoid: bool,
@@ -707,15 +757,15 @@ def _grown(
 ) -> Packing:
     """Return chains grown in a box."""
     bonds = BondGrid(box, count * len(_bonds(plan)), plan.link_length) if avoid else None
-    walk = Walk(plan, rng, bonds)
+    walk = Walk(plan, rng, bonds, placed)
     places = walk.grow(count, box, max(1, tries // 10) if slithers else tries)
     if places is None and slithers and bonds is not None:
         bonds.take_back(0)
         places = slither(walk, bonds, count, box, tries)
     if places is None:
         raise ValueError(
-            "bend must be larger, or crossing 'allowed', or the packing fraction lower where a chain finds no way, "
-            f"got bend = {plan.bend:g} and no way in {tries} tries per bead"
+            "bend must be larger, or crossing 'allowed', or largest_overlap larger, or the packing fraction lower "
+            f"where a chain finds no way, got bend = {plan.bend:g} and no way in {tries} tries per bead"
         )
     position_nd, image_nd = _folded(places, plan, box)
     return Packing(position_nd, radius_n, box, _links(plan, count, position_nd, image_nd, box))

@@ -13,6 +13,7 @@ from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, BondGrid
 from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
+from packmech.generate.placed import Placed
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
@@ -220,55 +221,6 @@ def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator
     dimension = box.dimension
     center_d = np.einsum("de,e->d", box.lattice_dd, rng.random(dimension))
     return np.asarray(center_d + np.einsum("de,be->bd", random_rotation(dimension, rng), shape_bd))
-
-
-class Placed:
-    """The beads placed so far, and whether those of another cluster overlap them too much.
-
-    Parameters
-    ----------
-    box
-        The box.
-    radius_n
-        (N,) radii of all beads, in the order in which they will be placed [length].
-    largest_overlap
-        Largest overlap of two beads of different clusters, relative to the sum of their radii [1].
-
-    """
-
-    def __init__(self, box: Box, radius_n: NDArray[np.float64], largest_overlap: float) -> None:
-        small, _ = box.reduced()
-        self._lattice, self._inverse = small.lattice_dd, small.inverse_dd
-        self._radius = radius_n
-        self._apart = 1.0 - largest_overlap
-        self._position_nd = np.empty((len(radius_n), box.dimension))
-        self._count = 0
-        # a vector shorter than half of every height rounds to itself; in smaller boxes further images count
-        reach = 2.0 * float(radius_n.max()) * self._apart / small.height_d
-        images_d = np.where(reach <= 0.5, 0, np.ceil(reach + 0.5)).astype(int)
-        self._image_kd = np.array(list(itertools.product(*[range(-m, m + 1) for m in images_d])), dtype=np.float64)
-
-    def allow(self, largest_overlap: float) -> None:
-        """Set how far the next cluster may overlap earlier ones."""
-        self._apart = max(0.0, 1.0 - largest_overlap)
-
-    def add(self, position_bd: NDArray[np.float64]) -> None:
-        """Add the beads of the next cluster."""
-        last = self._count + len(position_bd)
-        self._position_nd[self._count : last] = position_bd
-        self._count = last
-
-    def admits(self, position_bd: NDArray[np.float64]) -> bool:
-        """Return whether the beads of the next cluster overlap earlier ones no more than allowed."""
-        first, last = self._count, self._count + len(position_bd)
-        fraction = (position_bd[:, None] - self._position_nd[None, :first]) @ self._inverse.T
-        fraction -= np.rint(fraction)
-        sigma = self._radius[first:last, None] + self._radius[None, :first]
-        for image in self._image_kd:
-            vector = (fraction + image) @ self._lattice.T
-            if ((vector**2).sum(axis=2) < (self._apart * sigma) ** 2).any():
-                return False
-        return True
 
 
 def _clusters(shape: Shape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:

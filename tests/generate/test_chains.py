@@ -269,3 +269,9 @@ def test_chains_that_slither_long_enough_forget_the_direction_of_their_rows(monk
 def test_chains_that_slither_are_the_same_to_the_last_bit_for_the_same_seed():
     first, second = (chains(4, 60, packing_fraction=0.9, link_length=2.0, seed=3) for _ in range(2))
     assert first == second
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_beads_that_no_link_joins_overlap_no_more_than_allowed(dimension):
+    packing = pm.chain_packing(10, 8, dimension=dimension, packing_fraction=0.25, largest_overlap=0.1, seed=1)
+    assert pm.find_contacts(packing).overlap_c.max(initial=0.0) <= 0.1
