@@ -28,6 +28,8 @@ COLUMNS = {
     "shapes": "shapes other than discs and spheres",
 }
 EFFECTS = tuple(COLUMNS)[:7]
+# places at which a drag is asked whether it pushes what does not move
+_PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
 HONORED, NOTHING, REFUSED, ABSENT = "yes", "zero at rest", "refused", ""
 # calls that honor what others refuse
@@ -42,18 +44,34 @@ INSTEAD = {
 }
 
 
-def column_of(effect: type) -> str:
-    """Return the column of a class of effects: what it says itself in `acts_as`, or else what its hooks are for."""
+def columns_of(effect: Any) -> tuple[str, ...]:
+    """Return the columns of an effect: what its class says itself in `acts_as`, or else what its hooks do."""
     said = getattr(effect, "acts_as", None)
     if said is not None:
-        return str(said)
+        return (str(said),)
+    found = []
     if hasattr(effect, "tangential_force"):
-        return "friction"
-    if hasattr(effect, "body_energy"):
-        return "gravity"
-    if hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):
-        return "drag"
-    return "repulsion" if hasattr(effect, "pair_energy") else "damping"
+        found.append("friction")
+    if hasattr(effect, "pair_energy"):
+        found.append("repulsion")
+    elif hasattr(effect, "pair_first"):
+        found.append("damping")
+    if hasattr(effect, "body_energy") or _pushes_at_rest(effect):
+        found.append("gravity")
+    elif hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):
+        found.append("drag")
+    return tuple(found)
+
+
+def _pushes_at_rest(effect: Any) -> bool:
+    """Return whether an effect on single particles pushes one that does not move, at some place or other."""
+    hook = getattr(effect, "body_force", None)
+    if hook is None:
+        return False
+    try:
+        return any(any(hook(*place, 0.0, 0.0, 0.0, 1.0, 0.5)) for place in _PLACES)
+    except Exception:  # what compiles need not run in plain Python: it is not taken for a drag then
+        return True
 
 
 @dataclass(frozen=True)
@@ -96,8 +114,8 @@ class Honors:
 
         """
         for k, one in enumerate(getattr(subject, "effects", ())):
-            column = column_of(type(one))
-            if self.answer(column) == REFUSED:
+            column = next((each for each in columns_of(one) if self.answer(each) == REFUSED), None)
+            if column is not None:
                 kind = type(one).__qualname__
                 raise ValueError(
                     f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}: leave it "

@@ -1,12 +1,17 @@
 """What calls do with what a scene holds: every public call is declared, and does with each effect as it is declared."""
 
 import inspect
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.honors import CALLS, COLUMNS, EFFECTS, HONORED, INSTEAD, NOTHING, REFUSED, column_of
+from packmech.honors import CALLS, COLUMNS, EFFECTS, HONORED, INSTEAD, NOTHING, REFUSED, columns_of
+
+# calls are declared as their modules are imported
+for _name in dir(pm):
+    getattr(pm, _name)
 
 # public calls of a scene or a packing that change and measure nothing: they write, read or draw what they are given
 NO_MECHANICS = {"write_scene", "write_packing", "write_table", "record_packing", "record_run", "write_pictures", "run"}
@@ -181,6 +186,34 @@ def test_what_is_said_to_be_used_instead_honors_what_was_refused():
 
 
 def test_effects_of_ones_own_belong_where_their_hooks_say():
-    own = {column: column_of(type(one)) for column, one in effects().items()}
-    assert own == {column: column for column in EFFECTS}
+    own = {column: columns_of(one) for column, one in effects().items()}
+    assert own == {column: (column,) for column in EFFECTS}
     assert set(own) < set(COLUMNS)
+
+
+def test_a_push_without_a_potential_is_no_drag():
+    """What pushes particles at rest is refused by calls at rest, though it says nothing of an energy."""
+
+    @pm.effect
+    class SteadyPush(NamedTuple):
+        force: float = 1.0
+
+        def body_force(self, x, y, z, u, v, w, mass, radius):
+            return self.force, 0.0, 0.0
+
+    assert columns_of(SteadyPush()) == ("gravity",)
+    assert columns_of(SteadyPush(0.0)) == ("drag",)
+    with pytest.raises(ValueError, match="would ignore, got .*SteadyPush"):
+        pm.forces(pm.Scene(small(), (pm.Repulsion(), SteadyPush())))
+
+
+def test_a_column_that_is_none_is_refused_where_the_effect_is_registered():
+    class Odd(NamedTuple):
+        rate: float = 0.1
+
+        def spin_drag(self):
+            return self.rate
+
+    Odd.acts_as = "Drag"
+    with pytest.raises(ValueError, match="acts_as must be one of repulsion, .*, got 'Drag'"):
+        pm.effect(Odd)

@@ -16,6 +16,8 @@ from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
 
+# gaps that rounding of positions makes, in units of it
+_DIGITS = 8.0
 # gaps and overlaps of packings whose particles just touch, relative to the contact distance
 _ROUNDING = 1e-9
 
@@ -271,9 +273,9 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
         The packing.
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts; a negative one asks for overlap. None,
-        the default of all calls that count contacts or take their stiffness: 0 in a packing whose particles overlap,
-        and 1e-9, which admits rounding, in one where no overlap is larger than that: a crystal or an exact packing of
-        hard particles at its touching point.
+        the default of calls that count contacts or take their stiffness: the rounding of positions in a packing whose
+        particles overlap, and 1e-9 in one where no overlap is larger than that: a crystal or an exact packing of hard
+        particles at its touching point.
 
     Raises
     ------
@@ -297,5 +299,5 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
     if packing.links is not None:
         touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
     if gap_tolerance is None and (touching & (contacts.gap_c < -_ROUNDING * contacts.contact_distance_c)).any():
-        touching &= contacts.gap_c <= 0.0
+        touching &= contacts.gap_c <= _DIGITS * packing.rounding * packing.radius_n.min()
     return contacts.select(touching)

@@ -54,13 +54,13 @@ from packmech.scene import Scene
 _SKIN = 0.6
 # particles that left the cell are moved back every so many steps, or whenever the box has sheared by so much
 _WRAP_EVERY, _SHEARED = 1024, 0.2
-# arrays of the frame that follow a deforming box
 # whole lattice vectors, and entries of a change of lattice vectors, beyond which no run gets
 _FAR, _STEEP = 1 << 31, 1000
 # how far out of the cell a particle may get before it is wrapped, in lattice vectors
 _ASTRAY = 1024.0
 # relative rounding of a box that followed its strain step by step
 _ROUNDING = 1e-9
+# arrays of the frame that follow a deforming box
 _FRAME = ("lattice_dd", "inverse_dd", "height_d")
 # other lattice vectors are taken where the loops' are so much flatter than the best
 _FLAT = 0.7

@@ -28,6 +28,7 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.effects.derivatives import check_derivatives, default_record
+from packmech.honors import EFFECTS
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
 
@@ -85,6 +86,9 @@ def effect(cls: E) -> E:
     for name, function in hooks.items():
         if len(inspect.signature(function).parameters) != _HOOKS[name]:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
+    said = getattr(cls, "acts_as", EFFECTS[0])
+    if said not in EFFECTS:
+        raise ValueError(f"effect {cls.__name__}.acts_as must be one of {', '.join(EFFECTS)}, got {said!r}")
     own_name("effect", cls, _COMPILED)
     tell_apart(cls)
     example = default_record(cls)

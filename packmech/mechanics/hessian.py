@@ -504,7 +504,7 @@ def perturbation_energy(
     return 0.5 * float(motion @ (full @ motion))
 
 
-def is_stable(scene: Scene, *, strain: str, gap_tolerance: float = 0.0, free_turns: bool = True) -> bool:
+def is_stable(scene: Scene, *, strain: str, gap_tolerance: float | None = None, free_turns: bool = True) -> bool:
     """Return whether the exact Hessian is positive on all motions but the d translations.
 
     Parameters

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.check import instance, integer, one_of, positive, positive_array
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import find_contacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
@@ -20,7 +20,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
-from packmech.protocols.protocol import Protocol, at_packing_fraction, finish
+from packmech.protocols.protocol import Protocol, at_packing_fraction, finish, pairs_of
 from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
@@ -234,8 +234,3 @@ class _Ascent:
             tolerance *= _TIGHTER
         # contacts that just touch open and close from step to step
         return descend_smoothed(protocol.reduced(here), protocol.units, self.shears, None)
-
-
-def pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:
-    """Return the pairs that touch as (i, j, image)."""
-    return {tuple(row) for row in np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd]).tolist()}

@@ -11,7 +11,7 @@ from packmech.files.records import is_record
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
+from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, follow_jammed, press
 from packmech.protocols.linked_jam import decompress_linked
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
@@ -66,6 +66,10 @@ class Decompression:
         start = self.start_packing_fraction
         if protocol.scene.packing.links is not None:
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
+        if protocol.continues:
+            return follow_jammed(
+                protocol, pressure, lambda near: find_hard_packing(protocol, near, self.iteration_limit)
+            )
         start = protocol.start_fraction(start, _START)
         packing = decompress(
             protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from packmech.jamming.hard_packing import HardPacking, HardState, certify, densi
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.soft_newton import judge
 from packmech.packing import Packing
+from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.protocols.soft import follow_pressure, search_pressure
 from packmech.result import Outcome
@@ -23,8 +25,8 @@ _ONSET, _ONSETS = 0.03, (0.001, 0.2)
 # dense enough that a quench ends jammed, and not much denser than the packing that is looked for
 START = {2: 0.87, 3: 0.68}
 _BARRIERS = (1e-12, 1e-13, 1e-14)
-# pressure [energy_scale / diameter^d] down to which a jammed packing is followed by FIRE
-FOLLOWED_TO = 1e-4
+# pressure [energy_scale / diameter^d] down to which a jammed packing is followed before its hard packing is looked for
+_FOLLOWED_TO = 1e-5
 # how often a packing found at a saddle is kicked off it
 _KICKS = 3
 
@@ -109,7 +111,7 @@ class HardVertex:
         that is followed.
     stop_pressure
         FIRE goes on decompressing until the pressure is at most this [energy_scale / diameter^d]; None: the quench is
-        enough, and a jammed packing that is followed goes down to 1e-4.
+        enough.
     quench_tolerance
         Net force over mean contact force at which FIRE stops [1].
     quench_steps
@@ -133,13 +135,40 @@ class HardVertex:
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
+        if protocol.continues:
+            return follow_jammed(
+                protocol, pressure, lambda near: find_hard_packing(protocol, near, self.iteration_limit)
+            )
         start = protocol.start_fraction(self.start_packing_fraction, START)
-        stop = FOLLOWED_TO if self.stop_pressure is None and protocol.continues else self.stop_pressure
-        packing = decompress(protocol, start, stop, 0.15, self.quench_tolerance, self.quench_steps)
+        packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
         hard = find_hard_packing(protocol, packing, self.iteration_limit)
         if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
         return press(protocol, hard, pressure)
+
+
+def follow_jammed(
+    protocol: Protocol, pressure: float, search: Callable[[Packing], HardPacking | None]
+) -> tuple[Packing, Outcome]:
+    """Return the scene's packing, which is jammed, followed to the pressure along its network, and how that ended.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages are added to it, and the figures of the hard packing to its report.
+    pressure
+        Pressure to reach [energy_scale / diameter^d].
+    search
+        Returns the exact hard packing near a packing at a small pressure, or None.
+
+    """
+    down = PressurePath(protocol)
+    if down.pressure > protocol.reduced_pressure(_FOLLOWED_TO):
+        down.go(_FOLLOWED_TO)
+    if search(protocol.restored(down.packing)) is None:
+        return protocol.last, Outcome.NOT_JAMMED
+    outcome = PressurePath(protocol).go(pressure)
+    return protocol.last, outcome
 
 
 def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int) -> HardPacking | None:

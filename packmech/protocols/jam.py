@@ -65,10 +65,11 @@ def jam(
     """Return the run that ends in a jammed packing at the pressure asked for.
 
     A packing that is jammed already, its forces balanced under pressure, is followed in pressure from where it stands
-    and keeps its contact network as far as pressure lets it. Any other is scaled to the start of the protocol, whatever
-    its packing fraction. Radii and links never change: clusters keep their shape, so that the volume of fused ones,
-    their union, does too. Every figure is recomputed from the packing that is returned. Particles that stand so far
-    away that rounding of their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
+    (`sweep_pressure`) and keeps its contact network as far as pressure lets it; StepHalving begins where it stands. Any
+    other, and where `method` gives the start, is scaled to the start of the protocol, whatever its packing fraction.
+    Radii and links never change: clusters keep their shape, so that the volume of fused ones, their union, does too.
+    Every figure is recomputed from the packing that is returned. Particles that stand so far away that rounding of
+    their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
 
     Parameters
     ----------
@@ -158,7 +159,8 @@ def jam(
     protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
 
     def work() -> Outcome:
-        protocol.continues = start == "continue" and is_jammed(scene)
+        given = getattr(method, "start_packing_fraction", None)
+        protocol.continues = start == "continue" and given is None and is_jammed(scene)
         protocol.report["start"] = "continued" if protocol.continues else "anew"
         protocol.last, outcome = method.follow(protocol, asked)
         return outcome

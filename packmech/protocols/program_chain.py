@@ -13,7 +13,7 @@ from packmech.contacts.network import candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import HardPacking, HardState, kicked
 from packmech.linalg.linear_programs import LinearProgram, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, press
+from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, follow_jammed, press
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
 
@@ -62,6 +62,8 @@ class ProgramChain:
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
+        if protocol.continues:
+            return follow_jammed(protocol, pressure, lambda near: self._chain(protocol, near))
         start = protocol.start_fraction(self.start_packing_fraction, START)
         packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
         hard = self._chain(protocol, packing)

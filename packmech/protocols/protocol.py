@@ -281,6 +281,11 @@ def at_packing_fraction(packing: Packing, value: float) -> Packing:
     return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
 
 
+def pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:
+    """Return the pairs that touch as (i, j, image)."""
+    return {tuple(row) for row in np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd]).tolist()}
+
+
 def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains.
 

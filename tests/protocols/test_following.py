@@ -30,6 +30,19 @@ def test_a_jammed_packing_keeps_its_network_and_its_jamming_packing_fraction(see
     )
 
 
+@pytest.mark.parametrize("strain", ["isotropic", "free"])
+@pytest.mark.parametrize("pressure", [1e-4, 2e-4, 1e-3])
+def test_a_packing_under_pressure_keeps_its_network_at_this_pressure(pressure, strain):
+    for seed in range(3):
+        first = jammed(seed, strain)
+        scene = pm.Scene(first.packing, (pm.Repulsion(),))
+        pressed = pm.sweep_pressure(scene, [pressure], strain=strain)[0]
+        again = pm.jam(scene.replace(packing=pressed.packing), pressure=pressure, strain=strain)
+        assert again.report["start"] == "continued"
+        assert network(again.packing) == network(pressed.packing)
+        assert np.isclose(again.report["packing_fraction"], pressed.report["packing_fraction"], rtol=1e-9, atol=0.0)
+
+
 @pytest.mark.parametrize(
     "method", [pm.ProgramChain(), pm.Decompression(), pm.StepHalving()], ids=lambda m: type(m).__name__
 )
