@@ -287,8 +287,12 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
 def _read_text(path: Path) -> Packing:
     vectors: list[list[float]] = []
     rows: list[list[float]] = []
+    has_masses = False
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        words = line.partition("#")[0].replace(",", " ").split()
+        table_line, _, comment = line.partition("#")
+        words = table_line.replace(",", " ").split()
+        # a number too many is a mass only where the head says so
+        has_masses = has_masses or (not rows and "mass" in comment.split())
         if not words:
             continue
         is_vector = words[0].lower() == "lattice"
@@ -299,12 +303,11 @@ def _read_text(path: Path) -> Packing:
         if is_vector and len(values) not in (2, 3):
             raise ValueError(f"line {number} must hold a lattice vector of 2 or 3 numbers, got {len(values)}")
         d = len(vectors)
-        # a mass may follow the radius, in all lines or in none
-        wanted = (len(rows[0]),) if rows else (d + 1, d + 2) if d in (2, 3) else (d + 1,)
-        if not is_vector and len(values) not in wanted:
+        if not is_vector and len(values) != d + 1 + has_masses:
+            wanted = "a radius and a mass" if has_masses else "a radius"
             raise ValueError(
-                f"line {number} must hold {d} coordinates and a radius, after the lines with the lattice "
-                f"vectors (and a mass, in all lines or in none), got {len(values)} numbers"
+                f"line {number} must hold {d} coordinates and {wanted}, after the lines with the lattice vectors "
+                f"(masses only below a comment that names them), got {len(values)} numbers"
             )
         (vectors if is_vector else rows).append(values)
     if len(vectors) not in (2, 3) or any(len(vector) != len(vectors) for vector in vectors):
@@ -313,7 +316,7 @@ def _read_text(path: Path) -> Packing:
         raise ValueError("it must hold at least one line 'x y [z] radius', got none")
     table = np.array(rows)
     d = len(vectors)
-    mass_n = table[:, d + 1] if table.shape[1] > d + 1 else None
+    mass_n = table[:, d + 1] if has_masses else None
     return Packing(table[:, :d], table[:, d], Box(np.array(vectors).T), mass_n=mass_n)
 
 

@@ -195,8 +195,13 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
         height=height,
         strain=float(lattice[0, 1]) / height,
     )
-    if not _equal(of, {type(one): one for one in to_scene(experiment, discs).effects}):
+    made = to_scene(experiment, discs, plates=drive.plates is not None)
+    if not _equal(of, {type(one): one for one in made.effects}):
         raise ValueError("scene must have laws, springs, dashpots and bonds of one material of the reference model")
+    for name in OscillatoryShearDrive.__dataclass_fields__:
+        wanted, got = getattr(made.drive, name), getattr(drive, name)
+        if not _equal(wanted, got):
+            raise ValueError(f"scene.drive.{name} must be {wanted!r} for the reference model, got {got!r}")
     return experiment, discs
 
 
@@ -219,7 +224,8 @@ def _experiment(
         normal = law.stiffness / bonds.tension.stiffness
         if bonds.tangential_stiffness > 0.0:
             tangential = friction.stiffness / bonds.tangential_stiffness
-        keep = (normal, tangential) != (1.0, 1.0) and bonds.damping == of[ContactDamping].coefficient
+        same = bonds.damping == of[ContactDamping].coefficient and bonds.tangential_damping == friction.damping
+        keep = (normal, tangential) != (1.0, 1.0) and same
     stiffness = law.stiffness / normal
     large, small = float(packing.radius_n.max()), float(packing.radius_n.min())
     ratio = large / small
