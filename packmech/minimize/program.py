@@ -33,7 +33,6 @@ from packmech.minimize.kernels import (
     evaluate,
     judge,
 )
-from packmech.minimize.links_apart import LinkGuard, links_can_cross, push_apart
 from packmech.minimize.pair_list import SKIN_FULL, PairList, empty_list, strain_list
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -107,8 +106,6 @@ class Relaxation(NamedTuple):
 
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
 _SKIN = 0.6
-# first number of steps between two looks at links, and portions refused before the minimization gives up
-_PORTION, _REFUSALS = 8, 10
 
 OUTCOME_OF = {
     RUNNING: Outcome.STEP_LIMIT,
@@ -381,9 +378,6 @@ class Minimization:
         stop; a multiple of keep_every of these is one.
     describe
         Returns what `progress` is called with after so many steps of this minimization.
-    packing
-        The packing where it starts: its links, in two dimensions, may not pass through each other. A portion of steps
-        that would let them is taken back, links are pushed apart, and the minimizer starts anew.
 
     """
 
@@ -399,15 +393,11 @@ class Minimization:
         keep_every: int | None = None,
         before: int = 0,
         describe: Callable[[int], tuple[str, dict[str, Any]]] | None = None,
-        packing: Packing | None = None,
     ) -> None:
         self.program, self.method, self.goal, self.step_limit = program, method, goal, step_limit
         self.stop_every = program.chunk if stop_every is None else stop_every
         self.keep, self.keep_every, self.before, self.describe = keep, keep_every, before, describe
         self.progress = method.start(program)
-        self._guard = LinkGuard(packing) if packing is not None and links_can_cross(packing) else None
-        # steps and passes before the minimizer last started anew, steps between two looks at the links, times refused
-        self._earlier, self._passes, self._portion, self._refused = 0, 0, _PORTION, 0
         # a loop that is entered again takes the forces again where it was left
         self._again = 0
         self.stop = 0
@@ -416,12 +406,12 @@ class Minimization:
     @property
     def steps(self) -> int:
         """Steps taken."""
-        return self._earlier + self.progress.steps
+        return self.progress.steps
 
     @property
     def force_evaluations(self) -> int:
         """Passes over the forces, the same in whatever portions steps were taken."""
-        return self._passes + self.progress.force_evaluations - self._again
+        return self.progress.force_evaluations - self._again
 
     def next_stop(self) -> int | Outcome:
         """Return the step of the next stop."""
@@ -429,37 +419,10 @@ class Minimization:
 
     def advance(self, steps: int) -> Outcome | None:
         """Advance by up to so many steps."""
-        if self._guard is not None:
-            return self._advance_guarded(self._guard, self.steps + steps)
         status = self.method.advance(self.program, self.goal, self.progress, steps)
         if status != RUNNING or self.steps >= self.step_limit:
             return OUTCOME_OF[status]
         self._again += self.steps < self.stop
-        return None
-
-    def _advance_guarded(self, guard: LinkGuard, stop: int) -> Outcome | None:
-        """Advance to a stop, looking at the links on the way."""
-        while self.steps < stop:
-            status = self.method.advance(self.program, self.goal, self.progress, min(stop - self.steps, self._portion))
-            after = guard.packing.replace(position_nd=self.program.positions())
-            if guard.admits(after):
-                self._portion = 2 * self._portion if guard.share < 0.5 else max(1, self._portion // 2)
-                if status != RUNNING or self.steps >= self.step_limit:
-                    return OUTCOME_OF[status]
-                self._again += self.steps < self.stop
-                continue
-            self._refused += 1
-            if self._refused > _REFUSALS:
-                self.program.place(guard.packing.position_nd)
-                return Outcome.STALLED
-            self._earlier, self._passes = self.steps, self.force_evaluations
-            self._again, self._portion = 0, 1
-            pushed, taken = push_apart(self.program, guard)
-            self._earlier, self._passes = self._earlier + taken, self._passes + taken
-            self.program.place(pushed.position_nd)
-            self.progress = self.method.start(self.program)
-            if self.steps >= self.step_limit:
-                return Outcome.STEP_LIMIT
         return None
 
     def observe(self) -> Outcome | None:

@@ -17,7 +17,6 @@ from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.lbfgs import LBFGS
-from packmech.minimize.links_apart import links_stay_apart
 from packmech.minimize.minimizers import check_minimizer
 from packmech.minimize.newton import Newton, polish
 from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
@@ -89,10 +88,9 @@ def quench(
         Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
-        the box that nobody can tell). Links that do not cross at the start are kept from it: steps that would let them
-        pass through each other are taken back, and the links pushed apart; Outcome.STALLED where that does not help.
-        In three dimensions chains can pass through each other where links are longer than sqrt(2) times the smallest
-        diameter, or overlaps deeper than 1 - link / (sqrt(2) diameter), and nothing is checked.
+        the box that nobody can tell). A small
+        `largest_step` bounds early displacements, but deep overlaps push links through each other all the same:
+        only starts without them (pm.cluster_packing(..., largest_overlap=0.1)) keep links apart.
 
     Raises
     ------
@@ -200,7 +198,6 @@ class _Descent:
             keep_every=None if trace is None else trace.every,
             before=before,
             describe=lambda steps: (name, {"steps": before + steps, "residual": self.program.evaluate().residual}),
-            packing=self.packing(),
         )
         try:
             return self.loop.advance(task)
@@ -212,23 +209,21 @@ class _Descent:
     def polish(self, tolerance: float, method: Any = None, step_limit: int = 60) -> Outcome:
         """Take Newton steps; return how they ended."""
         began = self._now()
-        start = self.packing()
         done = polish(
-            start,
+            self.packing(),
             self.program.effects,
             force_tolerance=tolerance,
             step_limit=max(step_limit, 0),
             method=method,
             deadline=self.loop.deadline,
         )
-        apart = links_stay_apart(start, done.packing)
-        self.program.place((done.packing if apart else start).position_nd)
+        self.program.place(done.packing.position_nd)
         self.steps += done.steps
         self.newton_steps += done.steps
         self.evaluations += done.force_evaluations
         note = f"{done.negative} unstable directions" if done.negative else ""
         self._keep("Newton", self.program.evaluate(), done.steps, done.force_evaluations, began, note)
-        return done.outcome if apart else Outcome.STALLED
+        return done.outcome
 
     def kick(self) -> None:
         """Move every particle a little, each in a fixed direction of its own."""

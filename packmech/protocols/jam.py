@@ -106,11 +106,8 @@ def jam(
         held redundantly), stress_anisotropy, method, strain, start ("continued" or "anew"), and, where a hard packing
         was found, hard_packing,
         hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With links in two dimensions
-        also crossing_links: pairs that cross at the start are locked, press at any pressure and add states of self
-        stress; no others come to cross: a step that would let links pass through each other is taken back and they are
-        pushed apart, or it is refused. In three dimensions chains can pass through each other where links are longer
-        than sqrt(2) times the smallest diameter, or overlaps deeper than 1 - link / (sqrt(2) diameter), and nothing is
-        checked.
+        also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress; start
+        dilute, as pm.cluster_packing(..., largest_overlap=0.1) does, to keep them apart.
 
     Raises
     ------

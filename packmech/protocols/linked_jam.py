@@ -11,7 +11,6 @@ from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
-from packmech.minimize.links_apart import links_stay_apart
 from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
@@ -91,8 +90,6 @@ def _onset_at(protocol: Protocol, packing: Packing, at: float) -> SoftState | No
 
 # each step of compression multiplies the packing fraction, until the pressure is this high [energy_scale / diameter^d]
 _DENSER, _DENSEST, PRESSED = 1.03, 8.0, 1e-3
-# least such factor where a larger one would move links through each other
-_BARELY = 1.0001
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _ROUNDING = 0.1
 # mean contact force that counts as none [energy_scale / diameter]
@@ -164,10 +161,7 @@ def compress_linked(
                 break
             taken += 1
             protocol.loop.report("compression", packing_fraction=fraction, packing=packing)
-            denser = _DENSER
-            while not links_stay_apart(packing, at_packing_fraction(packing, fraction * denser)) and denser > _BARELY:
-                denser = float(np.sqrt(denser))
-            packing = at_packing_fraction(packing, fraction * denser)
+            packing = at_packing_fraction(packing, fraction * _DENSER)
         figures.note = f"FIRE after each of {taken} steps to packing fraction {fraction:.6f}, pressure {now:.2e}"
     return packing, now
 
@@ -284,13 +278,9 @@ def _descended(protocol: Protocol, reduced: Packing, pressure: float | None, sta
     goal = None if pressure is None else protocol.reduced_pressure(pressure)
     watch = protocol.watcher(stage, reduced=True)
     state = descend(reduced, protocol.units, protocol.basis_kdd, goal, watch=watch)
-    if not links_stay_apart(reduced, state.packing):
-        state = replace(state, residual=np.inf)
     if state.sound(protocol.force_tolerance) or _is_unjammed(state):
         return state
     smoothed = descend_smoothed(reduced, protocol.units, protocol.basis_kdd, goal, watch=watch)
-    if not links_stay_apart(reduced, smoothed.packing):
-        smoothed = replace(smoothed, residual=np.inf)
     iterations, evaluations = (
         state.iterations + smoothed.iterations,
         state.evaluations + smoothed.evaluations,
@@ -310,8 +300,6 @@ def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stag
     watch = protocol.watcher(stage, reduced=False)
     for tolerance in _FIRE_TOLERANCES:
         done = protocol.relax_strained(packing, pressure, tolerance, _FIRE_STEPS, watch)
-        if not links_stay_apart(packing, done.packing):
-            break
         packing = done.packing
         state = _descended(protocol, protocol.reduced(packing), pressure, stage)
         evaluations += state.evaluations

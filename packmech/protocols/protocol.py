@@ -200,7 +200,6 @@ class Protocol:
             stop_every=stop_every if self.loop.settings.progress is None else min(stop_every, _WATCHED),
             keep=keep,
             describe=lambda steps: ("relaxation", {"steps": steps, "packing": self.last}),
-            packing=packing,
         )
         done = task.relaxation(self.loop.advance(task))
         self.last = packing.replace(position_nd=done.position_nd)

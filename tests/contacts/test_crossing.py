@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.contacts.crossing import near_links, swept_links
 
 
 def segments(seed, most=14):
@@ -154,13 +153,3 @@ def test_links_in_three_dimensions_are_refused():
     packing = pm.Packing(np.eye(3), [0.1] * 3, pm.Box.cubic(4.0, 3), pm.Links([0], [1], [[0] * 3], [math.sqrt(2)]))
     with pytest.raises(ValueError, match="^packing must have two dimensions for links to cross, got 3"):
         pm.crossing_links(packing)
-
-
-def test_a_link_that_jumps_over_another_one_is_seen_to_pass_through_it():
-    links = pm.Links([0, 2], [1, 3], [[0, 0], [0, 0]], [1.0, 1.0])
-    before = pm.Packing([[1, 1], [2, 1], [1.2, 1.3], [2.2, 1.3]], [0.5] * 4, pm.Box.cubic(6.0, 2), links)
-    after = before.replace(position_nd=before.position_nd + [[0, 0], [0, 0], [0, -0.6], [0, -0.6]])
-    aside = before.replace(position_nd=before.position_nd + [[0, 0], [0, 0], [0, 0.6], [0, 0.6]])
-    assert len(pm.crossing_links(before)) == len(pm.crossing_links(after)) == 0
-    assert swept_links(before, after, near_links(before, 1.0)).tolist() == [True]
-    assert not swept_links(before, aside, near_links(before, 1.0)).any()

@@ -116,23 +116,6 @@ def test_smoothing_finds_the_balance_where_contacts_that_just_touch_open_and_clo
     assert pm.packing_fraction(state.packing) == pytest.approx(np.pi / np.sqrt(12.0), abs=1e-5)
 
 
-@pytest.mark.parametrize("seeds", [range(1, 4), pytest.param(range(1, 51), marks=pytest.mark.slow)], ids=len)
-def test_no_links_pass_through_each_other_where_chains_that_overlap_are_quenched(seeds):
-    for seed in seeds:
-        packing = pm.chain_packing(10, 8, dimension=2, packing_fraction=0.95, seed=seed)
-        run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-6)
-        assert run.ok and len(pm.crossing_links(run.packing)) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fraction", [0.2, 0.4, 0.6])
-def test_no_links_pass_through_each_other_where_chains_are_jammed(fraction):
-    for seed in range(1, 51):
-        packing = pm.chain_packing(10, 8, dimension=2, packing_fraction=fraction, seed=seed)
-        run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), check=False)
-        assert len(pm.crossing_links(run.packing)) == 0
-
-
 def test_methods_that_know_no_links_are_refused_with_them():
     scene = start(2, 1, count=5)
     for method in (pm.HardVertex(), pm.ProgramChain()):
