@@ -299,7 +299,7 @@ class ShearVectorEnv(BatchedEnv[ShearEpisodes]):
     >>> envs = ShearVectorEnv(3, "triangular", control="strain", frame_skip=10)
     >>> observations, infos = envs.reset(seed=1)
     >>> observations, rewards, terminated, truncated, infos = envs.step([[1e-3], [2e-3], [3e-3]])
-    >>> observations[:, envs.observation_names.index("strain")].tolist()
+    >>> observations[:, envs.observation_names.index("strain")].round(12).tolist()
     [0.001, 0.002, 0.003]
 
     """

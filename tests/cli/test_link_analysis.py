@@ -51,7 +51,7 @@ def test_analyze_tells_counts_verdict_moduli_and_modes_of_the_library(name, tmp_
     assert numbers["collective_states_of_self_stress"] == verdict.states_of_self_stress["none"]
     moduli = pm.elastic_moduli(scene)
     assert numbers["bulk_modulus"] == pytest.approx(moduli.bulk_modulus / scene.pressure_unit, rel=1e-9)
-    unit = np.sqrt(scene.energy_scale) / packing.reference_diameter
+    unit = np.sqrt(scene.energy_scale / packing.mass_n.mean()) / packing.reference_diameter
     assert np.allclose(numbers["lowest_frequencies"], pm.normal_modes(scene, 10).frequency_m / unit, atol=1e-7)
 
 

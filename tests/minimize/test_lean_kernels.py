@@ -64,7 +64,7 @@ def test_figures_kept_on_the_way_are_those_seen_there() -> None:
         march.acting,
         march.axes,
         march.state,
-        march.links,
+        march.rattle,
         march.space,
         march.pairs,
         march.track,
