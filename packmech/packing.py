@@ -93,7 +93,7 @@ class Packing:
     radius_n: NDArray[np.float64]
     box: Box
     links: Links | None = None
-    mass_n: _Masses = _Masses()  # noqa: RUF009
+    mass_n: _Masses = _Masses()
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:

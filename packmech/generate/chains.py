@@ -633,7 +633,7 @@ def chain_packing(
     packing_fraction
         Area or volume of all chains over that of the box [1]. Neighbors along a chain fill their union where links are
         shorter than the sum of their radii, and so do all beads of a chain that is rigid, as in ``packing_fraction``.
-        Where held angles decide on overlaps the box is scaled after the chains have grown, and chains grow anew where
+        Where held angles decide on overlaps the box is scaled after the chains have grown, and chains grow again where
         bonds would then cross.
     link_length
         Length of the bonds [length].

@@ -241,4 +241,4 @@ def test_shear_by_hand_and_in_a_series_are_those_of_the_command_for_the_shipped_
     assert run.frequency == by_hand.frequency == pytest.approx(pm.material_constants().frequency, rel=1e-8)
     for one in (by_hand.moduli, trial):
         assert (one.storage, one.loss) == (run.moduli.storage, run.moduli.loss)
-    assert (run.moduli.storage, run.moduli.loss) == pytest.approx((1012.0, 383.0), rel=1e-2)
+    assert (run.moduli.storage, run.moduli.loss) == pytest.approx((1012.0, 383.0), abs=0.5)
