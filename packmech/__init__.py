@@ -15,6 +15,7 @@ _PUBLIC = {
     # packings
     "Box": "packmech.box",
     "Packing": "packmech.packing",
+    "TangentialDisplacements": "packmech.tangential",
     "Bidisperse": "packmech.generate",
     "LogNormal": "packmech.generate",
     "Mixture": "packmech.generate",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +15,13 @@ from packmech.jit.compiled import kernel
 _FARTHEST = 2**31
 
 
-def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.int64]:
-    array = finite_array(name, value, shape=shape, what="link")
+def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...], what: str) -> NDArray[np.int64]:
+    array = finite_array(name, value, shape=shape, what=what)
     whole = np.rint(array).astype(np.int64)
     wrong = np.argwhere(whole != array)
     if len(wrong):
         first = tuple(int(k) for k in wrong[0])
-        raise ValueError(f"{name} must hold whole numbers, got {array[first]} for link {first[0]}")
+        raise ValueError(f"{name} must hold whole numbers, got {array[first]} for {what} {first[0]}")
     return whole
 
 
@@ -36,6 +36,57 @@ def one_way(
     turned = (i_p > j_p) | ((i_p == j_p) & (first < 0))
     image = np.where(turned[:, None], -image_pd, image_pd)
     return np.where(turned, j_p, i_p), np.where(turned, i_p, j_p), image, turned
+
+
+class NamedPairs(NamedTuple):
+    """Pairs of particles and images, sorted by (i, j, image), each named from one end as in `one_way`.
+
+    order_p says which of the pairs that were given each is; turned_p, in that order, which were turned round.
+    """
+
+    i_p: NDArray[np.int64]
+    j_p: NDArray[np.int64]
+    image_pd: NDArray[np.int64]
+    order_p: NDArray[np.int64]
+    turned_p: NDArray[np.bool_]
+
+
+def named_pairs(what: str, axis: str, i_p: Any, j_p: Any, image_pd: Any) -> NamedPairs:
+    """Return pairs in their order, checked; `what` they are and the letter of their `axis` are for messages.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument and the pair: not whole numbers, negative ones, another length, a particle with itself
+        without an image, the same pair twice.
+
+    """
+    i, j = (_whole_numbers(f"{name}_{axis}", value, (None,), what) for name, value in (("i", i_p), ("j", j_p)))
+    if len(j) != len(i):
+        raise ValueError(f"j_{axis} must have as many entries as i_{axis} ({len(i)}), got {len(j)}")
+    image = _whole_numbers(f"image_{axis}d", image_pd, (len(i), None), what)
+    if np.abs(image).max(initial=0) > _FARTHEST:
+        k = int(np.abs(image).max(axis=1).argmax())
+        raise ValueError(f"image_{axis}d must stay within {_FARTHEST}, got {image[k].tolist()} for {what} {k}")
+    if image.shape[1] not in (2, 3):
+        raise ValueError(f"image_{axis}d must have two or three components, got {image.shape[1]}")
+    for name, array in ((f"i_{axis}", i), (f"j_{axis}", j)):
+        if len(i) and array.min() < 0:
+            raise ValueError(f"{name} must not be negative, got {array.min()} for {what} {array.argmin()}")
+    own = (i == j) & ~image.any(axis=1)
+    if own.any():
+        k = int(np.flatnonzero(own)[0])
+        raise ValueError(f"image_{axis}d must not be zero for a {what} of a particle with itself, got {what} {k}")
+    i, j, image, turned = one_way(i, j, image)
+    order = np.lexsort((*image.T[::-1], j, i))
+    found = NamedPairs(i[order], j[order], image[order], order, turned[order])
+    key = np.column_stack(found[:3])
+    twice = np.flatnonzero((key[1:] == key[:-1]).all(axis=1))
+    if len(twice):
+        k = int(twice[0])
+        pair = f"{found.i_p[k]}-{found.j_p[k]} at image {found.image_pd[k].tolist()}"
+        raise ValueError(f"{what}s must name each pair once, got {pair} twice")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,38 +129,16 @@ class Links:
     shape_l: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        i, j = (_whole_numbers(name, getattr(self, name), (None,)) for name in ("i_l", "j_l"))
-        if len(j) != len(i):
-            raise ValueError(f"j_l must have as many entries as i_l ({len(i)}), got {len(j)}")
-        image = _whole_numbers("image_ld", self.image_ld, (len(i), None))
-        if np.abs(image).max(initial=0) > _FARTHEST:
-            k = int(np.abs(image).max(axis=1).argmax())
-            raise ValueError(f"image_ld must stay within {_FARTHEST}, got {image[k].tolist()} for link {k}")
+        pairs = named_pairs("link", "l", self.i_l, self.j_l, self.image_ld)
+        count = len(pairs.i_p)
         length = positive_array("length_l", self.length_l, shape=(None,), what="link")
-        given = np.zeros(len(i), dtype=bool) if self.shape_l is None else np.array(self.shape_l)
+        given = np.zeros(count, dtype=bool) if self.shape_l is None else np.array(self.shape_l)
         if given.dtype != bool or given.ndim != 1:
             raise TypeError(f"shape_l must hold truth values, got {self.shape_l!r}")
         for name, array in (("length_l", length), ("shape_l", given)):
-            if len(array) != len(i):
-                raise ValueError(f"{name} must have one entry per link ({len(i)}), got {len(array)}")
-        if image.shape[1] not in (2, 3):
-            raise ValueError(f"image_ld must have two or three components, got {image.shape[1]}")
-        for name, array in (("i_l", i), ("j_l", j)):
-            if len(i) and array.min() < 0:
-                raise ValueError(f"{name} must not be negative, got {array.min()} for link {array.argmin()}")
-        own = (i == j) & ~image.any(axis=1)
-        if own.any():
-            k = int(np.flatnonzero(own)[0])
-            raise ValueError(f"image_ld must not be zero for a link of a particle with itself, got link {k}")
-        i, j, image, _ = one_way(i, j, image)
-        order = np.lexsort((*image.T[::-1], j, i))
-        parts = (i[order], j[order], image[order], length[order], given[order])
-        key = np.column_stack(parts[:3])
-        twice = np.flatnonzero((key[1:] == key[:-1]).all(axis=1))
-        if len(twice):
-            k = int(twice[0])
-            pair = f"{parts[0][k]}-{parts[1][k]} at image {parts[2][k].tolist()}"
-            raise ValueError(f"links must name each pair once, got {pair} twice")
+            if len(array) != count:
+                raise ValueError(f"{name} must have one entry per link ({count}), got {len(array)}")
+        parts = (*pairs[:3], length[pairs.order_p], given[pairs.order_p])
         for name, array in zip(("i_l", "j_l", "image_ld", "length_l", "shape_l"), parts, strict=True):
             array = np.ascontiguousarray(array)
             array.setflags(write=False)

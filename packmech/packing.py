@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.links import Links
+from packmech.tangential import TangentialDisplacements
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
 DISCRETE_SIZES = 10
@@ -67,6 +68,8 @@ class Packing:
     mass_n
         (N,) masses. Unless given those of density 1: a particle's area pi r^2, or its volume 4/3 pi r^3 in space, which
         follow the radii; masses that are given stay when radii change.
+    tangential
+        Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
 
     Attributes
     ----------
@@ -94,6 +97,7 @@ class Packing:
     box: Box
     links: Links | None = None
     mass_n: _Masses = _Masses()
+    tangential: TangentialDisplacements | None = None
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -111,6 +115,19 @@ class Packing:
             object.__setattr__(self, name, array)
         if self.links is not None:
             self._check_links(self.links)
+        if self.tangential is not None:
+            self._check_tangential(self.tangential)
+
+    def _check_tangential(self, tangential: Any) -> None:
+        instance("tangential", tangential, TangentialDisplacements)
+        if not len(tangential):
+            object.__setattr__(self, "tangential", None)
+            return
+        if tangential.dimension != self.dimension:
+            raise ValueError(f"tangential must have images of {self.dimension} components, got {tangential.dimension}")
+        last = int(max(tangential.i_c.max(), tangential.j_c.max()))
+        if last >= self.particles:
+            raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
 
     def _check_links(self, links: Any) -> None:
         instance("links", links, Links)
@@ -129,12 +146,13 @@ class Packing:
             and np.array_equal(self.position_nd, other.position_nd)
             and np.array_equal(self.radius_n, other.radius_n)
             and self.links == other.links
+            and self.tangential == other.tangential
             and self._given_masses() == other._given_masses()
         )
 
     def __hash__(self) -> int:
         arrays = self.position_nd.tobytes(), self.radius_n.tobytes()
-        return hash((*arrays, self.box, self.links, self._given_masses()))
+        return hash((*arrays, self.box, self.links, self.tangential, self._given_masses()))
 
     def _given_masses(self) -> bytes | None:
         return None if self.given_mass_n is None else self.given_mass_n.tobytes()
@@ -167,7 +185,13 @@ class Packing:
         return float(np.spacing(np.abs(self.position_nd).max()) / self.radius_n.min())
 
     def replace(self, **changes: Any) -> Packing:
-        """Return a packing with the named fields exchanged."""
+        """Return a packing with the named fields exchanged.
+
+        Tangential displacements belong to the contacts as they stand: a packing with other positions, radii or another
+        box has none unless they are given, too.
+        """
+        if not {"position_nd", "radius_n", "box"}.isdisjoint(changes):
+            changes = {"tangential": None, **changes}
         return dataclasses.replace(self, **{"mass_n": self.given_mass_n, **changes})
 
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
@@ -179,13 +203,15 @@ class Packing:
             self.box,
             links,
             None if given is None else given[kept_n],
+            None if self.tangential is None else self.tangential.numbered(_numbers_of(kept_n, self.particles)),
         )
 
     def wrapped(self) -> Packing:
         """Return the same packing with every center inside the cell."""
         position, image = self.box.wrap(self.position_nd)
         links = None if self.links is None else self.links.moved(image)
-        return self.replace(position_nd=position, links=links)
+        tangential = None if self.tangential is None else self.tangential.moved(image)
+        return self.replace(position_nd=position, links=links, tangential=tangential)
 
     @property
     def link_error(self) -> float:
@@ -195,6 +221,13 @@ class Packing:
         vector = self.links.vectors(self.position_nd, self.box.lattice_dd)
         error = np.abs(np.sqrt((vector**2).sum(axis=1)) - self.links.length_l)
         return float((error / np.maximum(self.links.length_l, self.diameter_n.mean())).max())
+
+
+def _numbers_of(kept_n: NDArray[Any], particles: int) -> NDArray[np.int64]:
+    """Return the new number of each particle, -1 of those that are not kept."""
+    number = np.full(particles, -1)
+    number[kept_n] = np.arange(len(np.arange(particles)[kept_n]))
+    return number
 
 
 def _check_digits(position_nd: NDArray[np.float64], radius_n: NDArray[np.float64], box: Box) -> None:

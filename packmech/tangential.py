@@ -1,0 +1,91 @@
+"""Tangential displacements of contacts: what friction remembers of how particles slid and rolled on each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import finite_array
+from packmech.links import named_pairs
+
+
+@dataclass(frozen=True, eq=False)
+class TangentialDisplacements:
+    """Displacements of the tangential springs of a packing's contacts; each once, sorted by (i, j, image).
+
+    They belong to the packing as it stands: a packing whose particles or box have changed has none. They act where
+    the scene has friction. The force on particle i is the tangential stiffness times the displacement of j's surface
+    relative to i's.
+
+    Parameters
+    ----------
+    i_c, j_c
+        (C,) particles. Contacts are stored with i < j, or i == j and the image's first nonzero component positive.
+    image_cd
+        (C, d) integer vectors, for the positions as they stand in the packing: x_j - x_i + lattice @ image is the
+        vector from center to center.
+    displacement_ck
+        In the plane (C, 1), along the tangent (-n_y, n_x) of the direction n from i to j; in space (C, 3) vectors
+        [length].
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument and the contact.
+
+    Examples
+    --------
+    >>> springs = TangentialDisplacements([1], [0], [[0, 0, -1]], [[0.0, 0.1, 0.0]])
+    >>> springs.i_c.tolist(), springs.image_cd.tolist(), springs.displacement_ck.tolist()
+    ([0], [[0, 0, 1]], [[0.0, -0.1, 0.0]])
+
+    """
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    image_cd: NDArray[np.int64]
+    displacement_ck: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        pairs = named_pairs("contact", "c", self.i_c, self.j_c, self.image_cd)
+        components = 1 if pairs.image_pd.shape[1] == 2 else 3
+        shape = (len(pairs.i_p), components)
+        displacement = finite_array("displacement_ck", self.displacement_ck, shape=shape, what="contact")
+        displacement = displacement[pairs.order_p]
+        if components == 3:
+            # seen from the other end a vector turns round; the tangent of a plane does, too, and its component stays
+            displacement = np.where(pairs.turned_p[:, None], 0.0 - displacement, displacement)
+        for name, array in zip(("i_c", "j_c", "image_cd", "displacement_ck"), (*pairs[:3], displacement), strict=True):
+            array = np.ascontiguousarray(array)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.i_c)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TangentialDisplacements) and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("i_c", "j_c", "image_cd", "displacement_ck")
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.i_c.tobytes(), self.j_c.tobytes(), self.image_cd.tobytes(), self.displacement_ck.tobytes()))
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes, 2 or 3."""
+        return int(self.image_cd.shape[1])
+
+    def moved(self, image_nd: NDArray[np.int64]) -> TangentialDisplacements:
+        """Return the same displacements after the particles were moved: x = new x + lattice @ image."""
+        image = self.image_cd + image_nd[self.j_c] - image_nd[self.i_c]
+        return TangentialDisplacements(self.i_c, self.j_c, image, self.displacement_ck)
+
+    def numbered(self, number_n: NDArray[np.int64]) -> TangentialDisplacements:
+        """Return them with particles renumbered; those of a particle with a negative number are left out."""
+        i, j = number_n[self.i_c], number_n[self.j_c]
+        keep = (i >= 0) & (j >= 0)
+        return TangentialDisplacements(i[keep], j[keep], self.image_cd[keep], self.displacement_ck[keep])
