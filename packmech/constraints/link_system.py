@@ -41,8 +41,9 @@ _ROUNDING, _FEW = 8.0, 2.0
 # what no coordinates of unit size can do better than, whatever the tolerance
 _ROUNDING_FLOOR = 1e-14
 # steps have gone astray where the largest error has grown by this factor, or where links nearly depend on each other
-# and a particle has gone farther than this many of the largest errors
-_ASTRAY, _FAR = 4.0, 100.0
+# and a particle has gone farther than this many of the largest errors, or than this part of the longest link: beside a
+# straight angle a full step can swing a whole chain round to another shape of the same lengths
+_ASTRAY, _FAR, _SWING = 4.0, 100.0, 0.25
 # links with a relative pivot below this nearly depend on each other
 _SUSPECT = 1e-3
 # damping at the start, below what it is none, above what steps lead nowhere
@@ -761,13 +762,15 @@ def _step(system, position, lattice, damping):
 @inner_lean
 def project_positions_recorded(system, position, lattice, tolerance, iteration_limit, error_t):
     """Do what `project_positions` does; write the largest errors, at first and after each kept step, to error_t."""
-    smallest, longest = 1.0, 0.0
+    smallest, longest, farthest = 1.0, 0.0, 0.0
     spare, start = system.spare_nd, system.start_nd
     d = len(system.axes)
     worst = measure(system, position, lattice)
     first = worst
     for r in range(system.error_r.shape[0]):
         longest = max(longest, abs(system.error_r[r]))
+        farthest = max(farthest, system.scale_r[r])
+    farthest = min(_FAR * longest, _SWING * farthest)
     if error_t.shape[0] > 0:
         error_t[0] = worst
     _copy(d, position, start)
@@ -804,7 +807,7 @@ def project_positions_recorded(system, position, lattice, tolerance, iteration_l
                 break
             continue
         astray = not worst <= _ASTRAY * first
-        if pivot < _SUSPECT and not _farthest(d, start, position) <= _FAR * longest:
+        if pivot < _SUSPECT and not _farthest(d, start, position) <= farthest:
             astray = True
         if not moved and not astray and worst <= max(_FEW * tolerance, _ROUNDING_FLOOR):
             break

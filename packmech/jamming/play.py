@@ -18,13 +18,13 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.effects import Repulsion
 from packmech.honors import honors
-from packmech.jamming.contact_selection import select_contacts
+from packmech.jamming.contact_selection import ContactSelection, select_contacts
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
 from packmech.linalg.mandel import mandel_tensor, mandel_vector, strain_components, trace_vector
-from packmech.measure.counting import packing_fraction
+from packmech.measure.counting import packing_fraction, rattling_particles
 from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
@@ -99,6 +99,9 @@ class Rules:
         Distances of the pairs that overlap at the start, by (i, j, image): they are hard at that distance [length].
     box_moves
         Whether the box takes part in the motion.
+    backbone_n
+        Numbers of the particles that do not rattle at the start, of all where every one does: their mean displacement
+        is none, as a translation of all of them, past rattlers or with them, is no motion.
 
     """
 
@@ -108,6 +111,12 @@ class Rules:
     overlap_tolerance: float
     floor: dict[tuple[int, ...], float]
     box_moves: bool
+    backbone_n: NDArray[np.int64]
+
+    def still(self, direction: Direction) -> Direction:
+        """Return the direction without its translation."""
+        moved = direction.displacement_nd
+        return Direction(moved - moved[self.backbone_n].mean(axis=0), direction.strain_dd)
 
     def floor_c(self, contacts: Contacts) -> NDArray[np.float64]:
         """Return the (C,) distances below which pairs are not to come [length]."""
@@ -179,7 +188,7 @@ def advance(
     if free and packing.links is None:
         return ahead, direction.ahead(step), step
     reach = target.size(scale)
-    wanted = target if free else nearest(packing, target, rules, reach)
+    wanted = target if free else rules.still(nearest(packing, target, rules, reach))
     if wanted.size(scale) < _STANDSTILL * reach:
         return "contacts"
     if not free:
@@ -190,7 +199,7 @@ def advance(
             break
         if rules.kept(ahead):
             way = done.size(scale) / direction.size(scale)
-            return ahead, done.times(1.0 / way), min(way, step)
+            return ahead, rules.still(done.times(1.0 / way)), min(way, step)
         stay = Direction(np.zeros_like(packing.position_nd), np.zeros_like(packing.box.lattice_dd))
         ahead = rules.mended(nearest(ahead, stay, rules, reach).apply(ahead), volume)
     return "second order"
@@ -396,13 +405,16 @@ def play_motion(
     none along the straight line, and the volume does not grow (lengths are convex, determinants of 1 + a E concave
     after the root): only other particles can block it. Links may block it at once, at second order.
 
+    Displacements are those relative to the mean of the particles that do not rattle. Rattlers that the motion leaves
+    where they are go only where they are pushed.
+
     Parameters
     ----------
     packing
         The packing that the motion belongs to, or a scene, whose law gives the energies.
     motion
         `Verdict.unjamming_motion`, or (N, d) displacements, of a mode for example; their length does not matter, nor
-        does a translation of everything.
+        does a translation of everything but rattlers that it leaves at rest.
     amplitude
         How far to go [reference diameter].
     steps
@@ -444,7 +456,10 @@ def play_motion(
     overlap_tolerance = positive("overlap_tolerance", overlap_tolerance)
     if progress is not None:
         function("progress", progress)
-    direction = _direction(packing, motion, strain_dd)
+    selection = select_contacts(packing, None)
+    rattling = rattling_particles(packing, selection.contacts)
+    backbone = np.flatnonzero(rattling.all() | ~rattling)
+    direction = _direction(packing, motion, strain_dd, backbone)
     scale = float(packing.box.volume ** (1.0 / packing.dimension))
     unit = direction.size(scale)
     if unit == 0.0:
@@ -457,9 +472,11 @@ def play_motion(
         overlap_tolerance,
         dict(zip(pairs_of(overlapping), overlapping.distance_c.tolist(), strict=True)),
         box_moves=bool(direction.strain_dd.any()),
+        backbone_n=backbone,
     )
     effects = (Repulsion(),) if scene is None else scene.effects
-    player = _Player(packing, effects, direction.times(packing.reference_diameter / unit), rules, start)
+    direction = direction.times(packing.reference_diameter / unit)
+    player = _Player(packing, effects, direction, rules, selection, start)
     try:
         with safe_interrupts(), single_thread():
             outcome, reason = player.play(amplitude, steps, progress)
@@ -469,7 +486,7 @@ def play_motion(
     return player.played(outcome, reason)
 
 
-def _direction(packing: Packing, motion: Any, strain_dd: ArrayLike | None) -> Direction:
+def _direction(packing: Packing, motion: Any, strain_dd: ArrayLike | None, backbone_n: NDArray[np.int64]) -> Direction:
     d = packing.dimension
     strain = np.zeros((d, d))
     if isinstance(motion, UnjammingMotion):
@@ -486,7 +503,10 @@ def _direction(packing: Packing, motion: Any, strain_dd: ArrayLike | None) -> Di
                 raise ValueError(f"strain_dd must be symmetric, got {strain.tolist()}")
     if given.shape != packing.position_nd.shape:
         raise ValueError(f"motion must have displacements of shape {packing.position_nd.shape}, got {given.shape}")
-    moved = given - given.mean(axis=0)
+    moved = given - given[backbone_n].mean(axis=0)
+    if len(backbone_n) < len(given):
+        # rattlers that are left where they are stay with the rest
+        moved[~given.any(axis=1)] = 0.0
     # what the mean's rounding leaves of a translation
     if not np.abs(moved).max() > 1e-14 * np.abs(given).max():
         moved = np.zeros_like(moved)
@@ -497,10 +517,15 @@ class _Player:
     """A motion on its way, and what was kept of it."""
 
     def __init__(
-        self, packing: Packing, effects: tuple[Any, ...], direction: Direction, rules: Rules, start: float
+        self,
+        packing: Packing,
+        effects: tuple[Any, ...],
+        direction: Direction,
+        rules: Rules,
+        selection: ContactSelection,
+        start: float,
     ) -> None:
         self.effects, self.rules, self.start = effects, rules, start
-        selection = select_contacts(packing, None)
         self.gap_tolerance, self.contacts = selection.tolerance, selection.contacts
         self.packing_t = [packing]
         self.direction_t = [direction]

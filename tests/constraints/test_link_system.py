@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import packmech as pm
+from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.link_system import make_link_system, project_link_positions, project_links, refill_links
 
 GOLDEN = pathlib.Path(__file__).parents[1] / "golden"
@@ -195,6 +196,19 @@ def test_a_nearly_straight_chain_comes_back_to_its_lengths_nearby(dimension, rea
     # coordinates of 300 are rounded by 5.7e-14, on each axis and at both ends
     assert error < 4e-13
     assert np.abs(position - before).max() < 10.0 * shove
+
+
+@pytest.mark.parametrize(("seed", "shove"), [(5, 0.02), (4, 0.01), (0, 0.005), (3, 0.005)])
+def test_a_straight_angle_does_not_let_a_full_step_swing_the_chain_round(seed, shove):
+    """Full steps meet the lengths there, too, but in another shape, 70 to 320 shoves away."""
+    packing = pm.chain_packing(
+        1, 1000, dimension=2, packing_fraction=0.3, angles="fixed", bend=2.0 * np.pi / 3.0, seed=seed
+    )
+    moved = packing.position_nd + shove * np.random.default_rng(4).normal(size=packing.position_nd.shape)
+    back = ConstraintFactor(packing).projected(packing.replace(position_nd=moved))
+    assert back.link_error < 1e-13
+    # angles leave the chain no way but as a whole: it comes back to where it was
+    assert np.abs(back.position_nd - packing.position_nd).max() < 0.1 * shove
 
 
 @given(shove=st.floats(1e-6, 30.0), seed=st.integers(0, 2**32), dimension=st.sampled_from([2, 3]))

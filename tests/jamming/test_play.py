@@ -113,11 +113,21 @@ def test_nothing_moves_where_the_lattice_is_jammed():
 def test_lowest_mode_of_a_jammed_packing_is_blocked_at_once():
     scene, verdict = jammed_in_its_box()
     assert verdict.collective == "jammed"
-    equal = scene.packing.replace(mass_n=np.ones(scene.packing.particles))
-    mode = pm.normal_modes(scene.replace(packing=equal), count=1).displacement_mnd[0]
+    mode = pm.normal_modes(scene, count=1).displacement_mnd[0]
     for sign in (1.0, -1.0):
         played = pm.play_motion(scene, sign * mode)
         assert (played.outcome, played.steps) == ("blocked", 0)
+
+
+def test_a_translation_past_rattlers_or_with_them_is_no_motion():
+    """A mode of unlike masses moves the backbone's center, and rattlers not at all."""
+    scene, verdict = jammed_in_its_box()
+    assert verdict.rattlers.any()
+    past = np.where(verdict.rattlers[:, None], 0.0, [0.3, 0.1])
+    with pytest.raises(ValueError, match="motion must move particles against each other"):
+        pm.play_motion(scene, past)
+    mode = pm.normal_modes(scene, count=1).displacement_mnd[0]
+    assert pm.play_motion(scene, mode + np.abs(mode).max() * past).steps == 0
 
 
 def test_packing_jammed_in_its_box_only_unjams_when_the_box_shears():

@@ -301,7 +301,7 @@ def _projected(packing: pm.Packing, shove: float) -> float:
 def _angles_fixed(dimension: int, bend: float, shove: float) -> float:
     """Return that error for a chain of 1000 whose angles links hold."""
     return _projected(
-        pm.chain_packing(1, 1000, dimension=dimension, packing_fraction=0.3, angles="fixed", bend=bend, seed=6), shove
+        pm.chain_packing(1, 1000, dimension=dimension, packing_fraction=0.3, angles="fixed", bend=bend, seed=5), shove
     )
 
 
