@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import time
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from packmech.check import instance, integer, one_of, positive, positive_array
-from packmech.contacts import find_contacts
+from packmech.check import instance, integer, one_of, positive
 from packmech.honors import honors
-from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.soft_network import isochoric_part
 from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge, newton
@@ -20,7 +16,14 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
-from packmech.protocols.protocol import Protocol, at_packing_fraction, finish, pairs_of
+from packmech.protocols.protocol import (
+    Protocol,
+    at_packing_fraction,
+    follow_series,
+    pairs_of,
+    report_changes,
+    sequence,
+)
 from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
@@ -101,31 +104,13 @@ def compress(
     """
     instance("scene", scene, Scene)
     no_own_images("scene.packing", scene.packing)
-    if isinstance(distances, str) or not isinstance(distances, Iterable):
-        raise TypeError(f"distances must be a sequence of positive numbers, got {distances!r}")
-    goals = np.sort(positive_array("distances", list(distances), shape=(None,), what="distance"))
+    goals = np.sort(sequence("distances", distances, "distance"))
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
-    began = time.process_time()
     protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
-    ascent, runs = _Ascent(protocol, float(goals[0]), limit), list[Run]()
-
-    def finished(outcome: Outcome) -> Run:
-        return finish(protocol, protocol.last, outcome, None, "compress", began)
-
-    with single_thread():
-        try:
-            for goal in goals.tolist():
-                runs.append(loop.run(functools.partial(ascent.climb, goal), finished))
-                if runs[-1].outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
-                    break
-                protocol.stages, began = [], time.process_time()
-        except KeyboardInterrupt as stop:
-            stop.runs = tuple(runs)  # type: ignore[attr-defined]
-            raise
-    return tuple(runs)
+    return follow_series(protocol, goals, _Ascent(protocol, float(goals[0]), limit).climb, "compress", pressures=False)
 
 
 class _Onset(NamedTuple):
@@ -155,9 +140,6 @@ class _Ascent:
         if place is None:
             return Outcome.NOT_JAMMED
         self.rearrangements = self.iterations = 0
-        # what is not reached is not in the report
-        for name in ("rearrangements", "contacts_closed", "contacts_opened"):
-            protocol.report.pop(name, None)
         protocol.report.update(distance=goal, onset=place.fraction)
         with protocol.stage("compression") as figures:
             state = self._advance(place.packing, place.fraction, place.depth, goal)
@@ -165,13 +147,7 @@ class _Ascent:
             figures.residual, figures.steps = state.residual, self.iterations
             figures.force_evaluations = self.iterations
             figures.note = f"{self.rearrangements} rearrangements"
-        now = find_contacts(protocol.last)
-        pairs = pairs_of(now)
-        protocol.report.update(
-            rearrangements=self.rearrangements,
-            contacts_closed=len(pairs - place.pairs),
-            contacts_opened=len(place.pairs - pairs),
-        )
+        pairs = report_changes(protocol, self.rearrangements, place.pairs)
         self.place = _Onset(state.packing, place.fraction, goal, pairs)
         return judge(state, self.tolerance)
 
@@ -197,22 +173,21 @@ class _Ascent:
         state: SoftState | None = None
         while state is None or depth < goal:
             further = min(goal, depth * factor)
-            trial = newton(self._at(packing, onset + further), self.protocol.units, self.shears, None, iterations=25)
+            trial = newton(
+                at_packing_fraction(packing, onset + further), self.protocol.units, self.shears, None, iterations=25
+            )
             self.iterations += trial.iterations
             if not trial.sound(max(self.tolerance, 1e-7)):
                 if factor > _MINIMUM_FACTOR:
                     factor = factor**0.5
                     continue
                 self.rearrangements += 1
-                trial = self._rearranged(self._at(packing, onset + further))
+                trial = self._rearranged(denser)
                 if not trial.sound(max(self.tolerance, 1e-7)):
                     return trial
             state, packing, depth = trial, trial.packing, further
             factor = min(_FACTOR, factor**2)
         return state
-
-    def _at(self, packing: Packing, fraction: float) -> Packing:
-        return at_packing_fraction(packing, fraction)
 
     def _rearranged(self, packing: Packing) -> SoftState:
         """Return the packing that FIRE finds at this volume, polished by Newton's method."""

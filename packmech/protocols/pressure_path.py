@@ -8,7 +8,7 @@ from packmech.contacts import find_contacts
 from packmech.measure.stress import pressure as pressure_of
 from packmech.minimize.soft_newton import SoftState, descend, judge, newton
 from packmech.packing import Packing
-from packmech.protocols.protocol import Protocol, pairs_of
+from packmech.protocols.protocol import Protocol, pairs_of, report_changes
 from packmech.protocols.soft import extrapolated, search_pressure
 from packmech.result import Outcome
 
@@ -35,9 +35,6 @@ class PressurePath:
         protocol, rearrangements, iterations = self.protocol, 0, 0
         goal, factor = protocol.reduced_pressure(pressure), _FIRST
         tolerance = max(protocol.force_tolerance, 1e-7)
-        # what is not reached is not in the report
-        for name in ("rearrangements", "contacts_closed", "contacts_opened"):
-            protocol.report.pop(name, None)
         with protocol.stage("following the pressure") as figures:
             while True:
                 protocol.loop.check_time()
@@ -69,13 +66,7 @@ class PressurePath:
             protocol.last = protocol.restored(state.packing)
             figures.residual, figures.steps, figures.force_evaluations = state.residual, iterations, iterations
             figures.note = f"{rearrangements} rearrangements"
-        pairs = pairs_of(find_contacts(protocol.last))
-        protocol.report.update(
-            rearrangements=rearrangements,
-            contacts_closed=len(pairs - self.pairs),
-            contacts_opened=len(self.pairs - pairs),
-        )
-        self.pairs = pairs
+        self.pairs = report_changes(protocol, rearrangements, self.pairs)
         return judge(state, protocol.force_tolerance)
 
     def _step(self, pressure: float) -> SoftState:

@@ -5,8 +5,9 @@ Compiled scene, reduced units, stages, relaxation in a given box; figures recomp
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, positive
+from packmech.check import instance, positive, positive_array
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
@@ -22,6 +23,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms
 from packmech.honors import honors
+from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.counting import packing_fraction
@@ -424,3 +426,68 @@ def finish(
         stages=tuple(protocol.stages),
         report=report,
     )
+
+
+def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float64]:
+    """Return the positive numbers that a series of runs goes through, checked; `what` one of them is, for messages."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"{name} must be a sequence of positive numbers, got {values!r}")
+    return positive_array(name, list(values), shape=(None,), what=what)
+
+
+def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
+    """Report which contacts closed and opened since there were these pairs; return those of the packing now."""
+    now = pairs_of(find_contacts(protocol.last))
+    protocol.report.update(
+        rearrangements=rearrangements, contacts_closed=len(now - pairs), contacts_opened=len(pairs - now)
+    )
+    return now
+
+
+def follow_series(
+    protocol: Protocol, goals: NDArray[np.float64], go: Callable[[float], Outcome], method: str, *, pressures: bool
+) -> tuple[Run, ...]:
+    """Return one run for each goal, of a packing that goes from one to the next.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; its `last` packing is what a run ends with.
+    goals
+        (R,) what they go to, in this order; a run that finds nothing jammed, or is stopped, is the last.
+    go
+        Goes on to a goal, reports `report_changes`, and returns how that ended.
+    method
+        Name of the call.
+    pressures
+        Whether the goals are pressures [energy_scale / diameter^d].
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
+
+    """
+    runs, began = list[Run](), time.process_time()
+
+    def work(goal: float) -> Outcome:
+        # what is not reached is not in the report
+        for name in ("rearrangements", "contacts_closed", "contacts_opened"):
+            protocol.report.pop(name, None)
+        return go(goal)
+
+    with single_thread():
+        try:
+            for goal in goals.tolist():
+
+                def finished(outcome: Outcome, goal: float = goal, began: float = began) -> Run:
+                    return finish(protocol, protocol.last, outcome, goal if pressures else None, method, began)
+
+                runs.append(protocol.loop.run(functools.partial(work, goal), finished))
+                if runs[-1].outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+                    break
+                protocol.stages, began = [], time.process_time()
+        except KeyboardInterrupt as stop:
+            stop.runs = tuple(runs)  # type: ignore[attr-defined]
+            raise
+    return tuple(runs)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import functools
-import time
 from collections.abc import Iterable
 
-from packmech.check import instance, one_of, positive, positive_array
+from packmech.check import instance, one_of, positive
 from packmech.honors import honors
-from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.packing import no_own_images
 from packmech.protocols.jam import free_strains, is_jammed
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, finish
-from packmech.result import Outcome, Run
+from packmech.protocols.protocol import Protocol, follow_series, sequence
+from packmech.result import Run
 from packmech.scene import Scene
 
 
@@ -81,9 +78,7 @@ def sweep_pressure(
     """
     instance("scene", scene, Scene)
     no_own_images("scene.packing", scene.packing)
-    if isinstance(pressures, str) or not isinstance(pressures, Iterable):
-        raise TypeError(f"pressures must be a sequence of positive numbers, got {pressures!r}")
-    goals = positive_array("pressures", list(pressures), shape=(None,), what="pressure")
+    goals = sequence("pressures", pressures, "pressure")
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
     if not is_jammed(scene):
@@ -92,19 +87,4 @@ def sweep_pressure(
         )
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
-    path, runs, began = PressurePath(protocol), list[Run](), time.process_time()
-    with single_thread():
-        try:
-            for goal in goals.tolist():
-
-                def finished(outcome: Outcome, goal: float = goal, began: float = began) -> Run:
-                    return finish(protocol, protocol.last, outcome, goal, "sweep_pressure", began)
-
-                runs.append(loop.run(functools.partial(path.go, goal), finished))
-                if runs[-1].outcome is Outcome.INTERRUPTED:
-                    break
-                protocol.stages, began = [], time.process_time()
-        except KeyboardInterrupt as stop:
-            stop.runs = tuple(runs)  # type: ignore[attr-defined]
-            raise
-    return tuple(runs)
+    return follow_series(protocol, goals, PressurePath(protocol).go, "sweep_pressure", pressures=True)
