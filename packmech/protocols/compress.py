@@ -173,9 +173,8 @@ class _Ascent:
         state: SoftState | None = None
         while state is None or depth < goal:
             further = min(goal, depth * factor)
-            trial = newton(
-                at_packing_fraction(packing, onset + further), self.protocol.units, self.shears, None, iterations=25
-            )
+            denser = at_packing_fraction(packing, onset + further)
+            trial = newton(denser, self.protocol.units, self.shears, None, iterations=25)
             self.iterations += trial.iterations
             if not trial.sound(max(self.tolerance, 1e-7)):
                 if factor > _MINIMUM_FACTOR:
