@@ -212,6 +212,8 @@ _PUBLIC = {
     "jam": "packmech.protocols.jam",
     "shear_stabilize": "packmech.protocols.shear_stabilize",
     "sweep_pressure": "packmech.protocols.sweep",
+    "JammingScaling": "packmech.protocols.scaling",
+    "jamming_scaling": "packmech.protocols.scaling",
     "at_packing_fraction": "packmech.protocols.protocol",
     # compiled functions of users
     "kernel": "packmech.jit.compiled",

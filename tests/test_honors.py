@@ -86,6 +86,7 @@ RESTING = {
     "jam": lambda scene: pm.jam(scene, pressure=1e-4).packing.position_nd,
     "compress": lambda scene: pm.compress(scene, [1e-3])[0].packing.position_nd,
     "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,
+    "jamming_scaling": lambda scene: pm.jamming_scaling([scene], [1e-3]).value_sp["shear_modulus"],
     "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
     "hessian": lambda scene: pm.hessian(scene).toarray(),
     "dynamical_matrix": lambda scene: pm.dynamical_matrix(scene).toarray(),
@@ -130,7 +131,7 @@ def test_every_public_call_of_a_scene_or_a_packing_is_declared():
         value = getattr(pm, name)
         if inspect.isfunction(value):
             names = list(inspect.signature(value).parameters)
-            if names and (names[0] in ("packing", "source", "subject") or "scene" in names):
+            if names and (names[0] in ("packing", "source", "subject", "scenes") or "scene" in names):
                 first[name] = names[0]
     assert set(first) - NO_MECHANICS <= set(CALLS)
     assert set(CALLS) - set(first) <= {"QuenchBatch", "ShearBatch"}

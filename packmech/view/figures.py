@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.protocols.cementing_curve import CementingCurve
+from packmech.protocols.scaling import JammingScaling
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.view import drawing
@@ -39,6 +40,7 @@ STYLE: dict[str, Any] = {
 SIZE, DOTS = (9.6, 6.4), 100
 FORMATS = ("png", "svg")
 PLOTS = ("strain", "stress", "pressure", "log10 energy")
+INK_OF_FITS = "#404040"
 PAPER, INK, NOW = "#0d111a", "#c8d0dc", "#ff6060"
 # in space what lies at the back is dimmed to this part
 DIM = 0.35
@@ -129,6 +131,45 @@ def _moduli(ax: Any, curve: CementingCurve, name: str, style: dict[str, Any]) ->
     ax.errorbar(fraction, means.mean_k[show], means.error_k[show], capsize=2.0, label=f"N = {curve.particles}", **style)
     low, high = (curve.bound_means[f"{name}_{bound}"][show] for bound in ("reuss", "voigt"))
     ax.fill_between(fraction, low, high, color=style["color"], alpha=0.12, linewidth=0.0)
+
+
+# what is fitted over pressure, and how it is called on its axis
+FITTED = {
+    "shear_modulus": "shear modulus (energy / diameter$^d$)",
+    "excess_coordination": "contacts in excess, $z - z_{iso}$",
+    "modulus_ratio": "shear over bulk modulus",
+    "energy_per_particle": "energy per particle",
+}
+
+
+def draw_scaling(found: JammingScaling, path: Path) -> None:
+    """Write the figure: what falls towards the jamming point against pressure, with the power laws fitted to it."""
+    with styled_figure(path, (9.6, 7.2)) as figure:
+        axes = figure.subplots(2, 2)
+        pressure = found.pressure_p
+        for number, (ax, (name, label)) in enumerate(zip(axes.flat, FITTED.items(), strict=True)):
+            mean, error, color = found.mean_p(name), found.error_p(name), COLORS[number]
+            shown = mean > 0.0
+            ax.errorbar(pressure[shown], mean[shown], error[shown], color=color, marker="o", capsize=2.0, linestyle="")
+            fit = found.fit(name)
+            part = pressure[pressure >= found.counted_from * (1.0 - 1e-12)]
+            ends = np.array([part.min(), part.max()])
+            ax.plot(
+                *(ends, fit.prefactor * ends**fit.exponent),
+                color=INK_OF_FITS,
+                linewidth=1.2,
+                label=rf"$p^{{{fit.exponent:.3f} \pm {fit.error:.3f}}}$",
+            )
+            ax.axvspan(pressure.min() / 1.5, found.counted_from, color="#f0f0f0", zorder=0)
+            ax.set(xscale="log", yscale="log", xlabel="pressure (energy / diameter$^d$)", ylabel=label)
+            ax.set_xlim(pressure.min() / 1.5, pressure.max() * 1.5)
+            ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
+            ax.legend(loc="upper left")
+        figure.suptitle(
+            f"{found.packings} packings of N = {found.particles}, d = {found.dimension}, strain {found.strain}; "
+            "means and standard errors\ngray: a handful of contacts too many, or none, at this N; not fitted",
+            fontsize=10,
+        )
 
 
 def write_pictures(
