@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,3 +123,78 @@ def _sorted(
 ) -> Crossings:
     order = np.lexsort((*image_cd.T[::-1], second_c, first_c))
     return Crossings(first_c[order], second_c[order], image_cd[order], point_cd[order])
+
+
+class NearLinks(NamedTuple):
+    """Pairs of bonds near each other that share no particle at the same image; `image_cd` is that of the second."""
+
+    first_c: NDArray[np.int64]
+    second_c: NDArray[np.int64]
+    image_cd: NDArray[np.int64]
+
+
+def near_links(packing: Packing, reach: float) -> NearLinks:
+    """Return the pairs of bonds, by their places in the packing's links, no further apart than a reach [length].
+
+    Pairs a little further apart may be among them.
+    """
+    links = packing.links
+    assert links is not None and links.shape_l is not None
+    bond = np.flatnonzero(~links.shape_l)
+    start_ld, along_ld = _segments(packing, bond)
+    half_l = 0.5 * np.sqrt((along_ld**2).sum(axis=1)) + 1e-300
+    pairs = candidate_pairs(start_ld + 0.5 * along_ld, half_l, packing.box, scale=1.0 + _SLACK, skin=reach)
+    a, b, shift = pairs.i_c, pairs.j_c, pairs.image_cd
+    keep = a != b
+    ends = [(links.i_l[bond], None), (links.j_l[bond], links.image_ld[bond])]
+    for one, one_image in ends:
+        for other, other_image in ends:
+            apart = shift if other_image is None else shift + other_image[b]
+            apart = apart if one_image is None else apart - one_image[a]
+            keep &= (one[a] != other[b]) | apart.any(axis=1)
+    return NearLinks(bond[a[keep]], bond[b[keep]], shift[keep])
+
+
+def _segments(packing: Packing, link: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where links start and their vectors."""
+    links = packing.links
+    assert links is not None
+    start = packing.position_nd[links.i_l[link]]
+    end = packing.position_nd[links.j_l[link]] + links.image_ld[link] @ packing.box.lattice_dd.T
+    return start, end - start
+
+
+def link_ends(packing: Packing, near: NearLinks) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return for both ends of both links of each pair, (4, C, 2), their place from the other link, and its vector."""
+    a_start, a_along = _segments(packing, near.first_c)
+    b_start, b_along = _segments(packing, near.second_c)
+    b_start = b_start + near.image_cd @ packing.box.lattice_dd.T
+    place = np.stack([a_start - b_start, a_start + a_along - b_start, b_start - a_start, b_start + b_along - a_start])
+    return place, np.stack([b_along, b_along, a_along, a_along])
+
+
+def swept_links(before: Packing, after: Packing, near: NearLinks) -> NDArray[np.bool_]:
+    """Return which pairs of links sweep through each other while particles and box go straight to another packing.
+
+    Two segments begin or cease to cross only when an end of one lies on the other: the two roots of a quadratic in
+    time are looked at for all four ends. Images are those of the positions as they stand in both packings.
+    """
+    place, along = link_ends(before, near)
+    place_after, along_after = link_ends(after, near)
+    move, turn = place_after - place, along_after - along
+    shape = place.shape[:2]
+
+    def cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _cross(one.reshape(-1, 2), other.reshape(-1, 2)).reshape(shape)
+
+    c, b, a = cross(place, along), cross(move, along) + cross(place, turn), cross(move, turn)
+    swept = np.zeros(shape, dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(b**2 - 4.0 * a * c)
+        q = -0.5 * (b + np.where(b < 0.0, -root, root))
+        for time in (q / a, c / q):
+            there, vector = place + time[:, :, None] * move, along + time[:, :, None] * turn
+            share = (there * vector).sum(axis=2) / (vector**2).sum(axis=2)
+            inside = (share >= -_SLACK) & (share <= 1.0 + _SLACK)
+            swept |= (time >= -_SLACK) & (time <= 1.0 + _SLACK) & inside
+    return np.asarray(swept.any(axis=0))

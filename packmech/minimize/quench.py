@@ -17,6 +17,7 @@ from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.lbfgs import LBFGS
+from packmech.minimize.links_apart import separate_links
 from packmech.minimize.minimizers import check_minimizer
 from packmech.minimize.newton import Newton, polish
 from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
@@ -57,6 +58,10 @@ def quench(
     a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones), deep overlaps
     are first relaxed with the harmonic law. Effects without an energy, such as damping, have no part in it.
 
+    With links in two dimensions, overlaps deeper than a quarter are relaxed first by steps that let no links pass
+    through each other. From there on contacts keep them apart by themselves, unless links are longer than sqrt(2) times
+    the diameter or the packing is so dense that overlaps stay deep: `report` tells which links crossed all the same.
+
     Parameters
     ----------
     scene
@@ -88,9 +93,7 @@ def quench(
         Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
-        the box that nobody can tell). A small
-        `largest_step` bounds early displacements, but deep overlaps push links through each other all the same:
-        only starts without them (pm.cluster_packing(..., largest_overlap=0.1)) keep links apart.
+        the box that nobody can tell).
 
     Raises
     ------
@@ -120,6 +123,7 @@ def quench(
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
 
     def work() -> Outcome:
+        descent.separate_links()
         failed = descent.relax_deep_overlaps()
         if failed is not None:
             return failed
@@ -171,6 +175,18 @@ class _Descent:
         self.newton_steps = 0
         self.evaluations = 0
         self._trace = trace
+
+    def separate_links(self) -> None:
+        """Relax deep overlaps of linked particles in the plane without links that pass through each other."""
+        began = self._now()
+        packing, steps = separate_links(
+            self.program, self.packing(), step_limit=self.step_limit, look=self.loop.check_time
+        )
+        if steps:
+            self.program.place(packing.position_nd)
+            self.steps += steps
+            self.evaluations += steps
+            self._keep("deep overlaps of links", self.program.evaluate(), steps, steps, began)
 
     def relax_deep_overlaps(self) -> Outcome | None:
         """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""

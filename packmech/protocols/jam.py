@@ -104,10 +104,9 @@ def jam(
         (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
         held redundantly), stress_anisotropy, method, strain, start ("continued" or "anew"), and, where a hard packing
-        was found, hard_packing,
-        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With links in two dimensions
-        also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress; start
-        dilute, as pm.cluster_packing(..., largest_overlap=0.1) does, to keep them apart.
+        was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With
+        links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
+        of self stress. Links that do not cross at the start are kept from it, as in `quench`.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
+from packmech.minimize.links_apart import separate_links
 from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
@@ -108,7 +109,8 @@ def decompress_linked(
 ) -> tuple[Packing, Outcome]:
     """Return the packing with links at the pressure, compressed until it presses, then decompressed, and how it ended.
 
-    Compression goes by small steps, so that no links are pushed through each other, where they would lock.
+    Deep overlaps are relaxed first, and compression goes by small steps, so that no links are pushed through each
+    other, where they would lock.
 
     Parameters
     ----------
@@ -151,6 +153,9 @@ def compress_linked(
     with protocol.stage("compression") as figures:
         taken = 0
         while True:
+            packing, separated = separate_links(protocol.program, packing)
+            figures.steps += separated
+            figures.force_evaluations += separated
             packing, done = protocol.relax(packing, tolerance, steps, floor=_TOUCHING)
             figures.residual = done.residual
             figures.steps += done.steps
@@ -185,8 +190,11 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
             return packing, Outcome.NOT_JAMMED
         return follow_pressure(protocol, packing, now, pressure)
     with protocol.stage("quench") as figures:
-        packing, done = protocol.relax(protocol.scene.packing, _FIRE_TOLERANCES[0], step_limit)
+        packing, separated = separate_links(protocol.program, protocol.scene.packing)
+        packing, done = protocol.relax(packing, _FIRE_TOLERANCES[0], step_limit)
         figures.take(done)
+        figures.steps += separated
+        figures.force_evaluations += separated
         figures.note = "FIRE in the box as it is"
     if done.outcome is Outcome.UNJAMMED or not done.contacts:
         return packing, Outcome.UNJAMMED

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
+from packmech.contacts.crossing import near_links, swept_links
 
 
 def segments(seed, most=14):
@@ -153,3 +154,36 @@ def test_links_in_three_dimensions_are_refused():
     packing = pm.Packing(np.eye(3), [0.1] * 3, pm.Box.cubic(4.0, 3), pm.Links([0], [1], [[0] * 3], [math.sqrt(2)]))
     with pytest.raises(ValueError, match="^packing must have two dimensions for links to cross, got 3"):
         pm.crossing_links(packing)
+
+
+def test_a_link_that_jumps_over_another_one_is_seen_to_pass_through_it():
+    links = pm.Links([0, 2], [1, 3], [[0, 0], [0, 0]], [1.0, 1.0])
+    before = pm.Packing([[1, 1], [2, 1], [1.2, 1.3], [2.2, 1.3]], [0.5] * 4, pm.Box.cubic(6.0, 2), links)
+    after = before.replace(position_nd=before.position_nd + [[0, 0], [0, 0], [0, -0.6], [0, -0.6]])
+    aside = before.replace(position_nd=before.position_nd + [[0, 0], [0, 0], [0, 0.6], [0, 0.6]])
+    assert len(pm.crossing_links(before)) == len(pm.crossing_links(after)) == 0
+    assert swept_links(before, after, near_links(before, 1.0)).tolist() == [True]
+    assert not swept_links(before, aside, near_links(before, 1.0)).any()
+
+
+def test_links_swept_through_are_those_whose_ends_pass_each_other_in_small_steps():
+    """An independent look: which pairs change how they cross between any two of many small steps."""
+    rng = np.random.default_rng(3)
+    links = pm.Links(np.arange(0, 20, 2), np.arange(1, 20, 2), np.zeros((10, 2), int), np.ones(10))
+    for _ in range(20):
+        start = 4.0 * rng.random((20, 2))
+        end = start + 0.8 * rng.standard_normal((20, 2))
+        before = pm.Packing(start, np.full(20, 0.1), pm.Box.cubic(30.0, 2), links)
+        near = near_links(before, 6.0)
+        swept = swept_links(before, before.replace(position_nd=end), near)
+        named = set(zip(near.first_c[swept].tolist(), near.second_c[swept].tolist(), strict=True))
+        seen, crossing = set(), None
+        for t in np.linspace(0.0, 1.0, 401):
+            found = pm.crossing_links(before.replace(position_nd=(1.0 - t) * start + t * end))
+            now = set(zip(found.first_c.tolist(), found.second_c.tolist(), strict=True))
+            seen |= now if crossing is None else now ^ crossing
+            crossing = now if crossing is None else crossing | now
+        start_pairs = pm.crossing_links(before)
+        at_start = set(zip(start_pairs.first_c.tolist(), start_pairs.second_c.tolist(), strict=True))
+        # what crosses for less than a step may be missed by the small steps, and by them alone
+        assert seen - at_start <= named

@@ -212,3 +212,23 @@ def test_a_crystal_that_is_not_followed_to_the_end_says_so_and_is_in_balance_whe
         assert "given up in a valley" in run.stages[-1].note
         assert run.residual <= 1e-5 and run.report["stress_anisotropy"] <= 1e-5
         assert run.report["pressure"] > 1e-8
+
+
+@pytest.mark.parametrize("seeds", [range(1, 4), pytest.param(range(1, 51), marks=pytest.mark.slow)], ids=len)
+def test_no_links_pass_through_each_other_where_chains_that_overlap_are_quenched(seeds):
+    """Without the steps that keep links apart 16 of the first 20 of these packings end with links that cross."""
+    for seed in seeds:
+        packing = pm.chain_packing(10, 8, dimension=2, packing_fraction=0.95, seed=seed)
+        assert pm.find_contacts(packing).overlap_c.max() > 0.3
+        run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-6)
+        assert run.ok and len(pm.crossing_links(run.packing)) == 0
+        assert run.stages[0].name == "deep overlaps of links" and run.stages[0].steps <= 400
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fraction", [0.2, 0.4, 0.6])
+def test_no_links_pass_through_each_other_where_chains_are_jammed(fraction):
+    for seed in range(1, 51):
+        packing = pm.chain_packing(10, 8, dimension=2, packing_fraction=fraction, seed=seed)
+        run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), check=False)
+        assert len(pm.crossing_links(run.packing)) == 0
