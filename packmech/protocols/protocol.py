@@ -311,11 +311,12 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     }
 
 
-def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str, int]:
+def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str, Any]:
     """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
 
     The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
-    as a whole; free turns and ends of clusters that are held, `floppy_modes`, take as many contacts off.
+    as a whole; free turns and ends of clusters that are held, `floppy_modes`, take as many contacts off. Where no
+    solver can tell which clusters rattle, counts are None and `counts_unknown` says why.
 
     Parameters
     ----------
@@ -327,7 +328,12 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
         "isotropic" or "free".
 
     """
-    rattling = find_rattling_clusters(packing, contacts=contacts)
+    try:
+        rattling = find_rattling_clusters(packing, contacts=contacts)
+    except np.linalg.LinAlgError as error:
+        # a run that took minutes does not end with its counts
+        unknown = dict.fromkeys(("rattlers", "contacts", "isostatic_contacts", "excess_contacts"))
+        return {"particles": packing.particles, **unknown, "states_of_self_stress": None, "counts_unknown": str(error)}
     none = {"particles": packing.particles, "rattlers": int(rattling.rattling_n.sum())}
     if rattling.empty:
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}

@@ -214,6 +214,15 @@ def test_a_crystal_that_is_not_followed_to_the_end_says_so_and_is_in_balance_whe
         assert run.report["pressure"] > 1e-8
 
 
+def test_a_run_whose_clusters_no_solver_can_count_still_ends(monkeypatch):
+    def fails(*args, **kwargs):
+        raise np.linalg.LinAlgError("packing must have contacts whose balances can be found, got: nothing")
+
+    monkeypatch.setattr("packmech.protocols.protocol.find_rattling_clusters", fails)
+    run = pm.shear_stabilize(dense(2, 1, count=10))
+    assert run.ok and run.report["contacts"] is None and "balances" in run.report["counts_unknown"]
+
+
 @pytest.mark.parametrize("seeds", [range(1, 4), pytest.param(range(1, 51), marks=pytest.mark.slow)], ids=len)
 def test_no_links_pass_through_each_other_where_chains_that_overlap_are_quenched(seeds):
     """Without the steps that keep links apart 16 of the first 20 of these packings end with links that cross."""
