@@ -344,7 +344,8 @@ def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str,
     # links may all be between particles that rattle
     kept = links.numbered(number) if (held[links.i_l] & held[links.j_l]).any() else None
     part = packing.select(held, kept)
-    bearing = contacts.select(rattling.backbone_c)
+    # a contact can bear a force of a cluster that all of it may move against, such as one between links that cross
+    bearing = contacts.select(rattling.backbone_c & held[contacts.i_c] & held[contacts.j_c])
     inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
     states = states_of_self_stress(
         part, "none" if strain == "isotropic" else "isochoric", contacts=inner, basis_limit=1.0
