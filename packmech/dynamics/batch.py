@@ -675,8 +675,7 @@ class ShearBatch:
             Which one.
 
         """
-        engine = self._engine(integer("index", index, at_least=0, at_most=len(self) - 1))
-        return engine.scene.packing.replace(position_nd=engine.positions(), box=engine.box())
+        return self._engine(integer("index", index, at_least=0, at_most=len(self) - 1)).packing()
 
     def velocities(self, index: int) -> NDArray[np.float64]:
         """Return the (N, d) peculiar velocities of one packing at the end of its last good frame [length/time].

@@ -27,6 +27,7 @@ from packmech.dynamics.deformation import (
     gamma_at,
     set_flow,
 )
+from packmech.dynamics.displacements import displacements_now
 from packmech.dynamics.friction import Pace, leading_share
 from packmech.dynamics.observables import COLUMNS, Ledger, measure
 from packmech.dynamics.pair_lists import (
@@ -43,12 +44,14 @@ from packmech.dynamics.pair_lists import (
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
 from packmech.effects import Bonds, Friction, Walls
-from packmech.links import Links
+from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
 from packmech.minimize.pair_list import SKIN_FULL
 from packmech.minimize.program import space_order
+from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.tangential import TangentialDisplacements
 
 # skin of the wide pair list in units of the harmonic mean diameter
 _SKIN = 0.6
@@ -219,6 +222,8 @@ class Engine:
         if self.space.flow is not None:
             set_flow(self.space.flow, self.space.frame, self.time)
         self._search()
+        if self.steps == 0 and self.track is not None and self.scene.packing.tangential is not None:
+            self._set_springs(self.scene.packing.tangential)
         self._run(FORCES, 1, ledger)
         if self.state.last is not None:
             self.state.last[:] = self.state.push
@@ -321,6 +326,41 @@ class Engine:
     def stretches(self) -> Stretches:
         """Return the springs that are stretched, by rows and images of the loops' lattice."""
         return read_stretches(self.pairs, self.track, len(self.axes))
+
+    def _set_springs(self, given: TangentialDisplacements) -> None:
+        """Set the springs of the listed pairs to the packing's displacements, which the first forces are made of."""
+        d, n = len(self.axes), len(self.order_n)
+        row = np.empty(n, dtype=np.int64)
+        row[self.order_n] = np.arange(n)
+        whole = given.image_cd + self.wrap_nd[given.j_c] - self.wrap_nd[given.i_c]
+        image = whole @ np.rint(np.linalg.inv(self.change_dd)).astype(np.int64).T
+        i, j, image, turned = one_way(row[given.i_c], row[given.j_c], image)
+        spring = np.where(turned[:, None] & (d == 3), -given.displacement_ck, given.displacement_ck)
+        full = np.zeros((len(i), 3), dtype=np.int64)
+        full[:, :d] = image
+        write_stretches(self.pairs, self.track, Stretches(i, j, full, spring))
+
+    def tangential(self) -> TangentialDisplacements | None:
+        """Return the displacements of the contacts' tangential springs now; None where all are slack."""
+        if self.track is None:
+            return None
+        if not self.started:
+            return self.scene.packing.tangential
+        held = self.stretches()
+        now = np.zeros_like(held.stretch_ck)
+        where = held.i_c, held.j_c, held.image_cd.astype(float)
+        displacements_now(self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now)
+        some = now.any(axis=1)
+        if not some.any():
+            return None
+        # from rows and images of the loops' lattice to particles, their places and the scene's box
+        i, j = self.order_n[held.i_c[some]], self.order_n[held.j_c[some]]
+        image = held.image_cd[some, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
+        return TangentialDisplacements(i, j, image, now[some])
+
+    def packing(self) -> Packing:
+        """Return the packing as it is now, with its box and tangential displacements."""
+        return self.scene.packing.replace(position_nd=self.positions(), box=self.box(), tangential=self.tangential())
 
     def wrap(self) -> None:
         """Move particles that left the cell by whole lattice vectors, and take better ones where these are flat."""

@@ -681,7 +681,7 @@ class SimulationTask:
         before, after = self._moment(start), self._moment(last)
         change = after.energy + after.kinetic - (before.energy + before.kinetic)
         return Simulation(
-            packing=self._packing(),
+            packing=self._packing(final=True),
             outcome=outcome,
             residual=residual,
             steps=self.reached,
@@ -701,8 +701,12 @@ class SimulationTask:
             held_n=settings.held_n,
         )
 
-    def _packing(self) -> Packing:
-        return self.scene.packing.replace(position_nd=self.state[0], box=self.box)
+    def _packing(self, *, final: bool = False) -> Packing:
+        """Return the packing that was kept last; the one at the end with its tangential displacements."""
+        # a run that went astray goes back to an earlier step, whose springs are gone
+        there = final and self.engine.steps == self.reached
+        tangential = self.engine.tangential() if there else None
+        return self.scene.packing.replace(position_nd=self.state[0], box=self.box, tangential=tangential)
 
     def _trace(self) -> MotionTrace | None:
         if self.settings.trace_every is None or not self.kept:

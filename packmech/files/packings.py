@@ -8,12 +8,14 @@ Three formats, chosen by the ending of the name:
     ``{"kind": "harmonic", "energy_scale": 1.0}``). A file with the first three arrays alone is read too. A packing with
     links has them as ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, as
     ``pm.Links`` describes them; such a file is of format version 2, so that a reader without links refuses it. Masses
-    that were given are ``mass_n`` (N,), and make it version 3.
+    that were given are ``mass_n`` (N,), and make it version 3. Tangential displacements of contacts, which make it
+    version 4, are ``tangential_i_c``, ``tangential_j_c``, ``tangential_image_cd`` and
+    ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     Visible to those programs in single precision and in their orientation of the box; the exact packing lies beside it
     in log chunks, so that what packmech wrote it reads back to the last bit. Links are shown as bonds and constraints.
 ``.txt``, ``.dat``, ``.csv`` (plain table)
-    Positions, radii and masses only; a packing with links is refused.
+    Positions, radii and masses only; a packing with links or tangential displacements is refused.
     A line ``lattice x y [z]`` for each lattice vector, then a line ``x y [z] radius [mass]`` for each particle, with
     masses in all lines or in none. Blanks or commas separate numbers, ``#`` starts a comment. Numbers get as many
     digits as they need to be read back exactly::
@@ -37,7 +39,7 @@ visible to every reader
 exact, for packmech
     the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
     links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, with given masses
-    ``mass_n``.
+    ``mass_n``, and tangential displacements as in an ``.npz`` file.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ import json
 import os
 import uuid
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,13 +64,18 @@ from packmech.files.records import from_table, kinds_of, to_table
 from packmech.honors import honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
+from packmech.tangential import TangentialDisplacements
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
-# a file without links and masses is of version 1, one without masses at most of version 2
-_FORMAT_VERSION = 3
+# a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
+# springs are slack of version 3
+_FORMAT_VERSION = 4
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
+# arrays that belong together: what their names begin with, the names of their fields, and whose they are
+_LINKS = ("link_", _LINK_ARRAYS, "links")
+_TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
 _TEXT = (".txt", ".dat", ".csv")
 _ENDINGS = (".npz", ".gsd", *_TEXT)
 
@@ -137,6 +144,11 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     if packing.links is not None and ending in _TEXT:
         raise ValueError(
             f"packing must have no links for {ending} files (only .npz and .gsd keep them), got {len(packing.links)}"
+        )
+    if packing.tangential is not None and ending in _TEXT:
+        raise ValueError(
+            f"packing must have no tangential displacements for {ending} files (only .npz and .gsd keep them), "
+            f"got {len(packing.tangential)}: leave them out with packing.replace(tangential=None)"
         )
     if law is not None:
         if not is_law(law):
@@ -253,23 +265,33 @@ def _read_npz(path: Path) -> Packing:
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
     box = Box(arrays["lattice_dd"])
-    return Packing(arrays["position_nd"], arrays["radius_n"], box, _links(arrays), arrays.get("mass_n"))
+    links, tangential = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL))
+    return Packing(
+        arrays["position_nd"],
+        arrays["radius_n"],
+        box,
+        None if links is None else Links(*links),
+        arrays.get("mass_n"),
+        None if tangential is None else TangentialDisplacements(*tangential),
+    )
 
 
-def _links(arrays: dict[str, Any]) -> Links | None:
-    given = [name for name in _LINK_ARRAYS if f"link_{name}" in arrays]
+def _group(arrays: Mapping[str, Any], prefix: str, names: tuple[str, ...], of: str) -> list[Any] | None:
+    """Return arrays that belong together, None where there are none of them."""
+    given = [name for name in names if arrays.get(prefix + name) is not None]
     if not given:
         return None
-    missing = [f"link_{name}" for name in _LINK_ARRAYS if name not in given]
+    missing = [prefix + name for name in names if name not in given]
     if missing:
-        raise ValueError(f"it must hold all arrays of its links, got none named {', '.join(missing)}")
-    return Links(*[arrays[f"link_{name}"] for name in _LINK_ARRAYS])
+        raise ValueError(f"it must hold all arrays of its {of}, got none named {', '.join(missing)}")
+    return [arrays[prefix + name] for name in names]
 
 
 def _write_npz(packing: Packing, path: Path, law: Any) -> None:
     version = 1 if packing.links is None else 2
+    version = version if packing.given_mass_n is None else 3
     arrays: dict[str, Any] = {
-        "format_version": np.array(version if packing.given_mass_n is None else _FORMAT_VERSION),
+        "format_version": np.array(version if packing.tangential is None else _FORMAT_VERSION),
         "position_nd": packing.position_nd,
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
@@ -278,10 +300,17 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
         arrays |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if packing.given_mass_n is not None:
         arrays["mass_n"] = packing.given_mass_n
+    arrays |= _tangential_arrays(packing)
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
     with open(path, "wb") as file:
         np.savez(file, **arrays)
+
+
+def _tangential_arrays(packing: Packing) -> dict[str, Any]:
+    """Return the arrays of tangential displacements by the names of files; none where springs are slack."""
+    prefix, names, _ = _TANGENTIAL
+    return {} if packing.tangential is None else {prefix + one: getattr(packing.tangential, one) for one in names}
 
 
 def _read_text(path: Path) -> Packing:
@@ -396,6 +425,7 @@ def write_gsd(packing: Packing, path: Path) -> None:
     }
     if packing.given_mass_n is not None:
         frame.log[_LOG + "mass_n"] = packing.given_mass_n
+    frame.log |= {_LOG + name: array for name, array in _tangential_arrays(packing).items()}
     if packing.links is not None:
         _add_links(frame, packing.links)
     with gsd.hoomd.open(str(path), "w") as file:
@@ -472,12 +502,18 @@ def read_gsd(path: Path) -> Packing:
     chunks = [frame.log.get(_LOG + name) for name in ("position_nd", "radius_n", "lattice_dd")]
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
-    parts = [frame.log.get(f"{_LOG}link_{name}") for name in _LINK_ARRAYS]
+    own = {name.removeprefix(_LOG): one for name, one in frame.log.items()}
+    parts, springs = (_group(own, *one) for one in (_LINKS, _TANGENTIAL))
     links = None
-    if all(part is not None for part in parts):
+    if parts is not None:
         i_l, j_l, image_ld, length_l, shape_l = parts
         links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, frame.log.get(_LOG + "mass_n"))
+    tangential = None
+    if springs is not None:
+        # the schema flattens a single column
+        i_c, j_c, image_cd, displacement_ck = springs
+        tangential = TangentialDisplacements(i_c, j_c, image_cd, displacement_ck.reshape(len(i_c), -1))
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, frame.log.get(_LOG + "mass_n"), tangential)
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact

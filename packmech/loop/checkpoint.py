@@ -271,7 +271,10 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     links = packing.links
     named = () if links is None else (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l)
     masses = () if packing.given_mass_n is None else (packing.given_mass_n,)
-    found = {"packing": fingerprint((packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses))}
+    springs = packing.tangential
+    tangential = () if springs is None else (springs.i_c, springs.j_c, springs.image_cd, springs.displacement_ck)
+    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses, *tangential
+    found = {"packing": fingerprint(arrays)}
     return found | {f"effects[{k}]": fingerprint(one) for k, one in enumerate(scene.effects)}
 
 

@@ -168,7 +168,7 @@ def equilibrate(
     if frictionless is not None and not isinstance(frictionless, bool):
         raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
     stages: list[Stage] = []
-    packing, start = scene.packing, Outcome.CONVERGED
+    packing, start = scene.packing.replace(tangential=None), Outcome.CONVERGED
     if frictionless or (frictionless is None and not bonded):
         minimum = _Minimum(_frictionless(scene), settings)
         packing, stages, start = minimum.packing, minimum.stages, minimum.outcome
@@ -196,7 +196,8 @@ def equilibrate(
         if found or outcome is not Outcome.FINISHED or not start.ok or taken + 2 * each > limit:
             break
         settled, outcome = _period(settings, _dragged(scene, settings), packing, strain, direction, each, every)
-        periods, taken, packing = periods + 1, taken + settled.steps, settled.packing
+        periods, taken = periods + 1, taken + settled.steps
+        packing = settled.packing.replace(tangential=None)
         stages += settled.stages
     if outcome is Outcome.FINISHED:
         outcome = (Outcome.CONVERGED if found else Outcome.STEP_LIMIT) if start.ok else start

@@ -472,15 +472,17 @@ class StrainTask:
         volume = packing.box.volume * stretch[:, None, None]
         stress = tensors(rows, d, 1.0)
         stress["bond"] = rows[:, BONDED : BONDED + 9].reshape(-1, 3, 3)[:, :d, :d]
-        motion, now = self._now(), engine.observe()
-        if not motion.is_finite:
+        motion, now, tangential = self._now(), engine.observe(), None
+        if motion.is_finite:
+            tangential = engine.tangential()
+        else:
             motion, now = self.last_finite, rows[-1]
         mean = now[TOTAL] / now[CONTACTS] if now[CONTACTS] else 0.0
         residual = float(now[LARGEST_FORCE] / mean) if mean > 0.0 else 0.0
         seconds = self.seconds()
         snapshots = self.snapshot_f
         return {
-            "packing": packing.replace(position_nd=motion.position_nd, box=motion.box),
+            "packing": packing.replace(position_nd=motion.position_nd, box=motion.box, tangential=tangential),
             "outcome": outcome,
             "residual": residual,
             "steps": engine.steps,
