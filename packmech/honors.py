@@ -35,7 +35,7 @@ HONORED, NOTHING, REFUSED, ABSENT = "yes", "zero at rest", "refused", ""
 # calls that honor what others refuse
 INSTEAD = {
     "damping": "pm.simulate",
-    "friction": "pm.simulate or pm.oscillatory_shear",
+    "friction": "pm.simulate or pm.contact_forces",
     "bonds": "pm.simulate or pm.oscillatory_shear",
     "gravity": "pm.simulate",
     "walls": "pm.simulate",

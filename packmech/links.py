@@ -89,6 +89,21 @@ def named_pairs(what: str, axis: str, i_p: Any, j_p: Any, image_pd: Any) -> Name
     return found
 
 
+def named_rows(
+    known: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    asked: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+) -> NDArray[np.int64]:
+    """Return the places of the asked pairs (i, j, image) among the known ones, named from any end; -1 where none is."""
+    rows = [np.column_stack(one_way(*one)[:3]) for one in (known, asked)]
+    count = len(rows[0])
+    _, key = np.unique(np.vstack(rows), axis=0, return_inverse=True)
+    key = key.reshape(-1)
+    number = np.full(len(key), -1)
+    number[key[:count]] = np.arange(count)
+    found: NDArray[np.int64] = number[key[count:]]
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Links:
     """Links of a packing: |x_j - x_i + lattice @ image| = length. Each once, sorted by (i, j, image).
@@ -163,16 +178,10 @@ class Links:
 
     def find(self, i_l: NDArray[np.int64], j_l: NDArray[np.int64], image_ld: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the numbers of the links between these particles and images, which may be named from either end."""
-        i, j, image, _ = one_way(i_l, j_l, image_ld)
-        named = np.vstack((np.column_stack((self.i_l, self.j_l, self.image_ld)), np.column_stack((i, j, image))))
-        _, key = np.unique(named, axis=0, return_inverse=True)
-        key = key.reshape(-1)
-        number = np.full(len(named), -1)
-        number[key[: len(self)]] = np.arange(len(self))
-        found = number[key[len(self) :]]
+        found = named_rows((self.i_l, self.j_l, self.image_ld), (i_l, j_l, image_ld))
         if (found < 0).any():
             k = int(np.flatnonzero(found < 0)[0])
-            raise ValueError(f"links must hold {i[k]}-{j[k]} at image {image[k].tolist()}, got none")
+            raise ValueError(f"links must hold {i_l[k]}-{j_l[k]} at image {image_ld[k].tolist()}, got none")
         return found
 
     def select(self, keep_l: ArrayLike) -> Links:

@@ -262,6 +262,23 @@ def _check_digits(position_nd: NDArray[np.float64], radius_n: NDArray[np.float64
         )
 
 
+def no_tangential(name: str, packing: Packing) -> None:
+    """Check that a packing has no tangential displacements, for rules of rattlers that know no friction.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, and the call that knows friction.
+
+    """
+    if packing.tangential is not None:
+        raise ValueError(
+            f"{name} must have no tangential displacements for this call, to which only normal forces hold particles, "
+            f"got {len(packing.tangential)}: ask pm.contact_forces(scene), or leave them out with "
+            "packing.replace(tangential=None)"
+        )
+
+
 def no_own_images(name: str, packing: Packing) -> None:
     """Check that no link joins a particle to an image of itself, for calls that would not honor it.
 

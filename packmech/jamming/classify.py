@@ -35,7 +35,7 @@ from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verd
 from packmech.jit.blas import single_thread
 from packmech.measure.counting import without
 from packmech.mechanics.hessian import is_stable
-from packmech.packing import Packing, no_own_images
+from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.scene import Scene
 
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
@@ -288,8 +288,11 @@ def classify_jamming(
     start = time.process_time()
     scene = packing if isinstance(packing, Scene) else None
     if isinstance(packing, Scene):
-        packing = packing.packing
+        # a scene with friction is refused: springs of one without are slack
+        packing = packing.packing.replace(tangential=None)
+        scene = None if scene is None else scene.replace(packing=packing)
     instance("packing", packing, Packing)
+    no_tangential("packing", packing)
     no_own_images("packing", packing)
     one_of("method", method, METHODS)
     one_of("solver", solver, SOLVERS)

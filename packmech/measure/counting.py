@@ -19,7 +19,7 @@ from packmech.contacts.rattlers import check_given, rattlers_of
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
-from packmech.packing import Packing, no_own_images
+from packmech.packing import Packing, no_own_images, no_tangential
 
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5
@@ -210,6 +210,7 @@ def find_rattlers(
 
     """
     instance("packing", packing, Packing)
+    no_tangential("packing", packing)
     no_own_images("packing", packing)
     if contacts is None:
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
@@ -379,6 +380,7 @@ def coordination_number(packing: Packing, *, gap_tolerance: float | None = None,
 
     """
     instance("packing", packing, Packing)
+    no_tangential("packing", packing)
     one_of("rattlers", rattlers, ("remove", "keep"))
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     if rattlers == "keep":

@@ -531,7 +531,7 @@ def is_stable(scene: Scene, *, strain: str, gap_tolerance: float | None = None, 
     if scene.packing.links is not None:
         return _is_stable_with_links(scene, strain, gap_tolerance, allowed=1.0 if free_turns else -1.0)
     try:
-        packing, _ = remove_rattlers(scene.packing, gap_tolerance=gap_tolerance)
+        packing, _ = remove_rattlers(scene.packing.replace(tangential=None), gap_tolerance=gap_tolerance)
     except ValueError:
         return False
     d = packing.dimension

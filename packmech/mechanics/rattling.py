@@ -28,7 +28,7 @@ from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
 from packmech.mechanics.rigidity import contacts_of
-from packmech.packing import Packing, no_own_images
+from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
 
 # singular values below this fraction of the largest are zero
@@ -111,6 +111,7 @@ def find_rattling_clusters(
     """
     found = contacts_of(packing, contacts, gap_tolerance)
     no_own_images("packing", packing)
+    no_tangential("packing", packing)
     links = packing.links
     cluster = np.arange(packing.particles) if links is None else links.clusters(packing.particles)
     with single_thread():

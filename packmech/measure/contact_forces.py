@@ -1,0 +1,331 @@
+"""Forces and torques of contacts with friction, for a packing at rest: what slides, what is held, and who rattles."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import Friction, contact_terms
+from packmech.honors import honors
+from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
+from packmech.links import named_rows
+from packmech.measure.stress import sum_forces
+from packmech.result import Outcome
+from packmech.scene import Scene
+
+# a contact bears force above this part of the mean normal force
+_BEARING = 1e-6
+# a spring at its cap is as far as it gets: rounding must not tell it from one beyond
+_LIMIT = 1.0 - 1e-9
+# forces on a particle that cancel to this part of the largest are balanced by themselves
+_BALANCED = 1e-6
+# edges of the pyramid inside a friction cone of space: it is that of a coefficient smaller by cos(pi / 16), 2 %
+_EDGES = 16
+# part of the largest force that a balance must have to be one [1]
+_SOME, _PROGRAM_TOLERANCE = 1e-3, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForces:
+    """Normal and tangential forces of all touching pairs, and what they add up to.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    contacts
+        The touching pairs.
+    normal_c
+        (C,) normal forces, positive for repulsion [force].
+    tangential_cd
+        (C, d) tangential forces on particle i [force].
+    at_limit_c
+        (C,) contacts at the Coulomb limit, which slide as soon as they are pushed on.
+
+    """
+
+    scene: Scene
+    contacts: Contacts
+    normal_c: NDArray[np.float64]
+    tangential_cd: NDArray[np.float64]
+    at_limit_c: NDArray[np.bool_]
+
+    @property
+    def force_cd(self) -> NDArray[np.float64]:
+        """The (C, d) whole forces on particle i [force]."""
+        return np.asarray(self.tangential_cd - self.normal_c[:, None] * self.contacts.normal_cd)
+
+    @functools.cached_property
+    def force_nd(self) -> NDArray[np.float64]:
+        """The (N, d) net forces [force]."""
+        return sum_forces(self.contacts, self.normal_c) + _sum(self.contacts, self.tangential_cd, -self.tangential_cd)
+
+    @functools.cached_property
+    def torque_nk(self) -> NDArray[np.float64]:
+        """The (N, 1) net torques in the plane, (N, 3) in space, about each center [force * length].
+
+        Arms are the particles' shares of the distance, r_i d / (r_i + r_j), as in `Friction`.
+        """
+        moment = _cross(self.contacts.normal_cd, self.tangential_cd)
+        arm_i, arm_j = self._arms()
+        return _sum(self.contacts, arm_i[:, None] * moment, arm_j[:, None] * moment)
+
+    @property
+    def residual(self) -> float:
+        """Largest net force, or net torque over the radius, over the mean normal force [1]; 0 where nothing touches."""
+        if not len(self.contacts):
+            return 0.0
+        radius = self.scene.packing.radius_n
+        force = np.sqrt((self.force_nd**2).sum(axis=1)).max()
+        torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / radius).max()
+        return float(max(force, torque) / np.abs(self.normal_c).mean())
+
+    @property
+    def stress_dd(self) -> NDArray[np.float64]:
+        """The (d, d) stress [energy/length^d], tension positive, row = force component."""
+        vector = self.contacts.normal_cd * self.contacts.distance_c[:, None]
+        return np.asarray(self.force_cd.T @ vector) / self.scene.packing.box.volume
+
+    @property
+    def pressure(self) -> float:
+        """Pressure -trace(stress)/d [energy/length^d]."""
+        return (0.0 - float(np.trace(self.stress_dd))) / self.contacts.dimension
+
+    @property
+    def bearing_c(self) -> NDArray[np.bool_]:
+        """The (C,) contacts whose normal force is above 1e-6 of the mean."""
+        if not len(self.contacts):
+            return np.zeros(0, dtype=bool)
+        return np.asarray(self.normal_c > _BEARING * np.abs(self.normal_c).mean())
+
+    @functools.cached_property
+    def rattlers_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles that rattle.
+
+        Taken out again and again are particles that fewer than two force-bearing contacts touch, or whose contacts
+        cannot balance force and torque by any forces within the friction cones. Two contacts suffice where the chord
+        between them lies in both cones; so held, a sphere can still spin about it. In space cones are taken 2 %
+        narrower (pyramids of 16 edges) where the forces as they are leave a particle out of balance.
+        """
+        contacts, mu = self.contacts, _coefficient(self.scene)
+        kept = self.bearing_c.copy()
+        rattling = np.zeros(contacts.particles, dtype=bool)
+        while True:
+            few = contacts.select(kept).count_n() < 2
+            free = few & ~rattling
+            if not free.any():
+                free = self._unbalanced(kept) & ~rattling & ~few
+                for n in np.flatnonzero(free):
+                    free[n] = not _can_balance(*self._seen_from(int(n), kept), mu)
+            if not free.any():
+                return rattling
+            rattling |= free
+            kept &= ~(rattling[contacts.i_c] | rattling[contacts.j_c])
+
+    @property
+    def coordination_number(self) -> float:
+        """Mean number of force-bearing contacts of the particles that do not rattle [1]."""
+        held = int((~self.rattlers_n).sum())
+        return 2.0 * int(self._held_c().sum()) / held if held else 0.0
+
+    @property
+    def at_limit_per_particle(self) -> float:
+        """Contacts at the Coulomb limit per particle that does not rattle, n_m [1]."""
+        held = int((~self.rattlers_n).sum())
+        return int((self._held_c() & self.at_limit_c).sum()) / held if held else 0.0
+
+    @property
+    def isostatic_coordination(self) -> float:
+        """Least coordination number that can balance forces and torques, (d + 1) + 2 n_m / d [1].
+
+        Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75, 010301 (2007); n_m is the number of contacts at the
+        limit per particle, which tends to 1 in the plane and to 3 in space as friction vanishes: then it is 2 d.
+        """
+        d = self.contacts.dimension
+        return (d + 1) + 2.0 * self.at_limit_per_particle / d
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the counts by name, as plain values."""
+        return {
+            "contacts": len(self.contacts),
+            "bearing_contacts": int(self._held_c().sum()),
+            "rattlers": int(self.rattlers_n.sum()),
+            "contacts_at_limit": int((self._held_c() & self.at_limit_c).sum()),
+            "coordination_number": self.coordination_number,
+            "isostatic_coordination": self.isostatic_coordination,
+            "pressure": self.pressure,
+            "residual": self.residual,
+        }
+
+    def _held_c(self) -> NDArray[np.bool_]:
+        rattling = self.rattlers_n
+        return np.asarray(self.bearing_c & ~(rattling[self.contacts.i_c] | rattling[self.contacts.j_c]))
+
+    def _arms(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        contacts, radius = self.contacts, self.scene.packing.radius_n
+        share = contacts.distance_c / contacts.contact_distance_c
+        return radius[contacts.i_c] * share, radius[contacts.j_c] * share
+
+    def _unbalanced(self, kept_c: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which particles the forces of these contacts alone leave out of balance."""
+        contacts = self.contacts.select(kept_c)
+        part = ContactForces(
+            self.scene, contacts, self.normal_c[kept_c], self.tangential_cd[kept_c], self.at_limit_c[kept_c]
+        )
+        largest = np.zeros(contacts.particles)
+        for end in (contacts.i_c, contacts.j_c):
+            np.maximum.at(largest, end, part.normal_c)
+        force = np.sqrt((part.force_nd**2).sum(axis=1))
+        torque = np.sqrt((part.torque_nk**2).sum(axis=1)) / self.scene.packing.radius_n
+        return np.asarray(~(np.maximum(force, torque) <= _BALANCED * largest))
+
+    def _seen_from(self, n: int, kept_c: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (K, d) directions of a particle's contacts, away from it, and the (K,) arms over its radius."""
+        contacts = self.contacts
+        arm_i, arm_j = self._arms()
+        first, second = (np.flatnonzero(kept_c & (end == n)) for end in (contacts.i_c, contacts.j_c))
+        normal = np.concatenate([contacts.normal_cd[first], -contacts.normal_cd[second]])
+        arm = np.concatenate([arm_i[first], arm_j[second]]) / self.scene.packing.radius_n[n]
+        return normal, arm
+
+
+def _sum(contacts: Contacts, on_i: NDArray[np.float64], on_j: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, k) sums of what contacts do to their two particles."""
+    total = np.empty((contacts.particles, on_i.shape[1]))
+    for k in range(on_i.shape[1]):
+        total[:, k] = np.bincount(contacts.i_c, on_i[:, k], contacts.particles)
+        total[:, k] += np.bincount(contacts.j_c, on_j[:, k], contacts.particles)
+    return total
+
+
+def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (C, 1 or 3) cross products of (C, d) vectors."""
+    if one.shape[1] == 3:
+        return np.cross(one, other)
+    return np.asarray((one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])[:, None])
+
+
+def _coefficient(scene: Scene) -> float:
+    return next((one.coefficient for one in scene.effects if isinstance(one, Friction)), 0.0)
+
+
+def _can_balance(normal_kd: NDArray[np.float64], arm_k: NDArray[np.float64], mu: float) -> bool:
+    """Return whether forces within the friction cones of some contacts of a particle balance without all being zero."""
+    d = normal_kd.shape[1]
+    if d == 2:
+        across = np.stack([-normal_kd[:, 1], normal_kd[:, 0]], axis=1)
+        edges = [across, -across]
+    else:
+        # any two directions across a normal: e is across its smallest component
+        least = np.eye(3)[np.abs(normal_kd).argmin(axis=1)]
+        e = np.cross(normal_kd, least)
+        e /= np.sqrt((e**2).sum(axis=1))[:, None]
+        f = np.cross(normal_kd, e)
+        turn = 2.0 * math.pi * np.arange(_EDGES) / _EDGES
+        edges = [math.cos(a) * e + math.sin(a) * f for a in turn]
+    # a contact pushes against its direction
+    force = np.concatenate([mu * one - normal_kd for one in edges])
+    normal, arm = np.tile(normal_kd, (len(edges), 1)), np.tile(arm_k, len(edges))
+    row = np.concatenate([force, arm[:, None] * _cross(normal, force)], axis=1)
+    count = len(row)
+    found = solve_clarabel(
+        LinearProgram(
+            cost=-np.ones(count),
+            equal=sp.csr_array(row.T),
+            equal_to=np.zeros(row.shape[1]),
+            below=sp.csr_array((0, count)),
+            below_to=np.zeros(0),
+            lower=np.zeros(count),
+            upper=np.ones(count),
+            dimension=d,
+        ),
+        _PROGRAM_TOLERANCE,
+    )
+    if found.solve.outcome is not Outcome.CONVERGED:
+        raise np.linalg.LinAlgError(f"contacts must have balances that can be found, got {found.solve.status}")
+    return bool(found.x.sum() > _SOME)
+
+
+@honors("repulsion friction", at_rest=True)
+def contact_forces(scene: Scene) -> ContactForces:
+    """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
+
+    Tangential forces are the stiffness of `Friction` times the packing's tangential displacements
+    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force.
+
+    Parameters
+    ----------
+    scene
+        The scene, without links.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no scene, or holds what would be ignored.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> springs = pm.TangentialDisplacements([0], [1], [[0, 0]], [[0.03]])
+    >>> pair = pm.Packing([[1.0, 1.0], [1.9, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), tangential=springs)
+    >>> found = pm.contact_forces(pm.Scene(pair, (pm.Repulsion(), pm.Friction(0.5, 1.0))))
+    >>> found.normal_c.round(12).tolist(), np.abs(found.tangential_cd).round(12).tolist(), found.at_limit_c.tolist()
+    ([0.1], [[0.0, 0.03]], [False])
+    >>> found.torque_nk.round(12).tolist()
+    [[0.0135], [0.0135]]
+
+    """
+    instance("scene", scene, Scene)
+    packing = scene.packing
+    contacts = find_contacts(packing, gap_tolerance=0.0)
+    first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    d = packing.dimension
+    friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
+    tangential = np.zeros((len(contacts), d))
+    limit = np.zeros(len(contacts), dtype=bool)
+    if friction is not None:
+        springs = packing.tangential
+        displacement = np.zeros((len(contacts), 1 if d == 2 else 3))
+        if springs is not None:
+            place = named_rows(
+                (contacts.i_c, contacts.j_c, contacts.image_cd), (springs.i_c, springs.j_c, springs.image_cd)
+            )
+            displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
+        force = friction.stiffness * displacement
+        size = np.sqrt((force**2).sum(axis=1))
+        cap = friction.coefficient * np.abs(first)
+        limit = size >= _LIMIT * cap
+        force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
+        across = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1)
+        tangential = np.asarray(across * force if d == 2 else force)
+    return ContactForces(scene, contacts, -first, tangential, limit)
+
+
+@honors("repulsion friction", at_rest=True)
+def torques(scene: Scene) -> NDArray[np.float64]:
+    """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
+
+    Discs and spheres feel those of friction alone (`contact_forces`).
+
+    Parameters
+    ----------
+    scene
+        The scene, without links.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pm.torques(pm.Scene(pm.lattice_packing("square", repeats=(2, 2)), (pm.Repulsion(),))).tolist()
+    [0.0, 0.0, 0.0, 0.0]
+
+    """
+    found = contact_forces(scene).torque_nk
+    return found[:, 0] if found.shape[1] == 1 else found

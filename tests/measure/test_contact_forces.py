@@ -1,0 +1,139 @@
+"""Facts about contact forces with friction at rest: the engine's own, who is held by two contacts, what is counted."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.measure.contact_forces import _can_balance
+
+
+@functools.cache
+def at_rest(dimension, mu=0.5, particles=40):
+    """Return a frictional scene at rest, with springs, and the run that brought it there."""
+    fraction = 0.95 if dimension == 2 else 0.72
+    packing = pm.random_packing(particles, dimension=dimension, packing_fraction=fraction, seed=2)
+    effects = (
+        pm.Repulsion(pm.LinearSpring(1.0)),
+        pm.Friction(mu, 0.7, 0.2),
+        pm.ContactDamping(0.2),
+        pm.BackgroundDamping(0.3),
+    )
+    run = pm.simulate(pm.Scene(packing, effects), steps=12_000, dt=0.1, trace_every=12_000, trace_positions=True)
+    return pm.Scene(run.packing, effects), run
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_forces_are_those_that_the_engine_took(dimension):
+    scene, run = at_rest(dimension)
+    found, told = pm.contact_forces(scene), run.trace.touching_t[-1]
+    assert len(found.contacts) == len(told.i_c) > 60
+    assert np.array_equal(found.contacts.i_c, told.i_c) and np.array_equal(found.contacts.image_cd, told.image_cd)
+    scale = told.normal_c.mean()
+    np.testing.assert_allclose(found.normal_c, told.normal_c, atol=1e-12 * scale)
+    np.testing.assert_allclose(found.force_cd, told.force_cd, atol=1e-9 * scale)
+    assert np.array_equal(found.at_limit_c, told.sliding_c)
+    assert np.abs(found.tangential_cd).max() > 0.01 * scale
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_forces_and_torques_of_a_packing_at_rest_cancel(dimension):
+    scene, _ = at_rest(dimension)
+    found = pm.contact_forces(scene)
+    assert found.residual < 1e-6
+    assert np.abs(found.force_nd.sum(axis=0)).max() < 1e-13
+    assert pm.torques(scene).shape == ((40,) if dimension == 2 else (40, 3))
+    np.testing.assert_array_equal(pm.torques(scene).reshape(40, -1), found.torque_nk)
+    # a stress without torques is symmetric
+    assert np.abs(found.stress_dd - found.stress_dd.T).max() < 1e-6 * found.pressure
+    slack = pm.contact_forces(scene.replace(packing=scene.packing.replace(tangential=None)))
+    assert slack.residual > 1e-3 and not slack.tangential_cd.any()
+
+
+def test_without_friction_it_is_what_forces_and_stress_say():
+    scene, _ = at_rest(2)
+    bare = scene.without(pm.Friction)
+    found = pm.contact_forces(bare)
+    np.testing.assert_allclose(found.force_nd, pm.forces(bare), atol=1e-15)
+    np.testing.assert_allclose(found.stress_dd, pm.stress_tensor(bare), atol=1e-15)
+    assert not pm.torques(bare).any() and not found.at_limit_c.any()
+
+
+def test_a_spring_beyond_the_limit_is_cut_to_it():
+    springs = pm.TangentialDisplacements([0], [1], [[0, 0]], [[-0.4]])
+    pair = pm.Packing([[1.0, 1.0], [1.9, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), tangential=springs)
+    found = pm.contact_forces(pm.Scene(pair, (pm.Repulsion(pm.LinearSpring(2.0)), pm.Friction(0.25, 1.0))))
+    assert found.tangential_cd[0] == pytest.approx([0.0, -0.25 * 0.2]) and found.at_limit_c.tolist() == [True]
+    # arms are the shares of the distance, .45 each
+    assert found.torque_nk[:, 0] == pytest.approx([-0.45 * 0.05] * 2)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_two_contacts_hold_where_the_chord_lies_in_both_cones(dimension):
+    """Contacts at angles a above and below a line leave a disc held just where tan(half the bend) <= mu."""
+    mu = 0.4
+    for bend, held in ((2.0 * math.atan(mu) - 0.02, True), (2.0 * math.atan(mu) + 0.02, False)):
+        if dimension == 3:
+            # the pyramid inside the cone may be 2 % narrower
+            bend = bend * (0.97 if held else 1.0)
+        normal = np.zeros((2, dimension))
+        normal[:, 0] = [math.cos(0.5 * bend), -math.cos(0.5 * bend)]
+        normal[:, 1] = math.sin(0.5 * bend)
+        assert _can_balance(normal, np.ones(2), mu) is held
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_balances_is_what_a_half_space_of_wrenches_does_not_separate(seed):
+    """Gordan's theorem: edges of cones balance, or some velocity and spin has a positive power with all of them."""
+    from scipy.optimize import linprog
+
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0.0, 1.6 * math.pi, rng.integers(2, 5))
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    mu = rng.uniform(0.05, 0.6)
+    across = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    rows = [[*(sign * mu * a - n), sign * mu] for sign in (1, -1) for n, a in zip(normal, across, strict=True)]
+    power = linprog([0, 0, 0, -1], np.column_stack([-np.array(rows), np.ones(len(rows))]), np.zeros(len(rows)),
+                    bounds=[(-1, 1)] * 3 + [(0, 1)]).x[3]  # fmt: skip
+    assert _can_balance(normal, np.ones(len(normal)), mu) == (power < 1e-9)
+
+
+def column():
+    """Return a scene of five discs between their own images up and down, and one that touches nobody."""
+    place = [[1.0, 0.95 * k + 0.4] for k in range(5)] + [[3.0, 2.0]]
+    packing = pm.Packing(place, [0.5] * 6, pm.Box(np.diag([4.0, 4.75])))
+    return pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.3, 1.0)))
+
+
+def test_a_column_of_discs_is_held_by_two_contacts_each_and_the_lone_one_rattles():
+    found = pm.contact_forces(column())
+    assert found.rattlers_n.tolist() == [False] * 5 + [True]
+    assert found.coordination_number == 2.0 and found.to_dict()["rattlers"] == 1
+    # without friction nothing keeps the column from buckling
+    assert pm.find_rattlers(column().packing).all()
+
+
+def test_rattlers_of_packings_at_rest_bear_nothing_and_the_rest_is_held():
+    for dimension in (2, 3):
+        scene, _ = at_rest(dimension)
+        found = pm.contact_forces(scene)
+        bearing = found.contacts.select(found.bearing_c).count_n()
+        assert (bearing[~found.rattlers_n] >= 2).all() and found.rattlers_n.sum() < 20
+        assert not pm.contact_forces(scene).rattlers_n[bearing > dimension + 1].any()
+
+
+def test_mu_to_zero_counts_every_tangential_force_as_chosen():
+    """n_m = 1 in the plane and 3 in space make the frictionless 2 d of a rule that is d + 1 at infinite friction."""
+    for d, n_m in ((2, 1.0), (3, 3.0)):
+        assert (d + 1) + 2.0 * n_m / d == 2 * d
+    found = pm.contact_forces(at_rest(2)[0])
+    assert found.isostatic_coordination == 3.0 + found.at_limit_per_particle
+    assert found.coordination_number >= found.isostatic_coordination
+
+
+@pytest.mark.parametrize("call", ["find_rattlers", "coordination_number", "remove_rattlers", "classify_jamming"])
+def test_a_frictional_packing_is_refused_where_friction_would_be_ignored(call):
+    with pytest.raises(ValueError, match="must have no tangential displacements .*pm.contact_forces"):
+        getattr(pm, call)(at_rest(2)[0].packing)
