@@ -342,7 +342,7 @@ class Engine:
 
     def tangential(self) -> TangentialDisplacements | None:
         """Return the displacements of the contacts' tangential springs now; None where all are slack."""
-        if self.track is None:
+        if self.track is None or self.acting.friction.coefficient == 0.0:
             return None
         if not self.started:
             return self.scene.packing.tangential

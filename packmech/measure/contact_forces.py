@@ -147,9 +147,12 @@ class ContactForces:
         """Least coordination number that can balance forces and torques, (d + 1) + 2 n_m / d [1].
 
         Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75, 010301 (2007); n_m is the number of contacts at the
-        limit per particle, which tends to 1 in the plane and to 3 in space as friction vanishes: then it is 2 d.
+        limit per particle, which tends to 1 in the plane and to 3 in space as friction vanishes: then it is 2 d, as
+        without friction, where torques need no balance.
         """
         d = self.contacts.dimension
+        if not _coefficient(self.scene) > 0.0:
+            return 2.0 * d
         return (d + 1) + 2.0 * self.at_limit_per_particle / d
 
     def to_dict(self) -> dict[str, Any]:
@@ -302,7 +305,8 @@ def contact_forces(scene: Scene) -> ContactForces:
         force = friction.stiffness * displacement
         size = np.sqrt((force**2).sum(axis=1))
         cap = friction.coefficient * np.abs(first)
-        limit = size >= _LIMIT * cap
+        # without friction nothing is at its limit
+        limit = (cap > 0.0) & (size >= _LIMIT * cap)
         force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
         across = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1)
         tangential = np.asarray(across * force if d == 2 else force)

@@ -16,8 +16,9 @@ from packmech.measure.stress import force_balance
 from packmech.measure.stress import pressure as pressure_of
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
+from packmech.protocols.press import Press, is_frictional
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol, finish
+from packmech.protocols.protocol import Protocol, finish, finish_pressed
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -48,7 +49,7 @@ def is_jammed(scene: Scene) -> bool:
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion friction links", at_rest=True)
 def jam(
     scene: Scene,
     *,
@@ -71,6 +72,9 @@ def jam(
     Every figure is recomputed from the packing that is returned. Particles that stand so far away that rounding of
     their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
 
+    A scene with friction is pressed in time (`Press`) from where it stands, and the packing that comes back holds the
+    tangential displacements of its contacts.
+
     Parameters
     ----------
     scene
@@ -82,8 +86,9 @@ def jam(
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "isotropic": the box keeps its
         shape.
     method
-        HardVertex() (the default), ProgramChain(), StepHalving() or Decompression() (the default with links, where
-        only it and StepHalving with a fixed box know the way); their parameters are those of the protocol.
+        HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links, where
+        only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only one;
+        without links); their parameters are those of the protocol.
     start
         "continue", or "anew": a jammed packing is scaled to the start of the protocol, too.
     energy_tolerance
@@ -106,7 +111,9 @@ def jam(
         held redundantly), stress_anisotropy, method, strain, start ("continued" or "anew"), and, where a hard packing
         was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With
         links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
-        of self stress. Links that do not cross at the start are kept from it, as in `quench`.
+        of self stress. Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with
+        friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)] and kinetic_energy, over
+        pressure times volume.
 
     Raises
     ------
@@ -136,11 +143,21 @@ def jam(
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
-    linked = scene.packing.links is not None
+    linked, frictional = scene.packing.links is not None, is_frictional(scene)
+    if linked and frictional:
+        raise ValueError(
+            "scene must have no friction for a packing with links, which cannot be pressed, got Friction: leave it out "
+            "with scene.without(pm.Friction)"
+        )
     if method is None:
-        method = Decompression() if linked else HardVertex()
-    if not isinstance(method, HardVertex | ProgramChain | StepHalving | Decompression):
-        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving or Decompression, got {method!r}")
+        method = Press() if frictional else Decompression() if linked else HardVertex()
+    if not isinstance(method, JamMethod):
+        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving, Decompression or Press, got {method!r}")
+    if frictional and not isinstance(method, Press):
+        raise ValueError(
+            f"method must be Press for a scene with friction, got {method!r}: leave friction out with "
+            "scene.without(pm.Friction)"
+        )
     if isinstance(method, StepHalving) and pressure is not None:
         raise ValueError(f"pressure must be left out for StepHalving, which ends at an energy, got {pressure!r}")
     if linked and not (
@@ -156,18 +173,20 @@ def jam(
 
     def work() -> Outcome:
         given = getattr(method, "start_packing_fraction", None)
-        protocol.continues = start == "continue" and given is None and is_jammed(scene)
+        pressed = isinstance(method, Press)
+        protocol.continues = start == "continue" and given is None and (pressed or is_jammed(scene))
         protocol.report["start"] = "continued" if protocol.continues else "anew"
         protocol.last, outcome = method.follow(protocol, asked)
         return outcome
 
     def finished(outcome: Outcome) -> Run:
-        return finish(protocol, protocol.last, outcome, aim, type(method).__name__, began)
+        made = finish_pressed if isinstance(method, Press) else finish
+        return made(protocol, protocol.last, outcome, aim, type(method).__name__, began)
 
     with single_thread():
         return loop.run(work, finished)
 
 
-JamMethod = HardVertex | ProgramChain | StepHalving | Decompression
+JamMethod = HardVertex | ProgramChain | StepHalving | Decompression | Press
 
-__all__ = ["Decompression", "HardVertex", "JamMethod", "ProgramChain", "StepHalving"]
+__all__ = ["Decompression", "HardVertex", "JamMethod", "Press", "ProgramChain", "StepHalving"]

@@ -26,6 +26,7 @@ from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
+from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.rattling import find_rattling_clusters
@@ -422,6 +423,12 @@ def finish(
         carried = report["contacts"] > 0
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
+    return _run_of(protocol, packing, outcome, residual, report, began)
+
+
+def _run_of(
+    protocol: Protocol, packing: Packing, outcome: Outcome, residual: float, report: dict[str, Any], began: float
+) -> Run:
     return Run(
         packing=packing,
         outcome=outcome,
@@ -433,6 +440,28 @@ def finish(
         stages=tuple(protocol.stages),
         report=report,
     )
+
+
+def finish_pressed(
+    protocol: Protocol, packing: Packing, outcome: Outcome, asked: float | None, method: str, began: float
+) -> Run:
+    """Return the run of a protocol that pressed a packing, with friction or without, as `finish` does of others."""
+    found = contact_forces(protocol.scene.replace(packing=packing))
+    counts = found.to_dict()
+    pressure = counts.pop("pressure")
+    stress = found.stress_dd + pressure * np.eye(packing.dimension)
+    report = {
+        "method": method,
+        "strain": protocol.strain,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure / protocol.scene.pressure_unit,
+        "pressure_asked": asked,
+        "particles": packing.particles,
+        **counts,
+        "stress_anisotropy": float(np.abs(stress).max() / abs(pressure)) if pressure else 0.0,
+        **protocol.report,
+    }
+    return _run_of(protocol, packing, outcome, found.residual, report, began)
 
 
 def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float64]:

@@ -1,0 +1,228 @@
+"""Jamming by pressing: damped time stepping in a box whose strains follow the stress, for packings with friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import integer, positive
+from packmech.dynamics.deformation import Ramp
+from packmech.dynamics.engine import Engine, build_engine
+from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
+from packmech.dynamics.observables import CONTACTS, KINETIC, LARGEST_FORCE, ROTATIONAL, TOTAL, tensors
+from packmech.effects import BackgroundDamping, Friction, Repulsion
+from packmech.measure.contact_forces import contact_forces
+from packmech.measure.counting import packing_fraction
+from packmech.minimize.kernels import RUNNING
+from packmech.minimize.quench import quench
+from packmech.packing import Packing
+from packmech.protocols.protocol import Protocol, at_packing_fraction
+from packmech.result import Outcome
+from packmech.scene import Scene
+
+# time between two looks at the stress, over that of a contact
+_SPAN = 10.0
+# time in which strains of a box as stiff as a contact follow the stress, over that of a contact
+_ANSWER = 10.0
+# largest error of the pressure, and of other stresses over it, at which a packing counts as pressed [1]
+_PRESSED = 1e-6
+# missing part of the pressure at which the drag ends [1]
+_NEARLY = 0.05
+# fraction of the shortest time of a contact that a step takes: what is at rest at the end is no matter of accuracy
+_STEP = 0.15
+# particles and box are watched for so many spans before the balance is looked at in full
+_LOOK = 10
+
+
+@dataclass(frozen=True)
+class Press:
+    """Press particles together in time, with friction or without, until they are at rest under the pressure.
+
+    The box shrinks at a constant rate until most particles touch; then its strains follow the stress, the rate of
+    strain being the missing stress over the stiffness of a contact and ten times that of a contact, and never faster
+    than before. A drag against the local flow, and the scene's own dashpots, take the energy out; at the end motion is
+    stopped again and again instead. Times are counted in sqrt(m / k), mean mass over stiffness of a contact. What comes
+    back holds its tangential springs.
+
+    Parameters
+    ----------
+    rate
+        Rate of strain at which the box shrinks [sqrt(k / m)]. Slower pressing ends denser where friction is small.
+    drag
+        Rate at which velocities and spins relax to the local flow [sqrt(k / m)].
+    force_tolerance
+        Largest net force, and torque over radius, over the mean normal force at the end [1].
+    start_packing_fraction
+        Where pressing begins; None: as the packing stands.
+    step_limit
+        Maximum number of time steps.
+
+    """
+
+    rate: float = 1e-4
+    drag: float = 0.1
+    force_tolerance: float = 1e-8
+    start_packing_fraction: float | None = None
+    step_limit: int = 20_000_000
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "drag", "force_tolerance"):
+            positive(name, getattr(self, name))
+        if self.start_packing_fraction is not None:
+            positive("start_packing_fraction", self.start_packing_fraction)
+        integer("step_limit", self.step_limit, at_least=1)
+
+    def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
+        """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
+        scene = protocol.scene
+        if self.start_packing_fraction is not None:
+            scene = scene.replace(packing=at_packing_fraction(scene.packing, self.start_packing_fraction))
+        elif scene.packing.tangential is None:
+            # overlaps of a random start would press where nothing is jammed
+            bare = Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
+            start = quench(bare, force_tolerance=1e-3, check=False).packing
+            scene = scene.replace(packing=start)
+        pressing = _Pressing(self, protocol, scene, pressure * scene.pressure_unit)
+        with protocol.stage("pressing") as figures:
+            outcome = Outcome.FINISHED
+            while outcome is Outcome.FINISHED and pressing.calm < _LOOK:
+                outcome = pressing.press()
+            figures.residual, figures.steps, figures.force_evaluations = pressing.figures()
+            figures.note = f"packing fraction {packing_fraction(pressing.packing):.6f}, rate {self.rate:g}"
+        if outcome is Outcome.FINISHED:
+            taken = pressing.steps
+            with protocol.stage("settling under pressure") as figures:
+                outcome = pressing.settle()
+                figures.residual, figures.steps, figures.force_evaluations = pressing.figures(taken)
+                figures.note = f"kinetic energy {pressing.report()['kinetic_energy']:.1e} of pressure times volume"
+        protocol.report.update(pressing.report())
+        return pressing.packing, outcome
+
+
+class _Pressing:
+    """A packing on its way, in spans of time steps in each of which the box deforms at one rate."""
+
+    def __init__(self, method: Press, protocol: Protocol, scene: Scene, pressure: float) -> None:
+        self.method, self.protocol, self.pressure = method, protocol, pressure
+        packing = scene.packing
+        stiff = stiffness_and_damping(scene)[0]
+        self.tau = math.sqrt(float(packing.mass_n.mean()) / stiff)
+        drag = BackgroundDamping(method.drag / self.tau)
+        self.scene = scene.replace(effects=(*scene.effects, drag))
+        self.dt = choose_time_step(self.scene, _STEP)
+        self.span = max(1, round(_SPAN * self.tau / self.dt))
+        d = packing.dimension
+        self.answer = _ANSWER * self.tau
+        self.modulus = stiff * packing.reference_diameter ** (2 - d)
+        self.packing, self.velocity = packing, np.zeros_like(packing.position_nd)
+        self.spin: NDArray[np.float64] | None = None
+        self.steps = 0
+        self._look(self._engine(np.zeros((d, d))))
+        self.calm = 0
+
+    def press(self) -> Outcome:
+        """Let the strains follow the stress for a span, under the drag."""
+        missing = self._missing()
+        outcome = self._advance(self._rate(missing))
+        self.calm = self.calm + 1 if float(np.abs(missing).max()) <= _NEARLY * self.pressure else 0
+        return outcome
+
+    def settle(self) -> Outcome:
+        """Let the strains follow the stress until everything is at rest.
+
+        Instead of a drag, all motion is stopped whenever the kinetic energy has begun to fall: each mode gives up its
+        energy where it has most of it, however slow it is (dynamic relaxation, Cundall 1976).
+        """
+        spans, energy = 0, 0.0
+        self.scene = self.scene.replace(effects=self.scene.effects[:-1])
+        while True:
+            missing = self._missing()
+            outcome = self._advance(self._rate(missing))
+            if outcome is not Outcome.FINISHED:
+                return outcome
+            spans += 1
+            before, energy = energy, float(self.row[KINETIC] + self.row[ROTATIONAL])
+            if energy < before:
+                self.velocity[:], energy = 0.0, 0.0
+                if self.spin is not None:
+                    self.spin[:] = 0.0
+            quiet = self.figures()[0] <= self.method.force_tolerance
+            if spans % _LOOK == 0 and quiet and float(np.abs(missing).max()) <= _PRESSED * self.pressure:
+                found = contact_forces(self.protocol.scene.replace(packing=self.packing))
+                if found.residual <= self.method.force_tolerance:
+                    return Outcome.CONVERGED
+
+    def _missing(self) -> NDArray[np.float64]:
+        """Return the (d, d) stress that is missing to the pressure, its trace alone where the box keeps its shape."""
+        d = self.packing.dimension
+        missing = self.stress + self.pressure * np.eye(d)
+        if len(self.protocol.basis_kdd) == 1:
+            missing = np.trace(missing) / d * np.eye(d)
+        return np.asarray(0.5 * (missing + missing.T))
+
+    def _rate(self, missing_dd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (d, d) rate of strain that answers to missing stress."""
+        fastest = self.method.rate / self.tau
+        size = float(np.abs(missing_dd).max())
+        # few contacts press by collisions and drag alone: nothing is jammed yet
+        dilute = self.row[CONTACTS] < self.packing.particles
+        rate = fastest if dilute else min(fastest, size / (self.modulus * self.answer))
+        return -rate / size * missing_dd if size > 0.0 else missing_dd
+
+    def figures(self, before: int = 0) -> tuple[float, int, int]:
+        """Return residual, steps since a number of them, and force evaluations."""
+        mean = self.row[TOTAL] / self.row[CONTACTS] if self.row[CONTACTS] else 0.0
+        residual = float(self.row[LARGEST_FORCE] / mean) if mean > 0.0 else math.nan
+        return residual, self.steps - before, self.steps - before
+
+    def report(self) -> dict[str, Any]:
+        """Return what pressing adds to the report of the run."""
+        kinetic = float(self.row[KINETIC] + self.row[ROTATIONAL])
+        return {
+            "rate": self.method.rate,
+            "time": self.steps * self.dt / self.tau,
+            # over the work that the pressure would do on the whole volume
+            "kinetic_energy": kinetic / (self.pressure * self.packing.box.volume),
+        }
+
+    def _advance(self, rate_dd: NDArray[np.float64]) -> Outcome:
+        """Take a span of steps in which the box deforms at this rate."""
+        self.protocol.loop.check_time()
+        steps = min(self.span, self.method.step_limit - self.steps)
+        if steps <= 0:
+            return Outcome.STEP_LIMIT
+        engine = self._engine(rate_dd)
+        if engine.advance(steps) != RUNNING:
+            return Outcome.STEP_TOO_LONG
+        self.steps += steps
+        self.packing, self.velocity, self.spin = engine.packing(), engine.velocities(), engine.spins()
+        self._look(engine)
+        self.protocol.last = self.packing
+        self.protocol.loop.report("pressing", packing=self.packing, steps=self.steps, residual=self.figures()[0])
+        return Outcome.FINISHED
+
+    def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
+        """Return the engine of what is there now, in a box that deforms at this rate."""
+        size = float(np.abs(rate_dd).max())
+        return build_engine(
+            self.scene.replace(packing=self.packing),
+            dt=self.dt,
+            velocity_nd=self.velocity,
+            spin_nk=self.spin,
+            profile=Ramp(0.0, size, 0.0, math.inf),
+            direction_dd=rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
+        )
+
+    def _look(self, engine: Engine) -> None:
+        """Measure."""
+        self.row = engine.observe()
+        self.stress = tensors(self.row, self.packing.dimension, engine.box().volume)["overall"]
+
+
+def is_frictional(scene: Scene) -> bool:
+    """Return whether a scene has friction, under which packings are pressed."""
+    return any(isinstance(one, Friction) for one in scene.effects)
