@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
-from packmech.effects import Friction, contact_terms
+from packmech.effects import contact_terms
 from packmech.honors import honors
 from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
-from packmech.links import named_rows
+from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.stress import sum_forces
 from packmech.result import Outcome
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force
 _BEARING = 1e-6
-# a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-_LIMIT = 1.0 - 1e-9
 # forces on a particle that cancel to this part of the largest are balanced by themselves
 _BALANCED = 1e-6
 # edges of the pyramid inside a friction cone of space: it is that of a coefficient smaller by cos(pi / 16), 2 %
@@ -66,7 +64,7 @@ class ContactForces:
     @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
         """The (N, d) net forces [force]."""
-        return sum_forces(self.contacts, self.normal_c) + _sum(self.contacts, self.tangential_cd, -self.tangential_cd)
+        return sum_forces(self.contacts, self.normal_c) + sum_tangential(self.contacts, self.tangential_cd)
 
     @functools.cached_property
     def torque_nk(self) -> NDArray[np.float64]:
@@ -76,7 +74,7 @@ class ContactForces:
         """
         moment = _cross(self.contacts.normal_cd, self.tangential_cd)
         arm_i, arm_j = self._arms()
-        return _sum(self.contacts, arm_i[:, None] * moment, arm_j[:, None] * moment)
+        return sum_both(self.contacts, arm_i[:, None] * moment, arm_j[:, None] * moment)
 
     @property
     def residual(self) -> float:
@@ -200,15 +198,6 @@ class ContactForces:
         return normal, arm
 
 
-def _sum(contacts: Contacts, on_i: NDArray[np.float64], on_j: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (N, k) sums of what contacts do to their two particles."""
-    total = np.empty((contacts.particles, on_i.shape[1]))
-    for k in range(on_i.shape[1]):
-        total[:, k] = np.bincount(contacts.i_c, on_i[:, k], contacts.particles)
-        total[:, k] += np.bincount(contacts.j_c, on_j[:, k], contacts.particles)
-    return total
-
-
 def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (C, 1 or 3) cross products of (C, d) vectors."""
     if one.shape[1] == 3:
@@ -217,7 +206,8 @@ def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _coefficient(scene: Scene) -> float:
-    return next((one.coefficient for one in scene.effects if isinstance(one, Friction)), 0.0)
+    friction = friction_of(scene)
+    return 0.0 if friction is None else friction.coefficient
 
 
 def _can_balance(normal_kd: NDArray[np.float64], arm_k: NDArray[np.float64], mu: float) -> bool:
@@ -290,27 +280,8 @@ def contact_forces(scene: Scene) -> ContactForces:
     packing = scene.packing
     contacts = find_contacts(packing, gap_tolerance=0.0)
     first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
-    d = packing.dimension
-    friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
-    tangential = np.zeros((len(contacts), d))
-    limit = np.zeros(len(contacts), dtype=bool)
-    if friction is not None:
-        springs = packing.tangential
-        displacement = np.zeros((len(contacts), 1 if d == 2 else 3))
-        if springs is not None:
-            place = named_rows(
-                (contacts.i_c, contacts.j_c, contacts.image_cd), (springs.i_c, springs.j_c, springs.image_cd)
-            )
-            displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
-        force = friction.stiffness * displacement
-        size = np.sqrt((force**2).sum(axis=1))
-        cap = friction.coefficient * np.abs(first)
-        # without friction nothing is at its limit
-        limit = (cap > 0.0) & (size >= _LIMIT * cap)
-        force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
-        across = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1)
-        tangential = np.asarray(across * force if d == 2 else force)
-    return ContactForces(scene, contacts, -first, tangential, limit)
+    found = tangential_forces(scene, contacts, -first)
+    return ContactForces(scene, contacts, -first, found.force_cd, found.at_limit_c)
 
 
 @honors("repulsion friction", at_rest=True)

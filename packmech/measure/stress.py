@@ -11,6 +11,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
+from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
@@ -42,11 +43,12 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
     return net
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion friction links", at_rest=True)
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once.
 
-    Equation 19 of the polymer source, with 1/w instead of its double sum.
+    Equation 19 of the polymer source, with 1/w instead of its double sum. Friction adds that of the tangential springs
+    as they are stretched.
 
     Parameters
     ----------
@@ -61,15 +63,19 @@ def energy(scene: Scene) -> float:
     0.005
 
     """
-    _, energy_c, _ = _terms(scene)
-    return float(np.add.reduce(energy_c))
+    contacts, energy_c, first = _terms(scene)
+    whole = float(np.add.reduce(energy_c))
+    if friction_of(scene) is not None:
+        whole += float(np.add.reduce(tangential_forces(scene, contacts, -first).energy_c))
+    return whole
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion friction links", at_rest=True)
 def forces(scene: Scene) -> NDArray[np.float64]:
     """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
 
-    What rigid links add to them is not counted (`link_tension` gives it).
+    What rigid links add to them is not counted (`link_tension` gives it). With friction those of the tangential springs
+    are (`contact_forces` has them one by one).
 
     Parameters
     ----------
@@ -85,15 +91,19 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
     """
     contacts, _, first = _terms(scene)
-    return sum_forces(contacts, -first)
+    net = sum_forces(contacts, -first)
+    if friction_of(scene) is not None:
+        net += sum_tangential(contacts, tangential_forces(scene, contacts, -first).force_cd)
+    return net
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion friction links", at_rest=True)
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
     sigma_ab = (1/V) (sum over contacts of u' r n_a n_b + sum over links of t r n_a n_b) with the link tensions t: the
-    strain derivative of the relaxed energy over the volume (section 8 of the corrected specification).
+    strain derivative of the relaxed energy over the volume (section 8 of the corrected specification). With friction
+    contacts add their tangential force times the vector from center to center.
 
     Parameters
     ----------
@@ -122,15 +132,25 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     packing = scene.packing
     if packing.links is None:
         none = np.zeros((packing.dimension, packing.dimension))
-        return none if parts == "links" else contact_stress(contacts, first, packing.box.volume)
+        return none if parts == "links" else _whole_stress(scene, contacts, first)
     stress = np.zeros((packing.dimension, packing.dimension))
     if parts != "links":
-        stress += contact_stress(contacts, first, packing.box.volume)
+        stress += _whole_stress(scene, contacts, first)
     if parts != "contacts":
         with single_thread():
             links = ConstraintFactor(packing)
             tension = links.tension(contacts, first)
         stress += contact_stress(links.pairs, tension, packing.box.volume)
+    return stress
+
+
+def _whole_stress(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (d, d) stress of contacts, friction included."""
+    volume = scene.packing.box.volume
+    stress = contact_stress(contacts, first_c, volume)
+    if friction_of(scene) is not None:
+        vector = contacts.normal_cd * contacts.distance_c[:, None]
+        stress += tangential_forces(scene, contacts, -first_c).force_cd.T @ vector / volume
     return stress
 
 
@@ -152,7 +172,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion friction links", at_rest=True)
 def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 
@@ -187,6 +207,8 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     if not len(contacts):
         return 0.0, 0.0
     net = sum_forces(contacts, -first)
+    if friction_of(scene) is not None:
+        net += sum_tangential(contacts, tangential_forces(scene, contacts, -first).force_cd)
     if scene.packing.links is not None:
         with single_thread():
             links = ConstraintFactor(scene.packing)

@@ -12,11 +12,12 @@ from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.friction import friction_of
 from packmech.measure.stress import force_balance
 from packmech.measure.stress import pressure as pressure_of
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
-from packmech.protocols.press import Press, is_frictional
+from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, finish, finish_pressed
 from packmech.result import Outcome, Run
@@ -143,7 +144,7 @@ def jam(
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
-    linked, frictional = scene.packing.links is not None, is_frictional(scene)
+    linked, frictional = scene.packing.links is not None, friction_of(scene) is not None
     if linked and frictional:
         raise ValueError(
             "scene must have no friction for a packing with links, which cannot be pressed, got Friction: leave it out "

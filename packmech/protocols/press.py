@@ -14,7 +14,7 @@ from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.observables import CONTACTS, KINETIC, LARGEST_FORCE, ROTATIONAL, TOTAL, tensors
-from packmech.effects import BackgroundDamping, Friction, Repulsion
+from packmech.effects import BackgroundDamping, Repulsion
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.kernels import RUNNING
@@ -221,8 +221,3 @@ class _Pressing:
         """Measure."""
         self.row = engine.observe()
         self.stress = tensors(self.row, self.packing.dimension, engine.box().volume)["overall"]
-
-
-def is_frictional(scene: Scene) -> bool:
-    """Return whether a scene has friction, under which packings are pressed."""
-    return any(isinstance(one, Friction) for one in scene.effects)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,9 @@ from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
+from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import find_rattlers, packing_fraction
+from packmech.measure.friction import friction_of
 from packmech.measure.stress import energy, force_balance, pressure, stress_tensor
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
@@ -256,7 +259,10 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     packing = scene.packing
     linked: dict[str, Any] = {}
     held_links = 0
-    if packing.links is None:
+    rough = contact_forces(scene) if friction_of(scene) is not None and packing.links is None else None
+    if rough is not None:
+        rattler_n = rough.rattlers_n
+    elif packing.links is None:
         rattler_n = find_rattlers(packing)
     else:
         rattler_n, held_links = _links(packing, linked)
@@ -275,10 +281,13 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "stress": (stress_tensor(scene) / unit).tolist(),
         "rattlers": packing.particles - backbone,
         "contacts": int(held_c.sum()),
-        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain, held_links),
+        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain, held_links)
+        if rough is None
+        else math.ceil(0.5 * backbone * rough.isostatic_coordination),
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
         **linked,
+        **({} if rough is None else {"contacts_at_limit": rough.to_dict()["contacts_at_limit"]}),
     }
 
 
@@ -431,7 +440,9 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
     d = numbers["dimension"]
     extra = 1 if numbers["strain"] == "isotropic" else d * (d + 1) // 2
     note = f"isostatic: {numbers['isostatic_contacts']}"
-    if numbers["isostatic_contacts"]:
+    if "contacts_at_limit" in numbers:
+        note += f" with friction; {numbers['contacts_at_limit']} at the Coulomb limit"
+    elif numbers["isostatic_contacts"]:
         less = " - L'" if "links" in numbers else ""
         note += f" = {d}N'{extra - d:+d}{less}, strain {numbers['strain']}"
     if "states_of_self_stress" in numbers:

@@ -274,7 +274,8 @@ def test_an_oscillatory_run_is_recorded_with_its_moduli(tmp_path):
     shear = pm.oscillatory_shear(scene(), amplitude=0.05, frequency=0.5, periods=1.0, samples_per_period=20, frames=6)
     trajectory = trajectory_of_run(shear, scene(), 60)
     assert len(trajectory.frames) == 6
-    assert trajectory.frames[-1].packing == shear.packing
+    # frames have no springs, which no picture shows
+    assert trajectory.frames[-1].packing == shear.packing.replace(tangential=None)
     assert trajectory.moduli["storage_modulus"] == shear.moduli.storage
     assert np.array_equal(trajectory.stress_t, shear.shear_stress_t)
     assert len(trajectory.frames[-1].touching.i_c) == shear.contacts_t[-1]

@@ -1,0 +1,75 @@
+"""Tangential forces of contacts at rest: a scene's friction and the tangential displacements of its packing."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts import Contacts
+from packmech.effects import Friction
+from packmech.links import named_rows
+from packmech.scene import Scene
+
+# a spring at its cap is as far as it gets: rounding must not tell it from one beyond
+_LIMIT = 1.0 - 1e-9
+
+
+class TangentialForces(NamedTuple):
+    """(C, d) tangential forces on particle i [force], (C,) energies of their springs, (C,) which are at the limit."""
+
+    force_cd: NDArray[np.float64]
+    energy_c: NDArray[np.float64]
+    at_limit_c: NDArray[np.bool_]
+
+
+def friction_of(scene: Scene) -> Friction | None:
+    """Return the friction of a scene; None without."""
+    return next((one for one in scene.effects if isinstance(one, Friction)), None)
+
+
+def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.float64]) -> TangentialForces:
+    """Return the tangential forces of the contacts, zeros without friction.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    contacts
+        Its touching pairs.
+    normal_c
+        (C,) normal forces, positive for repulsion [force].
+
+    """
+    count, d, friction = len(contacts), contacts.dimension, friction_of(scene)
+    springs = scene.packing.tangential
+    if friction is None or springs is None:
+        none = np.zeros((count, d)), np.zeros(count), np.zeros(count, dtype=bool)
+        return TangentialForces(*none)
+    displacement = np.zeros((count, 1 if d == 2 else 3))
+    place = named_rows((contacts.i_c, contacts.j_c, contacts.image_cd), (springs.i_c, springs.j_c, springs.image_cd))
+    displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
+    force = friction.stiffness * displacement
+    size = np.sqrt((force**2).sum(axis=1))
+    cap = friction.coefficient * np.abs(normal_c)
+    force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
+    # without friction nothing is at its limit
+    limit = (cap > 0.0) & (size >= _LIMIT * cap)
+    if d == 2:
+        force = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1) * force
+    return TangentialForces(force, 0.5 * friction.stiffness * (displacement**2).sum(axis=1), limit)
+
+
+def sum_tangential(contacts: Contacts, force_cd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, d) sums of forces on particles i and their reactions on j [force]."""
+    return sum_both(contacts, force_cd, -force_cd)
+
+
+def sum_both(contacts: Contacts, on_i: NDArray[np.float64], on_j: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, k) sums of what contacts do to their two particles."""
+    total = np.empty((contacts.particles, on_i.shape[1]))
+    for k in range(on_i.shape[1]):
+        total[:, k] = np.bincount(contacts.i_c, on_i[:, k], contacts.particles)
+        total[:, k] += np.bincount(contacts.j_c, on_j[:, k], contacts.particles)
+    return total
