@@ -120,9 +120,6 @@ class Packing:
 
     def _check_tangential(self, tangential: Any) -> None:
         instance("tangential", tangential, TangentialDisplacements)
-        if not len(tangential):
-            object.__setattr__(self, "tangential", None)
-            return
         if tangential.dimension != self.dimension:
             raise ValueError(f"tangential must have images of {self.dimension} components, got {tangential.dimension}")
         last = int(max(tangential.i_c.max(), tangential.j_c.max()))

@@ -84,8 +84,10 @@ class TangentialDisplacements:
         image = self.image_cd + image_nd[self.j_c] - image_nd[self.i_c]
         return TangentialDisplacements(self.i_c, self.j_c, image, self.displacement_ck)
 
-    def numbered(self, number_n: NDArray[np.int64]) -> TangentialDisplacements:
-        """Return them with particles renumbered; those of a particle with a negative number are left out."""
+    def numbered(self, number_n: NDArray[np.int64]) -> TangentialDisplacements | None:
+        """Return them with particles renumbered, without those of particles with a negative number; None if all go."""
         i, j = number_n[self.i_c], number_n[self.j_c]
         keep = (i >= 0) & (j >= 0)
+        if not keep.any():
+            return None
         return TangentialDisplacements(i[keep], j[keep], self.image_cd[keep], self.displacement_ck[keep])

@@ -56,6 +56,7 @@ def test_wrapping_and_selecting_carry_them_along() -> None:
     assert away.wrapped().tangential == packing.tangential
     kept = packing.select(np.array([0, 2])).tangential
     assert kept == pm.TangentialDisplacements([0], [1], [[-1, 0]], [[-0.02]])
+    assert packing.select(np.array([1, 2])).tangential is None
     assert packing.select(np.array([True, True, False])).tangential == pm.TangentialDisplacements(
         [0], [1], [[0, 0]], [[0.01]]
     )

@@ -351,7 +351,8 @@ class Engine:
         where = held.i_c, held.j_c, held.image_cd.astype(float)
         displacements_now(self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now)
         some = now.any(axis=1)
-        if not some.any():
+        # a run that went astray has nothing to hand on
+        if not some.any() or not np.isfinite(now).all():
             return None
         # from rows and images of the loops' lattice to particles, their places and the scene's box
         i, j = self.order_n[held.i_c[some]], self.order_n[held.j_c[some]]
