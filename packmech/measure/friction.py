@@ -50,6 +50,8 @@ def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.flo
     displacement = np.zeros((count, 1 if d == 2 else 3))
     place = named_rows((contacts.i_c, contacts.j_c, contacts.image_cd), (springs.i_c, springs.j_c, springs.image_cd))
     displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
+    if d == 3:
+        displacement = _laid_across(displacement, contacts.normal_cd)
     force = friction.stiffness * displacement
     size = np.sqrt((force**2).sum(axis=1))
     cap = friction.coefficient * np.abs(normal_c)
@@ -59,6 +61,13 @@ def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.flo
     if d == 2:
         force = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1) * force
     return TangentialForces(force, 0.5 * friction.stiffness * (displacement**2).sum(axis=1), limit)
+
+
+def _laid_across(displacement_c3: NDArray[np.float64], normal_c3: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the displacements laid into the contacts' tangent planes, as long as they were, as the engine does."""
+    across = displacement_c3 - (displacement_c3 * normal_c3).sum(axis=1)[:, None] * normal_c3
+    before, after = (np.sqrt((one**2).sum(axis=1)) for one in (displacement_c3, across))
+    return np.asarray(across * np.divide(before, after, out=np.zeros_like(after), where=after > 0.0)[:, None])
 
 
 def sum_tangential(contacts: Contacts, force_cd: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -185,6 +185,11 @@ def frictional_system(
 ) -> FrictionalSystem:
     """Return the system of the given contacts, and of the kept particles only, renumbered."""
     contacts = forces.contacts
+    for c in np.flatnonzero(contacts.distance_c == 0.0):
+        raise ValueError(
+            "packing must have no coincident centers where second derivatives are asked for, "
+            f"got particles {contacts.i_c[c]} and {contacts.j_c[c]} at one place"
+        )
     block = contact_blocks(forces, first_c, second_c, kind, contacts_at_limit)
     count, d = len(contacts), contacts.dimension
     k = 1 if d == 2 else 3
@@ -252,6 +257,12 @@ class FrictionalRelaxation(NamedTuple):
     residual: float
 
 
+def _factored(matrix: Any) -> Any:
+    """Return the LU factors of a matrix whose pattern is symmetric, with pivots on the diagonal where these will do."""
+    symmetric = {"SymmetricMode": True}
+    return spla.splu(sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=symmetric)
+
+
 def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push: float) -> FrictionalRelaxation:
     """Return how displacements and rotations relax, with the best connected particle at its place.
 
@@ -277,11 +288,10 @@ def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push:
             floppy = 1
     if solve is None:
         # zero modes do not stand in the way of a shifted factorization; refinement takes the shift back
-        lifted = sp.csc_array(matrix + shift if floppy else matrix)
         try:
-            solve = spla.splu(lifted, permc_spec="MMD_AT_PLUS_A").solve
+            solve = _factored(matrix + shift if floppy else matrix).solve
         except RuntimeError:
-            solve = spla.splu(sp.csc_array(matrix + shift), permc_spec="MMD_AT_PLUS_A").solve
+            solve = _factored(matrix + shift).solve
     solution = np.asarray(solve(right))
     rest = right - matrix @ solution
     reached = float(np.abs(rest).max())
@@ -545,7 +555,7 @@ def _modes_near_zero(
     """Return modes by Arnoldi's method on the factored matrix, across the translations."""
     rows = len(shift_xd)
     sigma = -_NEAR * (largest or 1.0)
-    factor = spla.splu(sp.csc_array(matrix - sigma * sp.eye_array(rows)), permc_spec="MMD_AT_PLUS_A")
+    factor = _factored(matrix - sigma * sp.eye_array(rows))
 
     def across(vector: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(vector - shift_xd @ (shift_xd.T @ vector))

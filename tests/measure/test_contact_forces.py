@@ -52,6 +52,28 @@ def test_forces_and_torques_of_a_packing_at_rest_cancel(dimension):
     assert slack.residual > 1e-3 and not slack.tangential_cd.any()
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_net_forces_and_torques_are_those_that_the_engine_steps_with_to_rounding(dimension):
+    """Of springs that are given, cut at the limit, and in space laid into the plane across the contact."""
+    from packmech.dynamics.engine import build_engine
+
+    packing = pm.random_packing(30, dimension=dimension, packing_fraction=0.9, seed=4)
+    contacts = pm.find_contacts(packing)
+    given = 0.1 * np.random.default_rng(2).normal(size=(len(contacts), 1 if dimension == 2 else 3))
+    springs = pm.TangentialDisplacements(contacts.i_c, contacts.j_c, contacts.image_cd, given)
+    scene = pm.Scene(packing.replace(tangential=springs), (pm.Repulsion(), pm.Friction(0.4, 0.7)))
+    engine = build_engine(scene, dt=0.01, velocity_nd=np.zeros_like(packing.position_nd))
+    engine.begin()
+    push = np.empty_like(engine.state.push)
+    push[engine.order_n] = engine.state.push
+    found = pm.contact_forces(scene)
+    assert 0 < found.at_limit_c.sum() < len(contacts)
+    scale = found.normal_c.mean()
+    assert np.abs(found.force_nd - push[:, :dimension]).max() < 1e-13 * scale * len(contacts)
+    assert np.abs(found.torque_nk - push[:, dimension:]).max() < 1e-13 * scale * len(contacts)
+    assert np.abs((found.tangential_cd * contacts.normal_cd).sum(axis=1)).max() < 1e-15
+
+
 def test_without_friction_it_is_what_forces_and_stress_say():
     scene, _ = at_rest(2)
     bare = scene.without(pm.Friction)
