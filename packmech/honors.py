@@ -88,6 +88,8 @@ class Honors:
         Whether it looks at particles at rest, where damping and drag do nothing.
     packing_only
         Whether it takes a packing, which has no effects.
+    rough
+        The call that does the same with friction, where there is one.
 
     """
 
@@ -95,6 +97,11 @@ class Honors:
     columns: tuple[str, ...]
     at_rest: bool = False
     packing_only: bool = False
+    rough: str = ""
+
+    def instead(self, column: str) -> str:
+        """Return the calls that honor a column which this one refuses."""
+        return self.rough if self.rough and column == "friction" else INSTEAD[column]
 
     def answer(self, column: str) -> str:
         """Return what stands in this column of the table."""
@@ -119,7 +126,7 @@ class Honors:
                 kind = type(one).__qualname__
                 raise ValueError(
                     f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}: leave it "
-                    f"out with scene.without(pm.{kind}), or use {INSTEAD[column]}"
+                    f"out with scene.without(pm.{kind}), or use {self.instead(column)}"
                 )
         packing = getattr(subject, "packing", subject)
         links = getattr(packing, "links", None)
@@ -127,7 +134,7 @@ class Honors:
             where = f"{name}.packing" if packing is not subject else name
             raise ValueError(
                 f"{where} must have no links for pm.{self.call}, which would ignore them, got {len(links)}: leave them "
-                f"out with packing.replace(links=None), or use {INSTEAD['links']}"
+                f"out with packing.replace(links=None), or use {self.instead('links')}"
             )
 
 
@@ -135,7 +142,7 @@ class Honors:
 CALLS: dict[str, Honors] = {}
 
 
-def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: bool = False) -> Honors:
+def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = "") -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
     Parameters
@@ -144,7 +151,7 @@ def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: boo
         The public name.
     columns
         Names of `COLUMNS` that it honors, with spaces between.
-    at_rest, packing_only
+    at_rest, packing_only, rough
         As in `Honors`.
 
     """
@@ -152,12 +159,12 @@ def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: boo
     unknown = [one for one in named if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(call, named, at_rest, packing_only)
+    CALLS[call] = Honors(call, named, at_rest, packing_only, rough)
     return CALLS[call]
 
 
 def honors(
-    columns: str, *, at_rest: bool = False, packing_only: bool = False
+    columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = ""
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
@@ -165,7 +172,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only
+    columns, at_rest, packing_only, rough
         As in `declare`.
 
     """
@@ -174,7 +181,7 @@ def honors(
         names = list(inspect.signature(function).parameters)
         place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
         name = names[place]
-        declared = declare(function.__name__, columns, at_rest=at_rest, packing_only=packing_only)
+        declared = declare(function.__name__, columns, at_rest=at_rest, packing_only=packing_only, rough=rough)
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -694,7 +694,7 @@ _ZERO = 1e-10
 _CARRIES = 1e-6
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,

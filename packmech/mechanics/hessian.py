@@ -294,7 +294,7 @@ def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
     one_of("volume_curvature", volume_curvature, CURVATURES)
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, rough="pm.stiffness_matrix")
 def hessian(
     scene: Scene,
     strain: str = "free",
@@ -373,7 +373,7 @@ def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, rough="pm.stiffness_matrix")
 def dynamical_matrix(
     scene: Scene,
     strain: str = "none",
@@ -442,7 +442,7 @@ def dynamical_matrix(
     return result
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, rough="pm.stiffness_matrix")
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,

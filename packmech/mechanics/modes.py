@@ -107,7 +107,7 @@ class Modes:
         return int(np.count_nonzero((self.eigenvalue_m < 0.0) & ~self.zero_m))
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, rough="pm.frictional_modes")
 def normal_modes(
     scene: Scene,
     count: int | None = None,
@@ -388,7 +388,7 @@ class StateDensity:
         return (self.edge_b[1:] + self.edge_b[:-1]) / 2.0
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, rough="pm.frictional_modes")
 def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,
