@@ -125,6 +125,7 @@ _PUBLIC = {
     "Average": "packmech.mechanics.elasticity",
     "ConstrainedForce": "packmech.constraints.projection",
     "ConstraintBasis": "packmech.constraints.basis",
+    "FrictionalModes": "packmech.mechanics.frictional",
     "FloppyModes": "packmech.mechanics.self_stress",
     "IndependentLinks": "packmech.constraints.redundancy",
     "Modes": "packmech.mechanics.modes",
@@ -144,6 +145,7 @@ _PUBLIC = {
     "dynamical_matrix": "packmech.mechanics.hessian",
     "elastic_moduli": "packmech.mechanics.elasticity",
     "find_rattling_clusters": "packmech.mechanics.rattling",
+    "frictional_modes": "packmech.mechanics.frictional",
     "floppy_modes": "packmech.mechanics.self_stress",
     "hessian": "packmech.mechanics.hessian",
     "independent_links": "packmech.constraints.redundancy",
@@ -153,6 +155,7 @@ _PUBLIC = {
     "project_force": "packmech.constraints.projection",
     "reaffix_links": "packmech.constraints.projection",
     "rigidity_matrix": "packmech.mechanics.rigidity",
+    "stiffness_matrix": "packmech.mechanics.frictional",
     "states_of_self_stress": "packmech.mechanics.self_stress",
     # minimizers
     "ConjugateGradient": "packmech.minimize.conjugate_gradient",

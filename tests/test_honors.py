@@ -96,6 +96,8 @@ RESTING = {
     "normal_modes": lambda scene: pm.normal_modes(scene).frequency_m,
     "density_of_states": lambda scene: pm.density_of_states(scene).density_b,
     "elastic_moduli": lambda scene: pm.elastic_moduli(scene).cauchy,
+    "stiffness_matrix": lambda scene: pm.stiffness_matrix(scene).toarray(),
+    "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
     "compliance_matrix": lambda scene: pm.compliance_matrix(scene),
     "classify_jamming": lambda scene: [len(pm.classify_jamming(scene).strict)],
 }
@@ -180,6 +182,21 @@ def test_dashpots_and_drag_change_no_bit_of_what_is_at_rest(call):
     assert [CALLS[call].answer(column) for column in ("damping", "drag")] == [NOTHING, NOTHING]
     damped = pm.Scene(packing, (pm.Repulsion(), pm.ContactDamping(0.4), pm.BackgroundDamping(0.3)))
     assert np.array_equal(np.asarray(RESTING[call](damped)), bare)
+
+
+def test_friction_changes_every_call_at_rest_that_honors_it():
+    contacts = pm.find_contacts(at_rest())
+    springs = np.linspace(-1e-3, 1e-3, len(contacts))[:, None]
+    packing = at_rest().replace(
+        tangential=pm.TangentialDisplacements(contacts.i_c, contacts.j_c, contacts.image_cd, springs)
+    )
+    honoring = [name for name in RESTING if CALLS[name].answer("friction") == HONORED]
+    assert {"contact_forces", "elastic_moduli", "frictional_modes", "stiffness_matrix", "torques"} <= set(honoring)
+    for call in honoring:
+        rough, slack = (
+            np.asarray(RESTING[call](pm.Scene(packing, (pm.Repulsion(), pm.Friction(mu, 0.7))))) for mu in (0.5, 0.0)
+        )
+        assert rough.shape != slack.shape or np.abs(rough - slack).max() > 1e-9, call
 
 
 def test_what_is_said_to_be_used_instead_honors_what_was_refused():

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
 from packmech.contacts.cells import sort_row
+from packmech.contacts.friction_cones import FrictionCones, can_balance
 from packmech.contacts.network import Contacts, pair_contacts
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
@@ -150,11 +153,13 @@ def _find_rattling(
     waiting: NDArray[np.bool_],
     rattling: NDArray[np.bool_],
     normal: NDArray[np.float64],
+    cones: Any,
 ) -> None:
     """Mark the bodies that rattle; outward[start[i]:start[i+1]] are the normals of particle i, towards `neighbor`.
 
     All particles are in the queue, first in, first out: a large one with many neighbors is looked at once a round, not
-    once for each that it loses. `normal` is room for the largest number of contacts.
+    once for each that it loses. `normal` is room for the largest number of contacts. With friction `cones` holds its
+    coefficient and the arms, in the order of the normals; None without.
     """
     particles = start.shape[0] - 1
     d = outward.shape[1]
@@ -173,8 +178,14 @@ def _find_rattling(
             if not rattling[neighbor[h]]:
                 for k in range(d):
                     normal[count, k] = outward[h, k]
+                if cones is not None:
+                    x[count] = cones[1][h]
                 count += 1
-        if not _is_free(normal, x, y, angle, count):
+        if cones is None:
+            free = _is_free(normal, x, y, angle, count)
+        else:
+            free = not can_balance(normal, x, count, cones[0])  # type: ignore[no-untyped-call]
+        if not free:
             continue
         rattling[i] = True
         for h in range(start[i], start[i + 1]):
@@ -186,9 +197,17 @@ def _find_rattling(
 
 
 def rattling_bodies(
-    i_c: NDArray[np.int64], j_c: NDArray[np.int64], normal_cd: NDArray[np.float64], particles: int
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    normal_cd: NDArray[np.float64],
+    particles: int,
+    friction: FrictionCones | None = None,
 ) -> NDArray[np.bool_]:
-    """Return, for each of so many bodies, whether contacts with these normals from i to j leave it free to move."""
+    """Return, for each of so many bodies, whether contacts with these normals from i to j leave it free to move.
+
+    With friction, whether no forces within the friction cones balance on it: it has fewer than two contacts, or the
+    chord between its two lies outside a cone, and so on.
+    """
     own = np.concatenate([i_c, j_c])
     order = np.argsort(own, kind="stable")
     contacts = np.bincount(own, minlength=particles)
@@ -197,7 +216,12 @@ def rattling_bodies(
     outward = np.concatenate([normal_cd, -normal_cd])[order]
     rattling = np.zeros(particles, dtype=bool)
     room = np.empty((contacts.max(initial=0), normal_cd.shape[1]))
-    _find_rattling(start, neighbor, outward, np.arange(particles), np.ones(particles, dtype=bool), rattling, room)
+    cones = None
+    if friction is not None:
+        cones = float(friction.coefficient), np.concatenate([friction.arm_c, friction.arm_c])[order]
+    _find_rattling(
+        start, neighbor, outward, np.arange(particles), np.ones(particles, dtype=bool), rattling, room, cones
+    )
     return rattling
 
 

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.friction_cones import FrictionCones
+from packmech.contacts.rattlers import rattling_bodies
 from packmech.effects import contact_terms
 from packmech.honors import honors
-from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.stress import sum_forces
-from packmech.result import Outcome
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force
 _BEARING = 1e-6
-# forces on a particle that cancel to this part of the largest are balanced by themselves
-_BALANCED = 1e-6
-# edges of the pyramid inside a friction cone of space: it is that of a coefficient smaller by cos(pi / 16), 2 %
-_EDGES = 16
-# part of the largest force that a balance must have to be one [1]
-_SOME, _PROGRAM_TOLERANCE = 1e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +91,11 @@ class ContactForces:
 
     @property
     def bearing_c(self) -> NDArray[np.bool_]:
-        """The (C,) contacts whose normal force is above 1e-6 of the mean."""
+        """The (C,) contacts whose normal force is above 1e-6 of the mean; above 0 while the residual is larger."""
         if not len(self.contacts):
             return np.zeros(0, dtype=bool)
-        return np.asarray(self.normal_c > _BEARING * np.abs(self.normal_c).mean())
+        part = _BEARING if self.residual <= _BEARING else 0.0
+        return np.asarray(self.normal_c > part * np.abs(self.normal_c).mean())
 
     @functools.cached_property
     def rattlers_n(self) -> NDArray[np.bool_]:
@@ -110,23 +103,23 @@ class ContactForces:
 
         Taken out again and again are particles that fewer than two force-bearing contacts touch, or whose contacts
         cannot balance force and torque by any forces within the friction cones. Two contacts suffice where the chord
-        between them lies in both cones; so held, a sphere can still spin about it. In space cones are taken 2 %
-        narrower (pyramids of 16 edges) where the forces as they are leave a particle out of balance.
+        between them lies in both cones; so held, a sphere can still spin about it (`spinning_n`). Without friction it
+        is the rule of `find_rattlers`, for the force-bearing contacts.
         """
-        contacts, mu = self.contacts, _coefficient(self.scene)
-        kept = self.bearing_c.copy()
-        rattling = np.zeros(contacts.particles, dtype=bool)
-        while True:
-            few = contacts.select(kept).count_n() < 2
-            free = few & ~rattling
-            if not free.any():
-                free = self._unbalanced(kept) & ~rattling & ~few
-                for n in np.flatnonzero(free):
-                    free[n] = not _can_balance(*self._seen_from(int(n), kept), mu)
-            if not free.any():
-                return rattling
-            rattling |= free
-            kept &= ~(rattling[contacts.i_c] | rattling[contacts.j_c])
+        bearing, mu = self.contacts.select(self.bearing_c), _coefficient(self.scene)
+        cones = None
+        if mu > 0.0:
+            cones = FrictionCones(mu, bearing.distance_c / bearing.contact_distance_c)
+        return rattling_bodies(bearing.i_c, bearing.j_c, bearing.normal_cd, bearing.particles, cones)
+
+    @property
+    def spinning_n(self) -> NDArray[np.bool_]:
+        """The (N,) spheres that friction holds by two contacts: each can spin about the chord between these.
+
+        Such a spin is a floppy mode of contacts that stick; in the plane there is none.
+        """
+        two = self.contacts.select(self._held_c()).count_n() == 2
+        return np.asarray(two & (self.contacts.dimension == 3) & (_coefficient(self.scene) > 0.0))
 
     @property
     def coordination_number(self) -> float:
@@ -175,28 +168,6 @@ class ContactForces:
         share = contacts.distance_c / contacts.contact_distance_c
         return radius[contacts.i_c] * share, radius[contacts.j_c] * share
 
-    def _unbalanced(self, kept_c: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which particles the forces of these contacts alone leave out of balance."""
-        contacts = self.contacts.select(kept_c)
-        part = ContactForces(
-            self.scene, contacts, self.normal_c[kept_c], self.tangential_cd[kept_c], self.at_limit_c[kept_c]
-        )
-        largest = np.zeros(contacts.particles)
-        for end in (contacts.i_c, contacts.j_c):
-            np.maximum.at(largest, end, part.normal_c)
-        force = np.sqrt((part.force_nd**2).sum(axis=1))
-        torque = np.sqrt((part.torque_nk**2).sum(axis=1)) / self.scene.packing.radius_n
-        return np.asarray(~(np.maximum(force, torque) <= _BALANCED * largest))
-
-    def _seen_from(self, n: int, kept_c: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the (K, d) directions of a particle's contacts, away from it, and the (K,) arms over its radius."""
-        contacts = self.contacts
-        arm_i, arm_j = self._arms()
-        first, second = (np.flatnonzero(kept_c & (end == n)) for end in (contacts.i_c, contacts.j_c))
-        normal = np.concatenate([contacts.normal_cd[first], -contacts.normal_cd[second]])
-        arm = np.concatenate([arm_i[first], arm_j[second]]) / self.scene.packing.radius_n[n]
-        return normal, arm
-
 
 def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (C, 1 or 3) cross products of (C, d) vectors."""
@@ -208,43 +179,6 @@ def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
 def _coefficient(scene: Scene) -> float:
     friction = friction_of(scene)
     return 0.0 if friction is None else friction.coefficient
-
-
-def _can_balance(normal_kd: NDArray[np.float64], arm_k: NDArray[np.float64], mu: float) -> bool:
-    """Return whether forces within the friction cones of some contacts of a particle balance without all being zero."""
-    d = normal_kd.shape[1]
-    if d == 2:
-        across = np.stack([-normal_kd[:, 1], normal_kd[:, 0]], axis=1)
-        edges = [across, -across]
-    else:
-        # any two directions across a normal: e is across its smallest component
-        least = np.eye(3)[np.abs(normal_kd).argmin(axis=1)]
-        e = np.cross(normal_kd, least)
-        e /= np.sqrt((e**2).sum(axis=1))[:, None]
-        f = np.cross(normal_kd, e)
-        turn = 2.0 * math.pi * np.arange(_EDGES) / _EDGES
-        edges = [math.cos(a) * e + math.sin(a) * f for a in turn]
-    # a contact pushes against its direction
-    force = np.concatenate([mu * one - normal_kd for one in edges])
-    normal, arm = np.tile(normal_kd, (len(edges), 1)), np.tile(arm_k, len(edges))
-    row = np.concatenate([force, arm[:, None] * _cross(normal, force)], axis=1)
-    count = len(row)
-    found = solve_clarabel(
-        LinearProgram(
-            cost=-np.ones(count),
-            equal=sp.csr_array(row.T),
-            equal_to=np.zeros(row.shape[1]),
-            below=sp.csr_array((0, count)),
-            below_to=np.zeros(0),
-            lower=np.zeros(count),
-            upper=np.ones(count),
-            dimension=d,
-        ),
-        _PROGRAM_TOLERANCE,
-    )
-    if found.solve.outcome is not Outcome.CONVERGED:
-        raise np.linalg.LinAlgError(f"contacts must have balances that can be found, got {found.solve.status}")
-    return bool(found.x.sum() > _SOME)
 
 
 @honors("repulsion friction", at_rest=True)

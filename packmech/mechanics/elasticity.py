@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
+from packmech.contacts import Contacts
+from packmech.effects import Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import NotDefinite, factorize
@@ -25,6 +27,14 @@ from packmech.linalg.mandel import (
     trace_vector,
 )
 from packmech.measure.stress import contact_stress, sum_forces
+from packmech.mechanics.frictional import (
+    AT_LIMIT,
+    acting_friction,
+    check_frictional,
+    frictional_network,
+    frictional_system,
+    relax_frictional,
+)
 from packmech.mechanics.hessian import KINDS, BondSums, bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, relax_linked, soft_shift
 from packmech.mechanics.rattling import held_network
@@ -119,6 +129,9 @@ class Moduli:
         packing at rest: when this is not small they mean little.
     seconds
         CPU time.
+    at_limit_k
+        With friction the contacts at the Coulomb limit that took part, by their numbers in `contact_forces(scene)`;
+        what they did is the argument `contacts_at_limit`. Empty without.
 
     """
 
@@ -138,6 +151,7 @@ class Moduli:
     residual: float
     force_residual: float
     seconds: float
+    at_limit_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def dimension(self) -> int:
@@ -475,9 +489,14 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion friction links", at_rest=True)
 def elastic_moduli(
-    scene: Scene, *, kind: str = "exact", rattlers: str = "remove", gap_tolerance: float | None = None
+    scene: Scene,
+    *,
+    kind: str = "exact",
+    rattlers: str = "remove",
+    gap_tolerance: float | None = None,
+    contacts_at_limit: str = "stick",
 ) -> Moduli:
     """Return the elastic moduli of a packing at rest, its particles free to relax.
 
@@ -487,6 +506,12 @@ def elastic_moduli(
     would have it, infinite: a square lattice has G = 0. Rigid links keep their lengths while the particles relax, their
     forces unknowns of the same sparse system; strains that links forbid are `Moduli.stiff_directions`.
 
+    With `Friction` contacts have tangential springs and particles turn, too: the matrix is that of `stiffness_matrix`,
+    not symmetric in general, and neither is then `Moduli.energy`, which is the derivative of the stress times the
+    volume. Negative and zero modes are those of its symmetric part: where none is negative every small motion takes
+    work (Hill's second-order work), which is enough for stability and not needed for it. A coefficient of 0 is no
+    friction.
+
     Parameters
     ----------
     scene
@@ -495,11 +520,13 @@ def elastic_moduli(
         "exact" with the forces of contacts and links, "unstressed" without them; "paper" with those of the contacts
         alone, which is the same where there are no links.
     rattlers
-        "remove" leaves them out, linked ones where their whole cluster can be moved; "keep" lets their last contacts
-        stiffen the packing.
+        "remove" leaves them out, linked ones where their whole cluster can be moved, with friction those of
+        `contact_forces`; "keep" lets their last contacts stiffen the packing.
     gap_tolerance
         Pairs with a gap up to this times the contact distance [1] are contacts; those that do not overlap count with
-        u''(1-). None: the rule of `find_contacts`.
+        u''(1-). None: the rule of `find_contacts`. With friction contacts are pairs that overlap, and no others.
+    contacts_at_limit
+        With friction, what contacts at the Coulomb limit do: "stick" or "slip", as in `stiffness_matrix`.
 
     Returns
     -------
@@ -511,7 +538,8 @@ def elastic_moduli(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, a name is unknown, or touching centers coincide.
+        If an argument is of the wrong kind, a name is unknown, touching centers coincide, or a packing has both links
+        and friction.
 
     Examples
     --------
@@ -521,10 +549,23 @@ def elastic_moduli(
     >>> round(moduli.bulk_modulus, 9), round(moduli.shear_modulus, 9), moduli.stable
     (0.866025404, 0.433012702, True)
 
+    Tangential springs, as stiff as the others here, add to G and not to B of a crystal:
+
+    >>> pressed = pm.lattice_packing("triangular", repeats=(2, 2), relative_overlap=0.01)
+    >>> rough = pm.Scene(pressed, (pm.Repulsion(), pm.Friction(0.5, stiffness=1.0)))
+    >>> moduli = pm.elastic_moduli(rough, kind="unstressed")
+    >>> round(moduli.bulk_modulus, 9), round(moduli.shear_modulus, 9)
+    (0.866025404, 0.866025404)
+
     """
     start = time.process_time()
     instance("scene", scene, Scene)
     one_of("kind", kind, KINDS)
+    one_of("contacts_at_limit", contacts_at_limit, AT_LIMIT)
+    if acting_friction(scene) is not None:
+        return _frictional_moduli(scene, kind, rattlers, gap_tolerance, contacts_at_limit, start)
+    # a coefficient of zero holds nothing, and springs of such contacts are slack
+    scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
     with single_thread():
         backbone = held_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
         contacts, links = backbone.contacts, backbone.links
@@ -533,50 +574,116 @@ def elastic_moduli(
         tension = None if links is None else links.tension(contacts, terms.first_c)
         bonds = prestressed(contacts, terms, kind, links, tension)
         sums = bond_sums(*bonds)
-        push = float((np.abs(terms.second_c) * contacts.distance_c + np.abs(terms.first_c)).max(initial=0.0))
+        push = _push(contacts, terms.first_c, terms.second_c)
         if links is None:
             relaxation = _relax(sums, contacts.count_n(), push)
         else:
             relaxation = _relax_with_links(sums, contacts.count_n(), links, push)
         stiff = np.zeros((0, len(sums.strain_ee))) if links is None else links.stiff_strains
-        affine = sums.strain_ee / volume
         relaxed = sums.strain_ee - relaxation.relief_ee
-        energy = _across((relaxed + relaxed.T) / (2.0 * volume), stiff)
-        stress = contact_stress(bonds.pairs, bonds.first_c, volume)
-        cauchy = _across(cauchy_tangent(energy, stress), stiff)
-        scale = float(np.abs(np.linalg.eigvalsh(affine)).max())
-        negative = int(np.count_nonzero(np.linalg.eigvalsh(energy) < -SOFT * scale))
+        unsolved = 0
         if relaxation.residual > _INCONSISTENT:
-            negative = max(_negative_total(sums, contacts.count_n(), links) - relaxation.negative, 1)
-        # along stiff directions there is no motion: lift them out of the way of soft and unstable ones
-        lift = scale or 1.0
-        lifted = cauchy + lift * (stiff.T @ stiff) if len(stiff) else cauchy
-        smallest = float(np.linalg.eigvalsh((lifted + lifted.T) / 2.0)[0])
-        _, size, direction = np.linalg.svd(lifted)
-        soft = direction[size <= SOFT * lift]
-        inverse = _across(inverse_across(lifted, soft), stiff)
+            unsolved = max(_negative_total(sums, contacts.count_n(), links) - relaxation.negative, 1)
         force = np.abs(terms.first_c)
         net = sum_forces(contacts, -terms.first_c)
         if links is not None and tension is not None:
             net += sum_forces(links.pairs, -tension)
-    largest = float(np.sqrt((net**2).sum(axis=1)).max(initial=0.0))
+        largest = float(np.sqrt((net**2).sum(axis=1)).max(initial=0.0))
+        return _moduli(
+            _across((relaxed + relaxed.T) / (2.0 * volume), stiff),
+            sums.strain_ee / volume,
+            contact_stress(bonds.pairs, bonds.first_c, volume),
+            relaxation,
+            stiff,
+            unsolved=unsolved,
+            particles=contacts.particles,
+            contacts=len(contacts),
+            force_residual=largest / float(force.mean()) if force.any() else 0.0,
+            at_limit=np.zeros(0, dtype=np.int64),
+            start=start,
+        )
+
+
+def _frictional_moduli(
+    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, contacts_at_limit: str, start: float
+) -> Moduli:
+    """Return the moduli of a packing whose contacts have tangential springs."""
+    # without links "paper" leaves out nothing
+    kind = "exact" if kind == "paper" else kind
+    check_frictional(scene, kind, contacts_at_limit, gap_tolerance)
+    with single_thread():
+        network = frictional_network(scene, rattlers)
+        forces, first, second = network.forces, network.first_c, network.second_c
+        system = frictional_system(forces, first, second, kind, contacts_at_limit, network.kept_n)
+        contacts, volume = forces.contacts, scene.packing.box.volume
+        count = contacts.count_n()[network.kept_n]
+        relaxation = _Relaxation(*relax_frictional(system, count, _push(contacts, first, second)))
+        return _moduli(
+            (system.corner_ee - relaxation.relief_ee) / volume,
+            system.corner_ee / volume,
+            forces.stress_dd * (kind == "exact"),
+            relaxation,
+            np.zeros((0, len(system.corner_ee))),
+            unsolved=int(relaxation.residual > _INCONSISTENT),
+            particles=system.particles,
+            contacts=len(contacts),
+            force_residual=forces.residual,
+            at_limit=network.chosen_c[forces.at_limit_c],
+            start=start,
+        )
+
+
+def _push(contacts: Contacts, first_c: NDArray[np.float64], second_c: NDArray[np.float64]) -> float:
+    """Return the size of a contact's force under a unit strain."""
+    return float((np.abs(second_c) * contacts.distance_c + np.abs(first_c)).max(initial=0.0))
+
+
+def _moduli(
+    energy_ee: NDArray[np.float64],
+    affine_ee: NDArray[np.float64],
+    stress_dd: NDArray[np.float64],
+    relaxation: _Relaxation,
+    stiff_ke: NDArray[np.float64],
+    *,
+    unsolved: int,
+    particles: int,
+    contacts: int,
+    force_residual: float,
+    at_limit: NDArray[np.int64],
+    start: float,
+) -> Moduli:
+    """Return the record of a relaxed stiffness; `unsolved` strains are unstable for want of a relaxation."""
+    energy, affine, stiff = energy_ee, affine_ee, stiff_ke
+    cauchy = _across(cauchy_tangent(energy, stress_dd), stiff)
+    scale = float(np.abs(np.linalg.eigvalsh((affine + affine.T) / 2.0)).max())
+    negative = int(np.count_nonzero(np.linalg.eigvalsh((energy + energy.T) / 2.0) < -SOFT * scale))
+    if unsolved:
+        negative = unsolved
+    # along stiff directions there is no motion: lift them out of the way of soft and unstable ones
+    lift = scale or 1.0
+    lifted = cauchy + lift * (stiff.T @ stiff) if len(stiff) else cauchy
+    smallest = float(np.linalg.eigvalsh((lifted + lifted.T) / 2.0)[0])
+    _, size, direction = np.linalg.svd(lifted)
+    soft = direction[size <= SOFT * lift]
+    inverse = _across(inverse_across(lifted, soft), stiff)
     return Moduli(
         energy=energy,
         cauchy=cauchy,
         compliance=with_infinities(inverse, soft),
         affine=affine,
-        stress_dd=stress,
+        stress_dd=stress_dd,
         soft_directions=soft,
         stiff_directions=stiff,
         negative_positions=relaxation.negative,
         negative_strains=negative,
         cauchy_least=smallest,
         floppy_positions=relaxation.floppy,
-        particles=contacts.particles,
-        contacts=len(contacts),
+        particles=particles,
+        contacts=contacts,
         residual=relaxation.residual,
-        force_residual=largest / float(force.mean()) if force.any() else 0.0,
+        force_residual=force_residual,
         seconds=time.process_time() - start,
+        at_limit_k=at_limit,
     )
 
 

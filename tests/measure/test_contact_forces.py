@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.measure.contact_forces import _can_balance
+from packmech.contacts.friction_cones import can_balance
 
 
 @functools.cache
@@ -70,34 +70,73 @@ def test_a_spring_beyond_the_limit_is_cut_to_it():
     assert found.torque_nk[:, 0] == pytest.approx([-0.45 * 0.05] * 2)
 
 
+def balances(normal, arm, mu):
+    return bool(can_balance(normal, arm, len(normal), mu))
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_two_contacts_hold_where_the_chord_lies_in_both_cones(dimension):
-    """Contacts at angles a above and below a line leave a disc held just where tan(half the bend) <= mu."""
-    mu = 0.4
-    for bend, held in ((2.0 * math.atan(mu) - 0.02, True), (2.0 * math.atan(mu) + 0.02, False)):
-        if dimension == 3:
-            # the pyramid inside the cone may be 2 % narrower
-            bend = bend * (0.97 if held else 1.0)
+@pytest.mark.parametrize("mu", [1e-3, 0.4, 10.0])
+def test_two_contacts_hold_where_the_chord_lies_in_both_cones(dimension, mu):
+    """Contacts at angles above and below a line leave a particle held just where tan(half the bend) <= mu."""
+    rng = np.random.default_rng(3)
+    for off, held in ((-1e-5, True), (1e-5, False)):
+        half = math.atan(mu) * (1.0 + off) + (off if mu < 1.0 else 0.0)
         normal = np.zeros((2, dimension))
-        normal[:, 0] = [math.cos(0.5 * bend), -math.cos(0.5 * bend)]
-        normal[:, 1] = math.sin(0.5 * bend)
-        assert _can_balance(normal, np.ones(2), mu) is held
+        normal[:, 0] = [math.cos(half), -math.cos(half)]
+        normal[:, 1] = math.sin(half)
+        # whichever way the particle is turned
+        normal = normal @ np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
+        assert balances(normal, np.ones(2), mu) is held
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_what_balances_is_what_a_half_space_of_wrenches_does_not_separate(seed):
-    """Gordan's theorem: edges of cones balance, or some velocity and spin has a positive power with all of them."""
+def edges(normal_kd, arm_k, mu, number):
+    """Return the wrenches at so many edges of each cone, and of the pyramids around the cones."""
+    if normal_kd.shape[1] == 2:
+        across = np.stack([-normal_kd[:, 1], normal_kd[:, 0]], axis=1)
+        ways = [across, -across]
+    else:
+        e = np.cross(normal_kd, np.eye(3)[np.abs(normal_kd).argmin(axis=1)])
+        e /= np.linalg.norm(e, axis=1)[:, None]
+        f = np.cross(normal_kd, e)
+        ways = [math.cos(a) * e + math.sin(a) * f for a in 2.0 * math.pi * np.arange(number) / number]
+    for wide in (mu, mu / math.cos(math.pi / number)):
+        force = np.concatenate([wide * way - normal_kd for way in ways])
+        torque = np.cross(np.tile(normal_kd, (len(ways), 1)), force).reshape(len(force), -1)
+        yield np.column_stack([force, np.tile(arm_k, len(ways))[:, None] * torque])
+
+
+def parted(wrench_wp):
+    """Return whether some velocity and spin have a positive power with all wrenches (Gordan: then none balance)."""
     from scipy.optimize import linprog
 
-    rng = np.random.default_rng(seed)
-    angle = rng.uniform(0.0, 1.6 * math.pi, rng.integers(2, 5))
-    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    mu = rng.uniform(0.05, 0.6)
-    across = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    rows = [[*(sign * mu * a - n), sign * mu] for sign in (1, -1) for n, a in zip(normal, across, strict=True)]
-    power = linprog([0, 0, 0, -1], np.column_stack([-np.array(rows), np.ones(len(rows))]), np.zeros(len(rows)),
-                    bounds=[(-1, 1)] * 3 + [(0, 1)]).x[3]  # fmt: skip
-    assert _can_balance(normal, np.ones(len(normal)), mu) == (power < 1e-9)
+    count, p = wrench_wp.shape
+    found = linprog(
+        [0.0] * p + [-1.0],
+        np.column_stack([-wrench_wp, np.ones(count)]),
+        np.zeros(count),
+        bounds=[(-1, 1)] * p + [(0, 1)],
+    )
+    return bool(found.x[p] > 1e-9)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_balances_is_what_no_half_space_of_wrenches_parts_from_zero(dimension):
+    """In the plane exactly; in space between the pyramids inside and around the cones."""
+    rng = np.random.default_rng(1)
+    told = []
+    for _ in range(60):
+        count = rng.integers(2, 6)
+        normal = rng.normal(size=(count, dimension)) - 0.4
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        arm, mu = rng.uniform(0.8, 1.0, count), rng.uniform(0.05, 1.0)
+        inner, outer = (parted(wrench) for wrench in edges(normal, arm, mu, 24))
+        found = balances(normal, arm, mu)
+        assert found or inner
+        assert not (found and outer) or dimension == 2
+        if dimension == 2:
+            assert found is not inner
+        told.append(found)
+    assert 10 < sum(told) < 50
 
 
 def column():
@@ -113,6 +152,32 @@ def test_a_column_of_discs_is_held_by_two_contacts_each_and_the_lone_one_rattles
     assert found.coordination_number == 2.0 and found.to_dict()["rattlers"] == 1
     # without friction nothing keeps the column from buckling
     assert pm.find_rattlers(column().packing).all()
+
+
+def test_a_sphere_between_two_others_is_held_but_can_spin_about_the_chord():
+    """A column of spheres between its own images; without friction, or in the plane, nothing spins so."""
+    place = [[1.0, 1.0, 0.95 * k + 0.4] for k in range(4)]
+    packing = pm.Packing(place, [0.5] * 4, pm.Box(np.diag([3.0, 3.0, 3.8])))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.3, 1.0)))
+    found = pm.contact_forces(scene)
+    assert found.spinning_n.all() and not found.rattlers_n.any()
+    assert not pm.contact_forces(column()).spinning_n.any()
+    bare = pm.contact_forces(scene.without(pm.Friction))
+    assert bare.rattlers_n.all() and not bare.spinning_n.any()
+    # one spin for each, and those of all against each other about two axes across
+    modes = pm.frictional_modes(scene, kind="unstressed")
+    about = modes.rotation_mnk[modes.zero_m][:, :, 2]
+    assert np.linalg.matrix_rank(about, tol=1e-6) == 4
+
+
+def test_rattlers_without_friction_are_those_of_the_frictionless_rule():
+    start = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.86, seed=3)
+    run = pm.quench(pm.Scene(start, (pm.Repulsion(),)), force_tolerance=1e-12)
+    found = pm.contact_forces(pm.Scene(run.packing, (pm.Repulsion(), pm.Friction(0.0, 1.0))))
+    assert np.array_equal(found.rattlers_n, pm.find_rattlers(run.packing)) and found.rattlers_n.any()
+    # a little friction holds no fewer
+    rough = pm.contact_forces(pm.Scene(run.packing, (pm.Repulsion(), pm.Friction(0.2, 1.0))))
+    assert not (rough.rattlers_n & ~found.rattlers_n).any()
 
 
 def test_rattlers_of_packings_at_rest_bear_nothing_and_the_rest_is_held():

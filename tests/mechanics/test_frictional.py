@@ -1,0 +1,257 @@
+"""Facts about the linear response of frictional packings: the engine's own derivatives, closed forms, limits."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.dynamics.deformation import Ramp
+from packmech.dynamics.engine import build_engine
+
+HARD = pm.Repulsion(pm.LinearSpring(1.0))
+
+
+@functools.cache
+def at_rest(dimension, mu=0.5, particles=32):
+    """Return a frictional scene at rest with stretched springs, and without dashpots."""
+    fraction = 0.95 if dimension == 2 else 0.76
+    packing = pm.random_packing(particles, dimension=dimension, packing_fraction=fraction, seed=3)
+    damped = (HARD, pm.Friction(mu, 0.7, 0.3), pm.ContactDamping(0.3), pm.BackgroundDamping(0.3))
+    run = pm.simulate(pm.Scene(packing, damped), steps=6_000, dt=0.05)
+    scene = pm.Scene(run.packing, (HARD, pm.Friction(mu, 0.7)))
+    assert pm.contact_forces(scene).residual < 1e-6
+    return scene
+
+
+def pushes(scene, velocity_nd, spin_nk, step, profile=None, direction_dd=None):
+    """Return the engine's forces, then torques, after one small step of motion of particles too heavy to be moved."""
+    heavy = scene.replace(packing=scene.packing.replace(mass_n=np.full(scene.packing.particles, 1e14)))
+    engine = build_engine(
+        heavy,
+        dt=step,
+        velocity_nd=velocity_nd,
+        spin_nk=spin_nk,
+        profile=profile,
+        direction_dd=direction_dd,
+        second_order=False,
+    )
+    engine.advance(1)
+    push = np.empty_like(engine.state.push)
+    push[engine.order_n] = engine.state.push
+    d = scene.packing.dimension
+    return np.concatenate([push[:, :d].ravel(), push[:, d:].ravel()])
+
+
+def motions(scene, seed=5):
+    rng = np.random.default_rng(seed)
+    n, d = scene.packing.position_nd.shape
+    return rng.normal(size=(n, d)), rng.normal(size=(n, 1 if d == 2 else 3))
+
+
+# what is left of a difference over steps of this size, relative to the largest
+STEP, CLOSE = 1e-5, 1e-7
+
+
+def sticking(scene):
+    """Return the same scene, its forces what they were, far from the Coulomb limit."""
+    springs = scene.packing.tangential
+    found = pm.contact_forces(scene)
+    assert len(springs) <= len(found.contacts)
+    return scene.replace(effects=(HARD, scene.effects[1]._replace(coefficient=1e6)))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_stiffness_matrix_is_the_derivative_of_the_engines_forces_and_torques(dimension):
+    scene = sticking(at_rest(dimension))
+    velocity, spin = motions(scene)
+    motion = np.concatenate([velocity.ravel(), spin.ravel()])
+    ahead, behind = (pushes(scene, sign * velocity, sign * spin, STEP) for sign in (1.0, -1.0))
+    change = (ahead - behind) / (2.0 * STEP)
+    told = pm.stiffness_matrix(scene, "none") @ motion
+    assert np.abs(told + change).max() < CLOSE * np.abs(change).max()
+    # forces as they are matter: without them it is another matrix
+    bare = pm.stiffness_matrix(scene, "none", "unstressed") @ motion
+    assert np.abs(bare + change).max() > 1e-3 * np.abs(change).max()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_its_columns_of_strains_are_the_derivative_as_the_box_deforms(dimension):
+    """A box sheared along x is strained and turned; seen from an axis that turns with it, spins turn backwards."""
+    scene = sticking(at_rest(dimension))
+    n, d = scene.packing.position_nd.shape
+    rng = np.random.default_rng(8)
+    gradient = rng.normal(size=(d, d))
+    even, odd = (gradient + gradient.T) / 2.0, (gradient - gradient.T) / 2.0
+    still, none = np.zeros((n, d)), np.zeros((n, 1 if d == 2 else 3))
+    ahead, behind = (pushes(scene, still, none, STEP, Ramp(0.0, sign, 0.0, 9.0), gradient) for sign in (1.0, -1.0))
+    change = (ahead - behind) / (2.0 * STEP)
+    vorticity = np.array([odd[1, 0]] if d == 2 else [odd[2, 1], odd[0, 2], odd[1, 0]])
+    matrix = pm.stiffness_matrix(scene)
+    size = n * (d + len(vorticity))
+    motion = np.concatenate([np.zeros(n * d), np.tile(-vorticity, n), pm.mandel_vector(even)])
+    told = -(matrix @ motion)[:size]
+    # rows are generalized forces (1 + strain) f; and what there was of forces and torques turns with the axes
+    forces = pm.contact_forces(scene)
+    told[: n * d] += (forces.force_nd @ (odd - even).T).ravel()
+    if d == 3:
+        told[n * d :] += (forces.torque_nk @ odd.T).ravel()
+    assert np.abs(told - change).max() < CLOSE * np.abs(change).max()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_its_rows_of_strains_are_the_derivative_of_the_stress(dimension):
+    scene = sticking(at_rest(dimension))
+    velocity, spin = motions(scene)
+    d, volume = dimension, scene.packing.box.volume
+    heavy = scene.replace(packing=scene.packing.replace(mass_n=np.full(scene.packing.particles, 1e14)))
+    stress = []
+    for sign in (1.0, -1.0):
+        run = pm.simulate(
+            heavy, steps=1, dt=STEP, velocity_nd=sign * velocity, spin_nk=sign * spin, method=pm.SemiImplicitEuler()
+        )
+        stress.append(pm.contact_forces(scene.replace(packing=run.packing)).stress_dd)
+    change = volume * (stress[0] - stress[1]) / (2.0 * STEP)
+    motion = np.concatenate([velocity.ravel(), spin.ravel()])
+    told = pm.stiffness_matrix(scene)[len(motion) :, : len(motion)] @ motion
+    assert np.abs(told - pm.mandel_vector(change)).max() < CLOSE * np.abs(change).max()
+    assert len(told) == d * (d + 1) // 2
+
+
+def test_a_sliding_contact_follows_the_normal_force_and_a_returning_one_is_a_spring():
+    """Forces of the engine on two discs, and two spheres, whose contact is at the limit, one step on."""
+    mu, stiffness = 0.4, 0.7
+    for d in (2, 3):
+        place = np.full((2, d), 1.0)
+        place[1] += np.array([0.6, 0.65, 0.2][:d])
+        normal = (place[1] - place[0]) / np.linalg.norm(place[1] - place[0])
+        across = np.array([-normal[1], normal[0], 0.0])[:d]
+        across /= np.linalg.norm(across)
+        limit = mu * (1.0 - np.linalg.norm(place[1] - place[0])) / stiffness
+        # a hair beyond it, to be cut
+        along = [[limit * (1.0 + 1e-12)]] if d == 2 else [limit * (1.0 + 1e-12) * across]
+        springs = pm.TangentialDisplacements([0], [1], [[0] * d], along)
+        pair = pm.Packing(place, [0.55, 0.45], pm.Box.cubic(5.0, d), tangential=springs)
+        scene = pm.Scene(pair, (HARD, pm.Friction(mu, stiffness)))
+        assert pm.contact_forces(scene).at_limit_c.tolist() == [True]
+        velocity, spin = motions(scene)
+        # on along the force, whatever else moves
+        velocity[1] += 6.0 * across
+        motion = np.concatenate([velocity.ravel(), spin.ravel()])
+        found = pm.contact_forces(scene)
+        now = np.concatenate([found.force_nd.ravel(), found.torque_nk.ravel()])
+        for sign, choice in ((1.0, "slip"), (-1.0, "stick")):
+            one, two = ((pushes(scene, sign * velocity, sign * spin, h) - now) / (sign * h) for h in (2e-6, 1e-6))
+            told = pm.stiffness_matrix(scene, "none", contacts_at_limit=choice) @ motion
+            assert np.abs(told + (2.0 * two - one)).max() < 1e-7 * np.abs(told).max()
+            other = pm.stiffness_matrix(scene, "none", contacts_at_limit={"slip": "stick", "stick": "slip"}[choice])
+            assert np.abs(other @ motion - told).max() > 0.1 * np.abs(told).max()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_without_friction_it_is_the_hessian_and_no_bit_of_the_moduli_differs(dimension):
+    scene = at_rest(dimension)
+    n = scene.packing.particles
+    kept = np.r_[0 : n * dimension, -(dimension * (dimension + 1) // 2) : 0]
+    bare = scene.without(pm.Friction)
+    matrix = pm.stiffness_matrix(bare).toarray()
+    assert np.abs(matrix[np.ix_(kept, kept)] - pm.hessian(bare).toarray()).max() < 1e-13
+    assert not np.delete(matrix, kept, axis=0).any()
+    smooth = scene.replace(packing=scene.packing.replace(tangential=None)).without(pm.Friction)
+    told = pm.elastic_moduli(smooth)
+    moduli = pm.elastic_moduli(scene.replace(effects=(HARD, pm.Friction(0.0, 0.7))))
+    assert np.array_equal(moduli.cauchy, told.cauchy) and np.array_equal(moduli.affine, told.affine)
+    assert moduli.contacts == told.contacts and not len(moduli.at_limit_k)
+
+
+@pytest.mark.parametrize("stiffness", [0.3, 2.0])
+def test_springs_across_the_contacts_of_a_triangular_lattice_add_to_its_shear_modulus(stiffness):
+    """B = sqrt(3)/2 k_n, G = sqrt(3)/4 (k_n + k_t): no disc turns, and each of its contacts does as the box does."""
+    packing = pm.lattice_packing("triangular", repeats=(3, 2), relative_overlap=0.02)
+    moduli = pm.elastic_moduli(pm.Scene(packing, (HARD, pm.Friction(0.5, stiffness))), kind="unstressed")
+    assert moduli.bulk_modulus == pytest.approx(3**0.5 / 2.0, rel=1e-12)
+    assert moduli.shear_modulus == pytest.approx(3**0.5 / 4.0 * (1.0 + stiffness), rel=1e-12)
+    assert moduli.anisotropy == pytest.approx(0.0, abs=1e-12) and moduli.stable
+    assert moduli.residual < 1e-12 and moduli.contacts == 18 and moduli.floppy_positions == 0
+    # under a pressure both lose what they lose without friction
+    smooth, rough = (
+        pm.elastic_moduli(pm.Scene(packing, effects)) for effects in ((HARD,), (HARD, pm.Friction(0.5, stiffness)))
+    )
+    assert rough.bulk_modulus == pytest.approx(smooth.bulk_modulus, rel=1e-12)
+    assert rough.shear_modulus - smooth.shear_modulus == pytest.approx(3**0.5 / 4.0 * stiffness, rel=1e-12)
+
+
+def test_a_square_lattice_is_soft_in_shear_but_for_its_tangential_springs():
+    packing = pm.lattice_packing("square", repeats=(2, 3), relative_overlap=0.02)
+    moduli = pm.elastic_moduli(pm.Scene(packing, (HARD, pm.Friction(0.5, 0.3))), kind="unstressed")
+    assert moduli.bulk_modulus == pytest.approx(0.5, rel=1e-12)
+    assert moduli.shear_modulus == pytest.approx(0.15, rel=1e-12)
+    assert not len(moduli.soft_directions)
+
+
+def test_face_centered_cubic_spheres_keep_their_bulk_modulus_and_gain_shear_moduli():
+    """C_abcd = sum of r^2 [k_n nnnn + k_t (ee)(1 - nn)] over the contacts of a particle and its volume r^3/sqrt(2)."""
+    packing = pm.lattice_packing("fcc", repeats=(2, 2, 2), relative_overlap=0.02)
+    stiffness, r = 0.4, 0.98
+    moduli = pm.elastic_moduli(pm.Scene(packing, (HARD, pm.Friction(0.5, stiffness))), kind="unstressed")
+    assert moduli.bulk_modulus == pytest.approx(2.0 * 2**0.5 / 3.0 / r, rel=1e-12)
+    # of the six contacts (0, 1, +-1)/sqrt(2), two lie in the plane of the shear, two across each of its axes
+    shear = 2**0.5 / r * (4.0 * 0.25 + stiffness * (2.0 * 0.125 * 4.0)) / 2.0
+    assert moduli.component("xyxy") == pytest.approx(shear, rel=1e-12)
+
+
+@pytest.mark.parametrize(("name", "images"), [("square", 2), ("triangular", 3)])
+def test_a_lone_disc_spins_between_its_own_images(name, images):
+    """Each contact with an image slips by distance times angle, on both sides: omega^2 = images k r^2 / (m R^2 / 2)."""
+    packing = pm.lattice_packing(name, repeats=(1, 1), relative_overlap=0.02)
+    mass, radius = packing.mass_n[0], packing.radius_n[0]
+    r = 2.0 * radius * 0.98
+    modes = pm.frictional_modes(pm.Scene(packing, (HARD, pm.Friction(0.5, 0.3))))
+    assert len(modes) == 1 and modes.symmetric and modes.residual < 1e-14
+    assert modes.frequency_m[0].real ** 2 == pytest.approx(images * 0.3 * r**2 / (0.5 * mass * radius**2), rel=1e-12)
+
+
+def test_modes_near_zero_are_the_lowest_of_all_modes():
+    for scene in (at_rest(2), at_rest(3)):
+        every = pm.frictional_modes(scene)
+        assert every.residual < 1e-13 and len(every) == every.available
+        lowest = pm.frictional_modes.__wrapped__(scene, 9)
+        nearest = np.sort(np.abs(every.eigenvalue_m))[: len(lowest)]
+        np.testing.assert_allclose(np.sort(np.abs(lowest.eigenvalue_m)), nearest, atol=1e-9 * every.largest)
+        assert not every.symmetric and np.abs(np.conj(every.eigenvalue_m).sum() - every.eigenvalue_m.sum()) < 1e-9
+
+
+def test_moduli_go_over_to_those_without_friction_where_contacts_slip_and_not_where_they_stick():
+    """Henkes, van Hecke and van Saarloos (2010): all contacts at the limit of a coefficient that is almost none."""
+    start = pm.random_packing(32, dimension=2, packing_fraction=0.95, seed=3)
+    smooth = pm.Scene(pm.quench(pm.Scene(start, (HARD,)), force_tolerance=1e-12).packing, (HARD,))
+    contacts = pm.find_contacts(smooth.packing)
+    sign = np.where(np.arange(len(contacts)) % 2, 1.0, -1.0)
+    springs = pm.TangentialDisplacements(contacts.i_c, contacts.j_c, contacts.image_cd, sign[:, None])
+    bare = pm.elastic_moduli(smooth)
+    apart = []
+    for mu in (1e-4, 1e-6):
+        scene = pm.Scene(smooth.packing.replace(tangential=springs), (HARD, pm.Friction(mu, 0.7)))
+        slip, stick = (pm.elastic_moduli(scene, contacts_at_limit=choice) for choice in ("slip", "stick"))
+        assert len(slip.at_limit_k) == slip.contacts == stick.contacts
+        apart.append(abs(slip.shear_modulus / bare.shear_modulus - 1.0))
+        assert stick.shear_modulus > 1.5 * bare.shear_modulus
+    assert apart[1] < 1e-4 and apart[1] < 0.05 * apart[0]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_slow_oscillations_of_the_box_have_the_shear_modulus_of_the_sparse_solve(dimension):
+    """Contacts kept from sliding by a larger mu; G'(omega) extrapolated in omega^2 from two slow shears."""
+    scene = sticking(at_rest(dimension))
+    moduli = pm.elastic_moduli(scene)
+    # forces across the contacts make it no second derivative of an energy
+    assert np.abs(moduli.energy - moduli.energy.T).max() > 1e-3 * moduli.shear_modulus
+    assert moduli.residual < 1e-12 and moduli.stable
+    damped = scene.replace(effects=(HARD, pm.Friction(1e6, 0.7, 3.0), pm.ContactDamping(3.0)))
+    storage = []
+    for frequency in (0.006, 0.003):
+        run = pm.oscillatory_shear(damped, amplitude=1e-6, frequency=frequency, periods=2.0, skip_periods=1.0)
+        assert run.sliding_t.max() == 0 and np.ptp(run.contacts_t) == 0
+        storage.append(run.moduli.storage)
+    assert abs(storage[1] - storage[0]) < 1e-2 * moduli.shear_modulus
+    assert (4.0 * storage[1] - storage[0]) / 3.0 == pytest.approx(moduli.shear_modulus, rel=2e-5)
