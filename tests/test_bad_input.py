@@ -20,7 +20,8 @@ NAN, INF = float("nan"), float("inf")
 # made by packmech for users to read, not by users
 RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
-    "ComplexModulus", "Demodulation", "OscillatoryShear", "StrainRun",
+    "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "JammingScaling", "OscillatoryShear",
+    "StrainRun",
     "AmplitudeSweep", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",
@@ -332,6 +333,14 @@ BAD = {
     "relative_frequency": POSITIVE,
     "value": [NAN, INF, 0.0, -1.0, "1", None],
     "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
+    "scenes": [None, 3, "scenes", [], [3]],
+    "tangential": [3, "springs"],
+    "displacement_ck": [None, "d", [[NAN]], [[0.1, 0.2]], [0.1]],
+    "i_c": [None, "i", [0.5], [-1]],
+    "j_c": [None, "j", [0.5], [-1]],
+    "image_cd": [None, "k", [[0.5, 0.0]], [[0]]],
+    "Press.rate": [NAN, INF, 0.0, -1.0, "1", None],
+    "Press.drag": [NAN, INF, 0.0, -1.0, "1", None],
     "vector_e": ["v", None, [], [NAN, 0.0, 0.0], [[1.0]], [1.0, 2.0]],
     "tensor_dd": ["t", None, [], [[NAN, 0.0], [0.0, 1.0]], [[1.0]], [1.0, 2.0]],
     "value_r": ["v", None, [], [NAN], [[1.0]]],
@@ -613,6 +622,11 @@ def good(name, folder):
         "softening_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5]},
         "play_motion": {"packing": touching(), "motion": np.eye(9, 2), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
+        "jamming_scaling": {
+            "scenes": [scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3))],
+            "pressures": [2e-3],
+        },
+        "TangentialDisplacements": {"i_c": [0], "j_c": [1], "image_cd": [[0, 0]], "displacement_ck": [[0.1]]},
         "sweep_pressure": {
             "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
             "pressures": [2e-3],

@@ -204,6 +204,8 @@ def jamming_scaling(
 
     """
     started = time.process_time()
+    if isinstance(scenes, str | Scene) or not isinstance(scenes, Iterable):
+        raise TypeError(f"scenes must be a sequence of scenes, got {scenes!r}")
     given = tuple(scenes)
     if not given:
         raise ValueError("scenes must hold at least one scene, got none")
