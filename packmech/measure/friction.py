@@ -60,7 +60,9 @@ def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.flo
     limit = (cap > 0.0) & (size >= _LIMIT * cap)
     if d == 2:
         force = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1) * force
-    return TangentialForces(force, 0.5 * friction.stiffness * (displacement**2).sum(axis=1), limit)
+    # a spring that gave way holds what its force is worth
+    stretch = np.minimum(size, cap) / friction.stiffness if friction.stiffness > 0.0 else np.zeros(count)
+    return TangentialForces(force, 0.5 * friction.stiffness * stretch**2, limit)
 
 
 def _laid_across(displacement_c3: NDArray[np.float64], normal_c3: NDArray[np.float64]) -> NDArray[np.float64]:
