@@ -436,6 +436,7 @@ def frictional_modes(
     kind: str = "exact",
     contacts_at_limit: str = "stick",
     rattlers: str = "remove",
+    method: str = "auto",
 ) -> FrictionalModes:
     """Return the modes of a frictional packing in its box: those nearest to zero, or all of them.
 
@@ -454,6 +455,10 @@ def frictional_modes(
         As in `stiffness_matrix`.
     rattlers
         "remove" leaves those of `contact_forces` out; "keep" adds their zero modes.
+    method
+        "dense" diagonalization, "shift-invert" (Arnoldi's method, Lanczos's where the matrix is symmetric, on the
+        factored matrix, started from a fixed vector), or "auto": dense for up to 600 rows, for all modes, or for more
+        than a quarter of them. Without friction each rotation is a zero mode.
 
     Raises
     ------
@@ -475,6 +480,7 @@ def frictional_modes(
     start = time.process_time()
     instance("scene", scene, Scene)
     check_frictional(scene, kind, contacts_at_limit)
+    one_of("method", method, ("auto", "dense", "shift-invert"))
     wanted = None if count is None else integer("count", count, at_least=1)
     packing = scene.packing
     d, k = packing.dimension, 1 if packing.dimension == 2 else 3
@@ -495,7 +501,9 @@ def frictional_modes(
         available = max(len(root) - d, 0)
         wanted = available if wanted is None else min(wanted, available)
         largest = float(abs(matrix).sum(axis=0).max()) if len(root) else 0.0
-        dense = len(root) <= _DENSE_ROWS or count is None or wanted > len(root) // 4
+        small = len(root) <= _DENSE_ROWS or count is None or wanted > len(root) // 4
+        # Arnoldi's method needs room beyond the modes that it finds
+        dense = method == "dense" or (method == "auto" and small) or wanted > len(root) - d - 4
         if dense and len(root) > _DENSE_LIMIT:
             raise ValueError(
                 f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {count} of {len(root)}"

@@ -211,14 +211,26 @@ def test_a_lone_disc_spins_between_its_own_images(name, images):
     assert modes.frequency_m[0].real ** 2 == pytest.approx(images * 0.3 * r**2 / (0.5 * mass * radius**2), rel=1e-12)
 
 
-def test_modes_near_zero_are_the_lowest_of_all_modes():
-    for scene in (at_rest(2), at_rest(3)):
-        every = pm.frictional_modes(scene)
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_modes_near_zero_are_the_lowest_of_all_modes(dimension):
+    for scene in (at_rest(dimension), at_rest(dimension).replace(packing=slack(at_rest(dimension)))):
+        every = pm.frictional_modes(scene, method="dense")
         assert every.residual < 1e-13 and len(every) == every.available
-        lowest = pm.frictional_modes.__wrapped__(scene, 9)
+        assert every.symmetric is (scene.packing.tangential is None)
+        lowest = pm.frictional_modes(scene, 9, method="shift-invert")
+        assert lowest.residual < 1e-11 and len(lowest) in (9, 10) and lowest.method == "shift-invert"
         nearest = np.sort(np.abs(every.eigenvalue_m))[: len(lowest)]
-        np.testing.assert_allclose(np.sort(np.abs(lowest.eigenvalue_m)), nearest, atol=1e-9 * every.largest)
-        assert not every.symmetric and np.abs(np.conj(every.eigenvalue_m).sum() - every.eigenvalue_m.sum()) < 1e-9
+        np.testing.assert_allclose(np.sort(np.abs(lowest.eigenvalue_m)), nearest, atol=1e-11 * every.largest)
+        # of size 1 in the metric of masses and moments of inertia
+        mass, radius = scene.packing.mass_n[:, None], scene.packing.radius_n[:, None]
+        inertia = (0.5 if dimension == 2 else 0.4) * mass * radius**2
+        size = (mass * np.abs(lowest.displacement_mnd) ** 2).sum(axis=(1, 2))
+        size += (inertia * np.abs(lowest.rotation_mnk) ** 2).sum(axis=(1, 2))
+        np.testing.assert_allclose(size, 1.0, rtol=1e-12)
+
+
+def slack(scene):
+    return scene.packing.replace(tangential=None)
 
 
 def test_moduli_go_over_to_those_without_friction_where_contacts_slip_and_not_where_they_stick():
@@ -255,3 +267,65 @@ def test_slow_oscillations_of_the_box_have_the_shear_modulus_of_the_sparse_solve
         storage.append(run.moduli.storage)
     assert abs(storage[1] - storage[0]) < 1e-2 * moduli.shear_modulus
     assert (4.0 * storage[1] - storage[0]) / 3.0 == pytest.approx(moduli.shear_modulus, rel=2e-5)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_an_undamped_run_started_along_a_mode_follows_it_and_grows_where_its_frequency_is_complex(dimension):
+    """Velocities v give q(t) = v sin(omega t) / omega; in space forces across the contacts make omega complex."""
+    scene = sticking(at_rest(dimension))
+    modes = pm.frictional_modes(scene)
+    m = int(np.argmax(modes.growth_m)) if dimension == 3 else 3
+    assert bool(modes.growth_m[m] > 1e-3) is (dimension == 3)
+    size, time, omega = 1e-5, 60.0, modes.frequency_m[m]
+    run = pm.simulate(
+        scene,
+        steps=20_000,
+        dt=time / 20_000,
+        velocity_nd=size * modes.displacement_mnd[m].real,
+        spin_nk=size * modes.rotation_mnk[m].real,
+    )
+    moved = run.packing.position_nd - scene.packing.position_nd
+    off = [np.abs(moved - size * (modes.displacement_mnd[m] * np.sin(w * time) / w).real) for w in (omega, omega.real)]
+    scale = size * np.abs(modes.displacement_mnd[m]).max() / abs(omega)
+    assert off[0].max() < 2e-3 * scale, (off[0].max(), off[1].max(), scale)
+    assert bool(off[1].max() > 0.02 * scale) is (dimension == 3), (off[0].max(), off[1].max(), scale)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda scene: pm.elastic_moduli(scene, gap_tolerance=1e-3),
+            "gap_tolerance must be None for a scene with fric",
+        ),
+        (lambda scene: pm.elastic_moduli(scene, contacts_at_limit="roll"), "contacts_at_limit must be .*stick.*slip"),
+        (lambda scene: pm.stiffness_matrix(scene, "isotropic"), "strain must be 'none' or 'free'"),
+        (lambda scene: pm.stiffness_matrix(scene, kind="paper"), "kind must be .*exact.*unstressed"),
+        (lambda scene: pm.frictional_modes(scene, method="lanczos"), "method must be .*auto.*dense"),
+        (lambda scene: pm.frictional_modes(scene, 0), "count must be an integer at least 1"),
+        (
+            lambda scene: pm.elastic_moduli(
+                scene.replace(packing=scene.packing.replace(links=pm.Links([0], [1], [[0, 0]], [1.0])))
+            ),
+            "no links where contacts have friction",
+        ),
+        (
+            lambda scene: pm.stiffness_matrix(
+                scene.replace(packing=pm.Packing([[0.5, 0.5]] * 2, [0.5] * 2, pm.Box.cubic(4.0, 2)))
+            ),
+            "no coincident centers .*particles 0 and 1",
+        ),
+    ],
+)
+def test_what_has_no_linear_response_with_friction_is_refused_by_name(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(at_rest(2))
+
+
+def test_a_packing_without_contacts_has_no_moduli_and_no_modes():
+    apart = pm.Packing([[0.5, 0.5], [2.0, 2.0]], [0.5] * 2, pm.Box.cubic(4.0, 2))
+    scene = pm.Scene(apart, (HARD, pm.Friction(0.5, 1.0)))
+    moduli = pm.elastic_moduli(scene)
+    assert not moduli.cauchy.any() and len(moduli.soft_directions) == 3 and moduli.particles == 0
+    assert len(pm.frictional_modes(scene)) == 0
+    assert pm.frictional_modes(scene, rattlers="keep").zero_m.all()
