@@ -26,7 +26,7 @@ def scaling(
     Parameters
     ----------
     scene
-        scene file or shipped scene that is drawn anew for each packing
+        scene file or shipped scene that is drawn again, from another seed, for each packing
     out
         folder to write to
     packings

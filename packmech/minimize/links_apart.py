@@ -41,7 +41,7 @@ def separate_links(
         The compiled scene.
     packing
         Where to start; returned as it is in three dimensions, without links, or where links are so much longer than
-        the box that nobody can tell which cross.
+        the box that which of them cross is not known.
     step_limit
         Maximum number of steps, if below the usual one.
     look
@@ -98,7 +98,7 @@ def _links_can_cross(packing: Packing) -> bool:
 
 
 class _Near:
-    """Pairs of links near each other, found anew when particles have moved too far."""
+    """Pairs of links near each other, searched for again when particles have moved too far."""
 
     def __init__(self, packing: Packing) -> None:
         found = crossing_links(packing)

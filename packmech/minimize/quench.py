@@ -93,7 +93,7 @@ def quench(
         Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
-        the box that nobody can tell).
+        the box that it is not known).
 
     Raises
     ------

@@ -51,7 +51,8 @@ class Press:
     Parameters
     ----------
     rate
-        Rate of strain at which the box shrinks [sqrt(k / m)]. Slower pressing ends denser where friction is small.
+        Rate of strain at which the box shrinks [sqrt(k / m)]. Once most particles touch the pressure
+        limits it, too.
     drag
         Rate at which velocities and spins relax to the local flow [sqrt(k / m)].
     force_tolerance
