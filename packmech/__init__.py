@@ -63,6 +63,7 @@ _PUBLIC = {
     "write_scene": "packmech.scenes.scene_file",
     "BackgroundDamping": "packmech.effects",
     "Bonds": "packmech.effects",
+    "FixedParticles": "packmech.effects",
     "bond_contacts": "packmech.effects.bonds",
     "ContactDamping": "packmech.effects",
     "Friction": "packmech.effects",

@@ -24,10 +24,11 @@ COLUMNS = {
     "gravity": "potentials of single particles, such as Gravity",
     "walls": "Walls",
     "drag": "drag on single particles, such as BackgroundDamping",
+    "held": "particles that are held: FixedParticles",
     "links": "rigid links of the packing",
     "shapes": "shapes other than discs and spheres",
 }
-EFFECTS = tuple(COLUMNS)[:7]
+EFFECTS = tuple(COLUMNS)[:8]
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -37,9 +38,10 @@ INSTEAD = {
     "damping": "pm.simulate",
     "friction": "pm.simulate or pm.contact_forces",
     "bonds": "pm.simulate or pm.oscillatory_shear",
-    "gravity": "pm.simulate",
-    "walls": "pm.simulate",
+    "gravity": "pm.simulate or pm.quench",
+    "walls": "pm.simulate or pm.quench",
     "drag": "pm.simulate",
+    "held": "pm.simulate or pm.quench",
     "links": "pm.simulate or pm.jam",
 }
 

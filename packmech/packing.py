@@ -244,9 +244,8 @@ def _check_digits(position_nd: NDArray[np.float64], radius_n: NDArray[np.float64
                 f"got {radius_n[n]} for particle {n}"
             )
     coarsest = _COARSEST * float(radius_n[smallest])
-    reach_n = np.abs(position_nd).max(axis=1)
-    far = int(reach_n.argmax())
-    if np.spacing(reach_n[far]) > coarsest:
+    if np.spacing(max(float(position_nd.max()), -float(position_nd.min()))) > coarsest:
+        far = int(np.abs(position_nd).max(axis=1).argmax())
         raise ValueError(
             f"position_nd must be so near that rounding is below {_COARSEST:g} of the smallest radius "
             f"({radius_n[smallest]:g}), got {position_nd[far].tolist()} for particle {far}"

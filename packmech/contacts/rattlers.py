@@ -150,6 +150,7 @@ def _find_rattling(
     neighbor: NDArray[np.int64],
     outward: NDArray[np.float64],
     queue: NDArray[np.int64],
+    length: int,
     waiting: NDArray[np.bool_],
     rattling: NDArray[np.bool_],
     normal: NDArray[np.float64],
@@ -157,13 +158,13 @@ def _find_rattling(
 ) -> None:
     """Mark the bodies that rattle; outward[start[i]:start[i+1]] are the normals of particle i, towards `neighbor`.
 
-    All particles are in the queue, first in, first out: a large one with many neighbors is looked at once a round, not
-    once for each that it loses. `normal` is room for the largest number of contacts. With friction `cones` holds its
+    The first `length` in the queue wait, first in, first out: a large one with many neighbors is looked at once a
+    round, not once for each that it loses. Those that wait without being in the queue never rattle. `normal` is room
+    for the largest number of contacts. With friction `cones` holds its
     coefficient and the arms, in the order of the normals; None without.
     """
     particles = start.shape[0] - 1
     d = outward.shape[1]
-    length = particles
     head = 0
     x = np.empty(normal.shape[0])
     y = np.empty(normal.shape[0])
@@ -202,11 +203,12 @@ def rattling_bodies(
     normal_cd: NDArray[np.float64],
     particles: int,
     friction: FrictionCones | None = None,
+    held: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """Return, for each of so many bodies, whether contacts with these normals from i to j leave it free to move.
 
     With friction, whether no forces within the friction cones balance on it: it has fewer than two contacts, or the
-    chord between its two lies outside a cone, and so on.
+    chord between its two lies outside a cone, and so on. Those that are held rattle never.
     """
     own = np.concatenate([i_c, j_c])
     order = np.argsort(own, kind="stable")
@@ -219,9 +221,13 @@ def rattling_bodies(
     cones = None
     if friction is not None:
         cones = float(friction.coefficient), np.concatenate([friction.arm_c, friction.arm_c])[order]
-    _find_rattling(
-        start, neighbor, outward, np.arange(particles), np.ones(particles, dtype=bool), rattling, room, cones
-    )
+    queue = np.arange(particles)
+    waiting = np.ones(particles, dtype=bool)
+    length = particles
+    if held is not None:
+        length = int(np.count_nonzero(~held))
+        queue[:length] = np.flatnonzero(~held)
+    _find_rattling(start, neighbor, outward, queue, length, waiting, rattling, room, cones)
     return rattling
 
 

@@ -43,7 +43,7 @@ from packmech.dynamics.pair_lists import (
 )
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
-from packmech.effects import Bonds, Friction, Walls
+from packmech.effects import Bonds, Friction, Walls, held_particles
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
@@ -660,8 +660,10 @@ def build_engine(
     weight[:, 0] = 1.0 / mass
     if turns:
         weight[:, 1] = 1.0 / inertia
-    if held_n is not None:
-        weight[held_n[order]] = 0.0
+    fixed_n = held_particles(scene.effects, n)
+    for held in (held_n, fixed_n):
+        if held is not None:
+            weight[held[order]] = 0.0
     small, change = packing.box.reduced()
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     flow = None

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from packmech.effects.body import SIGNED, BackgroundDamping, Gravity, Walls, body_energy, body_force, spin_drag
+from packmech.effects.body import (
+    SIGNED,
+    BackgroundDamping,
+    Gravity,
+    Walls,
+    body_energy,
+    body_force,
+    body_second,
+    spin_drag,
+)
 from packmech.effects.bonds import Bonds
 from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
+from packmech.effects.held import FixedParticles
 from packmech.effects.laws import (
     Harmonic,
     Hertz,
@@ -39,6 +49,15 @@ from packmech.effects.pair import (
     registered_effects,
 )
 from packmech.effects.repulsion import Repulsion
+from packmech.effects.single import (
+    SingleTerms,
+    held_particles,
+    needs_second,
+    refuse_single,
+    single_effects,
+    single_terms,
+    wall_pushes,
+)
 
 __all__ = [
     "SIGNED",
@@ -48,6 +67,7 @@ __all__ = [
     "ContactTerms",
     "DivergentRepulsion",
     "ExponentialTension",
+    "FixedParticles",
     "Friction",
     "Gravity",
     "Harmonic",
@@ -58,14 +78,17 @@ __all__ = [
     "PowerLaw",
     "Repulsion",
     "RepulsiveLennardJones",
+    "SingleTerms",
     "Walls",
     "body_energy",
     "body_force",
+    "body_second",
     "check_effect",
     "check_law",
     "contact_terms",
     "effect",
     "energy_scale_of",
+    "held_particles",
     "is_bound",
     "is_effect",
     "is_law",
@@ -75,13 +98,18 @@ __all__ = [
     "law_of",
     "law_scale",
     "law_second",
+    "needs_second",
     "pair_elastic",
     "pair_energy",
     "pair_first",
     "pair_second",
+    "refuse_single",
     "registered_effects",
     "registered_laws",
+    "single_effects",
+    "single_terms",
     "spin_drag",
+    "wall_pushes",
 ]
 
 

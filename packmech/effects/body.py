@@ -27,6 +27,12 @@ class Gravity(NamedTuple):
         """Return its energy [energy]."""
         return -mass * (self.x * x + self.y * y + self.z * z)
 
+    def body_second(
+        self, x: float, y: float, z: float, mass: float, radius: float
+    ) -> tuple[float, float, float, float, float, float]:
+        """Return the second derivatives of its energy, xx, yy, zz, yz, xz, xy [energy/length^2]."""
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
 
 @effect
 class BackgroundDamping(NamedTuple):
@@ -105,6 +111,26 @@ class Walls(NamedTuple):
             energy += law_energy(self.law, 2.0 * (self.high - at), 2.0 * radius)
         return energy
 
+    def body_second(
+        self, x: float, y: float, z: float, mass: float, radius: float
+    ) -> tuple[float, float, float, float, float, float]:
+        """Return the second derivatives of its energy, xx, yy, zz, yz, xz, xy [energy/length^2]."""
+        at = x
+        if self.axis == 1.0:
+            at = y
+        if self.axis == 2.0:
+            at = z
+        second = 0.0
+        if at - self.low < radius:
+            second += 4.0 * law_second(self.law, 2.0 * (at - self.low), 2.0 * radius)
+        if self.high - at < radius:
+            second += 4.0 * law_second(self.law, 2.0 * (self.high - at), 2.0 * radius)
+        if self.axis == 0.0:
+            return second, 0.0, 0.0, 0.0, 0.0, 0.0
+        if self.axis == 1.0:
+            return 0.0, second, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, second, 0.0, 0.0, 0.0
+
     def body_stiffness(self, radius: float) -> float:
         """Return the stiffness at contact [energy/length^2]."""
         return 4.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
@@ -128,6 +154,14 @@ def body_energy(effect: Any, x: float, y: float, z: float, mass: float, radius: 
     return 0.0 if hook is None else hook(x, y, z, mass, radius)
 
 
+def body_second(
+    effect: Any, x: float, y: float, z: float, mass: float, radius: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return the second derivatives xx, yy, zz, yz, xz, xy of a particle's energy [energy/length^2]."""
+    hook = getattr(effect, "body_second", None)
+    return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0) if hook is None else hook(x, y, z, mass, radius)
+
+
 def spin_drag(effect: Any) -> float:
     """Return the rate at which one effect lets spins relax to the flow's [1/time]."""
     hook = getattr(effect, "spin_drag", None)
@@ -147,6 +181,14 @@ def _body_energy(effect: Any, x: Any, y: Any, z: Any, mass: Any, radius: Any) ->
     function = hook_of(effect, "body_energy")
     if function is None:
         return lambda effect, x, y, z, mass, radius: 0.0
+    return function
+
+
+@compiled_form(body_second)
+def _body_second(effect: Any, x: Any, y: Any, z: Any, mass: Any, radius: Any) -> Any:
+    function = hook_of(effect, "body_second")
+    if function is None:
+        return lambda effect, x, y, z, mass, radius: (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return function
 
 

@@ -10,6 +10,7 @@ An effect is a NamedTuple of numbers and laws whose class is decorated with `eff
     tangential_force(self, stretch, slip)                force along the contact before Coulomb's cap [force]
     body_force(self, x, y, z, u, v, w, mass, radius)     force on a single particle with the peculiar velocity (u, v, w)
     body_energy(self, x, y, z, mass, radius)             its energy [energy]
+    body_second(self, x, y, z, mass, radius)             its second derivatives xx, yy, zz, yz, xz, xy
     spin_drag(self)                                      rate at which spins relax to the flow's [1/time]
 
 the first three valid for distance < contact_distance. What it leaves out is zero. A class whose pair_first is zero at
@@ -41,6 +42,7 @@ _HOOKS = {
     "tangential_force": 3,
     "body_force": 9,
     "body_energy": 6,
+    "body_second": 6,
     "spin_drag": 1,
 }
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
@@ -253,6 +255,7 @@ def contact_terms(
         distance = np.minimum(distance, sigma)
         touching = np.ones_like(touching)
     energy, first, second = (np.zeros_like(distance) for _ in range(3))
-    if effects:
-        _contact_terms(effects, distance, sigma, touching, energy, first, second)
+    acting = tuple(one for one in effects if not is_bound(one))
+    if acting:
+        _contact_terms(acting, distance, sigma, touching, energy, first, second)
     return ContactTerms(energy, first, second)

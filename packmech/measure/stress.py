@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
-from packmech.effects import contact_terms
+from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
@@ -43,12 +43,12 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
     return net
 
 
-@honors("repulsion friction links", at_rest=True)
+@honors("repulsion friction gravity walls held links", at_rest=True)
 def energy(scene: Scene) -> float:
-    """Return the energy of all touching pairs [energy], each pair counted once.
+    """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
     Equation 19 of the polymer source, with 1/w instead of its double sum. Friction adds that of the tangential springs
-    as they are stretched.
+    as they are stretched; gravity and walls theirs, with particles at their places in the cell.
 
     Parameters
     ----------
@@ -67,15 +67,15 @@ def energy(scene: Scene) -> float:
     whole = float(np.add.reduce(energy_c))
     if friction_of(scene) is not None:
         whole += float(np.add.reduce(tangential_forces(scene, contacts, -first).energy_c))
-    return whole
+    return whole + float(np.add.reduce(single_terms(scene.effects, scene.packing).energy_n))
 
 
-@honors("repulsion friction links", at_rest=True)
+@honors("repulsion friction gravity walls held links", at_rest=True)
 def forces(scene: Scene) -> NDArray[np.float64]:
     """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
 
     What rigid links add to them is not counted (`link_tension` gives it). With friction those of the tangential springs
-    are (`contact_forces` has them one by one).
+    are (`contact_forces` has them one by one), with gravity and walls theirs; particles that are held have none.
 
     Parameters
     ----------
@@ -91,19 +91,29 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
     """
     contacts, _, first = _terms(scene)
-    net = sum_forces(contacts, -first)
+    return _net(scene, contacts, first)
+
+
+def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, d) net forces, those of links left out."""
+    net = sum_forces(contacts, -first_c)
     if friction_of(scene) is not None:
-        net += sum_tangential(contacts, tangential_forces(scene, contacts, -first).force_cd)
+        net += sum_tangential(contacts, tangential_forces(scene, contacts, -first_c).force_cd)
+    net += single_terms(scene.effects, scene.packing).force_nd
+    held = held_particles(scene.effects, scene.packing.particles)
+    if held is not None:
+        net[held] = 0.0
     return net
 
 
-@honors("repulsion friction links", at_rest=True)
+@honors("repulsion friction gravity walls held links", at_rest=True)
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
     sigma_ab = (1/V) (sum over contacts of u' r n_a n_b + sum over links of t r n_a n_b) with the link tensions t: the
     strain derivative of the relaxed energy over the volume (section 8 of the corrected specification). With friction
-    contacts add their tangential force times the vector from center to center.
+    contacts add their tangential force times the vector from center to center. Pushes of walls and other forces on
+    single particles have no part in it: it is the stress that contacts between particles carry.
 
     Parameters
     ----------
@@ -172,7 +182,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction links", at_rest=True)
+@honors("repulsion friction gravity walls held links", at_rest=True)
 def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 
@@ -201,19 +211,24 @@ def pressure(scene: Scene, *, parts: str = "total") -> float:
 def force_balance(scene: Scene) -> tuple[float, float]:
     """Return the largest net force and the mean contact force [force]; both 0 when nothing touches.
 
-    Their ratio is the residual of a run. Rigid links bear what they can of the net forces.
+    Their ratio is the residual of a run. Rigid links bear what they can of the net forces. Forces on single particles
+    that are free count with those of contacts.
     """
     contacts, _, first = _terms(scene)
-    if not len(contacts):
+    single = np.sqrt((single_terms(scene.effects, scene.packing).force_nd ** 2).sum(axis=1))
+    held = held_particles(scene.effects, scene.packing.particles)
+    if held is not None:
+        single[held] = 0.0
+    count = len(contacts) + int(np.count_nonzero(single))
+    if not count:
         return 0.0, 0.0
-    net = sum_forces(contacts, -first)
-    if friction_of(scene) is not None:
-        net += sum_tangential(contacts, tangential_forces(scene, contacts, -first).force_cd)
+    net = _net(scene, contacts, first)
     if scene.packing.links is not None:
         with single_thread():
             links = ConstraintFactor(scene.packing)
             net += sum_forces(links.pairs, -links.tension(contacts, first))
-    return float(np.sqrt((net**2).sum(axis=1)).max()), float(np.abs(first).mean())
+    mean = (np.abs(first).sum() + single.sum()) / count
+    return float(np.sqrt((net**2).sum(axis=1)).max()), float(mean)
 
 
 @honors("repulsion links", at_rest=True)

@@ -21,9 +21,9 @@ from packmech.check import finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import Contacts
 from packmech.contacts.network import distinct_pairs
-from packmech.effects import ContactTerms, contact_terms
+from packmech.effects import ContactTerms, contact_terms, held_particles, single_effects
 from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import NotDefinite, factorize
@@ -38,7 +38,7 @@ from packmech.linalg.mandel import (
 from packmech.measure.counting import remove_rattlers
 from packmech.measure.stress import contact_stress
 from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
-from packmech.mechanics.rattling import held_network
+from packmech.mechanics.rattling import held_network, scene_network
 from packmech.scene import Scene
 
 
@@ -294,7 +294,17 @@ def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
     one_of("volume_curvature", volume_curvature, CURVATURES)
 
 
-@honors("repulsion links", at_rest=True, rough="pm.stiffness_matrix")
+def check_strain_of_box(scene: Scene, strain: str) -> None:
+    """Refuse strains of the box where walls, weights or held particles do not follow it."""
+    held = held_particles(scene.effects, scene.packing.particles)
+    if strain != "none" and (single_effects(scene.effects) or held is not None):
+        raise ValueError(
+            "strain must be 'none' where walls, gravity or held particles are, which follow no strain of the box, got "
+            f"{strain!r}"
+        )
+
+
+@honors("repulsion gravity walls held links", at_rest=True, rough="pm.stiffness_matrix")
 def hessian(
     scene: Scene,
     strain: str = "free",
@@ -314,10 +324,13 @@ def hessian(
     derivatives of the lengths. It means something on motions that the links admit, y = B q with B from
     `change_of_basis`: the second derivatives of the energy along these are B^T H B, for a packing at rest.
 
+    Walls and other potentials of single particles add to the blocks on the diagonal; rows and columns of particles
+    that are held are zero. Such scenes have no strain of the box: walls and weights do not follow it.
+
     Parameters
     ----------
     scene
-        The scene.
+        The scene; with rigid links nothing may act on single particles.
     strain
         What the box may do: "none", "isotropic", "isochoric" or "free". But for "none" all strains are appended. Where
         they are to keep the volume ("isochoric") at its pressure P, "exact" adds the curvature of that constraint;
@@ -352,11 +365,16 @@ def hessian(
     """
     instance("scene", scene, Scene)
     check_choices(kind, strain, volume_curvature)
-    contacts = find_contacts(scene.packing, gap_tolerance=gap_tolerance)
+    check_strain_of_box(scene, strain)
+    (contacts, _, links), free_n, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers="keep")
     terms = closed_terms(scene, contacts)
-    links = None if scene.packing.links is None else ConstraintFactor(scene.packing)
     sums = scene_sums(contacts, terms, kind, links)
+    if second is not None:
+        sums.diagonal_ndd[:] += second
     position = sums.position_matrix()
+    if free_n is not None:
+        moving = sp.diags_array(np.repeat(free_n.astype(float), contacts.dimension), format="csr")
+        position = sp.csr_array(moving @ position @ moving)
     position.eliminate_zeros()
     if strain == "none":
         return position
@@ -373,7 +391,7 @@ def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
 
 
-@honors("repulsion links", at_rest=True, rough="pm.stiffness_matrix")
+@honors("repulsion gravity walls held links", at_rest=True, rough="pm.stiffness_matrix")
 def dynamical_matrix(
     scene: Scene,
     strain: str = "none",
@@ -442,7 +460,7 @@ def dynamical_matrix(
     return result
 
 
-@honors("repulsion links", at_rest=True, rough="pm.stiffness_matrix")
+@honors("repulsion gravity walls held links", at_rest=True, rough="pm.stiffness_matrix")
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,

@@ -6,6 +6,7 @@ import inspect
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,25 +14,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
+from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
+from packmech.contacts import Contacts
+from packmech.effects import ContactTerms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.hessian import (
+    BondSums,
     bordered,
     check_choices,
+    check_strain_of_box,
     closed_terms,
     scene_sums,
     volume_curvature_term,
 )
 from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
-from packmech.mechanics.rattling import held_network
+from packmech.mechanics.rattling import scene_network
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
 # the shift lies this far below zero, in units of (a bound on) the largest eigenvalue
 _SHIFT = 1e-6
 _DENSE_ROWS = 400
+# a translation costs nothing where it costs this part of the largest eigenvalue, which is rounding
+_NO_COST = 1e-12
 _DENSE_LIMIT = 8192
 _ROUNDS = 6
 # enough for all modes that the dense method takes on [bytes]
@@ -107,7 +115,7 @@ class Modes:
         return int(np.count_nonzero((self.eigenvalue_m < 0.0) & ~self.zero_m))
 
 
-@honors("repulsion links", at_rest=True, rough="pm.frictional_modes")
+@honors("repulsion gravity walls held links", at_rest=True, rough="pm.frictional_modes")
 def normal_modes(
     scene: Scene,
     count: int | None = None,
@@ -172,31 +180,27 @@ def normal_modes(
     packing = scene.packing
     mass = packing.mass_n
     scale = scale_of_strain(packing, strain_scale)
-    backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    contacts, index, links = backbone
-    dimension, kept = packing.dimension, len(index)
-    root = np.repeat(np.sqrt(mass[index]), dimension)
+    check_strain_of_box(scene, strain)
+    dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
     with single_thread():
-        terms = closed_terms(scene, contacts)
-        sums = scene_sums(contacts, terms, kind, links)
-        matrix = sums.position_matrix()
+        found = _position_part(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+        matrix, index, links, sums = found.matrix, found.index_n, found.links, found.sums
+        kept = len(index)
+        root = np.repeat(np.sqrt(mass[index]), dimension)
         corner = sums.strain_ee
         if kind == "exact" and strain == "isochoric" and volume_curvature == "det":
-            corner = corner + volume_curvature_term(contacts, terms, links)
+            corner = corner + volume_curvature_term(found.contacts, found.terms, links)
         if strain != "none":
             matrix = bordered(matrix, sums.coupling_xe @ admitted / scale, admitted.T @ corner @ admitted / scale**2)
         weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        translation = np.zeros((len(weight), dimension))
-        for a in range(dimension):
-            translation[a : kept * dimension : dimension, a] = root[a::dimension]
-        if kept:
-            translation /= np.sqrt(mass[index].sum())
+        translation = _translations(matrix, root, dimension, found.anchored)
+        moving = translation.shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
             operator = LinkedOperator(matrix, weighted_rows(links, 1.0 / root, admitted, scale), dimension)
-        available = max(operator.motions - dimension, 0) if kept else 0
+        available = max(operator.motions - moving, 0) if kept else 0
         wanted = available if count is None else min(count, available)
         method = _choose(method, operator.motions, wanted, count)
         largest = float(abs(matrix).sum(axis=0).max()) if kept else 0.0
@@ -221,7 +225,7 @@ def normal_modes(
         strain_me=vector[kept * dimension :].T @ admitted.T / scale,
         residual=worst / largest if largest else 0.0,
         available=available,
-        translations=dimension,
+        translations=moving,
         translation_error=drift / largest if largest else 0.0,
         missed=missed,
         largest=largest,
@@ -229,6 +233,49 @@ def normal_modes(
         method=method,
         seconds=time.process_time() - start,
     )
+
+
+class _PositionPart(NamedTuple):
+    """The second derivatives with respect to the positions of what can move, and what they are made of.
+
+    Whether anything is anchored: to walls, to held particles, by potentials.
+    """
+
+    matrix: sp.csr_array
+    index_n: NDArray[np.int64]
+    links: ConstraintFactor | None
+    contacts: Contacts
+    terms: ContactTerms
+    sums: BondSums
+    anchored: bool
+
+
+def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, rattlers: str) -> _PositionPart:
+    """Return the position part of the Hessian of a scene, what rattles left out unless it is to be kept."""
+    (contacts, index, links), free, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    terms = closed_terms(scene, contacts)
+    sums = scene_sums(contacts, terms, kind, links)
+    if second is not None:
+        sums.diagonal_ndd[:] += second
+    matrix = sums.position_matrix(free)
+    index = index if free is None else index[free]
+    return _PositionPart(matrix, index, links, contacts, terms, sums, second is not None or free is not None)
+
+
+def _translations(
+    matrix: sp.csr_array, root: NDArray[np.float64], dimension: int, anchored: bool
+) -> NDArray[np.float64]:
+    """Return the uniform translations that cost nothing, as orthonormal columns; root are square roots of masses."""
+    translation = np.zeros((matrix.shape[0], dimension))
+    for a in range(dimension):
+        translation[a : len(root) : dimension, a] = root[a::dimension]
+    if not len(root):
+        return translation
+    translation /= np.sqrt((root[::dimension] ** 2).sum())
+    if not anchored:
+        return translation
+    cost = np.sqrt(((matrix @ translation) ** 2).sum(axis=0))
+    return translation[:, cost <= _NO_COST * float(abs(matrix).sum(axis=0).max())]
 
 
 def _choose(method: str, rows: int, wanted: int, count: int | None) -> str:
@@ -388,7 +435,7 @@ class StateDensity:
         return (self.edge_b[1:] + self.edge_b[:-1]) / 2.0
 
 
-@honors("repulsion links", at_rest=True, rough="pm.frictional_modes")
+@honors("repulsion gravity walls held links", at_rest=True, rough="pm.frictional_modes")
 def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,
@@ -440,14 +487,16 @@ def density_of_states(
         return StateDensity(edge, count.astype(np.int64), source.available, time.process_time() - start)
     instance("source", source, Scene)
     one_of("kind", kind, ("exact", "paper", "unstressed"))
-    contacts, index, links = held_network(source.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     dimension = source.packing.dimension
+    found = _position_part(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    index, links = found.index_n, found.links
     if not len(index):
         return StateDensity(_edges(bins, 0.0, 1.0), np.zeros(1, np.int64), 0, time.process_time() - start)
     with single_thread():
-        matrix = scene_sums(contacts, closed_terms(source, contacts), kind, links).position_matrix()
+        matrix = found.matrix
         weight = np.repeat(1.0 / np.sqrt(source.packing.mass_n[index]), dimension)
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
+        moving = _translations(matrix, 1.0 / weight, dimension, found.anchored).shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
             rows = weighted_rows(links, weight, np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)
@@ -460,8 +509,8 @@ def density_of_states(
         level[np.abs(level) < rounding] = -rounding
         below = np.array([operator.below(float(one)) for one in level])
         # uniform translations are zero modes of the matrix, not vibrations
-        below = below - np.where(level > 0.0, dimension, 0)
-    modes = operator.motions - dimension
+        below = below - np.where(level > 0.0, moving, 0)
+    modes = operator.motions - moving
     return StateDensity(edge, np.diff(below).astype(np.int64), modes, time.process_time() - start)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +21,15 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of, rattling_bodies
+from packmech.effects import (
+    Walls,
+    held_particles,
+    needs_second,
+    refuse_single,
+    single_effects,
+    single_terms,
+    wall_pushes,
+)
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
@@ -30,6 +39,7 @@ from packmech.links import image_offsets
 from packmech.mechanics.rigidity import contacts_of
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
+from packmech.scene import Scene
 
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5
@@ -317,14 +327,101 @@ def held_network(packing: Packing, *, gap_tolerance: float | None, rattlers: str
     if held.all():
         links = None if packing.links is None else ConstraintFactor(packing)
         return Network(contacts, np.arange(packing.particles), links)
-    number = np.cumsum(held) - 1
-    kept = contacts.select(held[contacts.i_c] & held[contacts.j_c])
-    renumbered = dataclasses.replace(
-        kept, i_c=number[kept.i_c], j_c=number[kept.j_c], particles=int(np.count_nonzero(held))
-    )
+    renumbered = _among(contacts, held)
     if packing.links is None:
         return Network(renumbered, np.flatnonzero(held))
     if not held.any():
         return Network(renumbered, np.flatnonzero(held), None)
-    left = packing.select(held, packing.links.numbered(np.where(held, number, -1)))
+    left = packing.select(held, packing.links.numbered(np.where(held, np.cumsum(held) - 1, -1)))
     return Network(renumbered, np.flatnonzero(held), None if left.links is None else ConstraintFactor(left))
+
+
+def _among(contacts: Contacts, kept_n: NDArray[np.bool_]) -> Contacts:
+    """Return the contacts among the particles that are kept, numbered by these."""
+    number = np.cumsum(kept_n) - 1
+    kept = contacts.select(kept_n[contacts.i_c] & kept_n[contacts.j_c])
+    return dataclasses.replace(
+        kept, i_c=number[kept.i_c], j_c=number[kept.j_c], particles=int(np.count_nonzero(kept_n))
+    )
+
+
+class SceneNetwork(NamedTuple):
+    """A network with what acts on its single particles.
+
+    Attributes
+    ----------
+    network
+        Contacts, particles and links; those that are held are among the particles.
+    free_n
+        (N',) which of its particles can move; None where all can.
+    second_ndd
+        (N', d, d) second derivatives of the particles' own energies; None where they have none.
+
+    """
+
+    network: Network
+    free_n: NDArray[np.bool_] | None = None
+    second_ndd: NDArray[np.float64] | None = None
+
+
+def scene_network(scene: Scene, *, gap_tolerance: float | None, rattlers: str = "remove") -> SceneNetwork:
+    """Return the network of a scene: walls hold particles as others do, and what has a weight rests on what it touches.
+
+    Parameters
+    ----------
+    scene
+        The scene; with rigid links nothing may act on single particles.
+    gap_tolerance, rattlers
+        As in `held_network`.
+
+    Raises
+    ------
+    ValueError
+        If an effect on single particles has no second derivatives, or there are rigid links beside it.
+
+    """
+    packing, effects = scene.packing, scene.effects
+    acting, held = single_effects(effects), held_particles(effects, packing.particles)
+    if held is None and not acting:
+        return SceneNetwork(held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers))
+    one_of("rattlers", rattlers, RATTLERS)
+    if packing.links is not None:
+        refuse_single(effects, "second derivatives of packings with links")
+    needs_second(effects, "second derivatives")
+    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    second = single_terms(effects, packing).second_ndd
+    stays = np.zeros(packing.particles, dtype=bool) if held is None else held
+    rattling = np.zeros(packing.particles, dtype=bool)
+    if rattlers == "remove":
+        rattling = (contacts.count_n() == 0) & ~(second != 0.0).any(axis=(1, 2)) & ~stays
+        if all(isinstance(one, Walls) for one in acting):
+            rattling = rattlers_between(packing, contacts, effects, stays)
+    kept = ~rattling
+    network = Network(_among(contacts, kept), np.flatnonzero(kept))
+    return SceneNetwork(network, None if held is None else ~held[kept], second[kept] if acting else None)
+
+
+def rattlers_between(
+    packing: Packing, contacts: Contacts, effects: tuple[Any, ...], held_n: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return, for each particle, whether contacts with others and with walls leave it free to move.
+
+    Parameters
+    ----------
+    packing, contacts, effects
+        The packing, its contacts and the scene's effects.
+    held_n
+        (N,) particles that are held.
+
+    """
+    particles, normal, _ = wall_pushes(effects, packing)
+    count = packing.particles
+    # each push of a wall is a contact with a body of its own, which is held
+    own = count + np.arange(len(particles))
+    return rattling_bodies(
+        np.concatenate([contacts.i_c, particles]),
+        np.concatenate([contacts.j_c, own]),
+        np.concatenate([contacts.normal_cd, normal]),
+        count + len(particles),
+        held=np.concatenate([held_n, np.ones(len(particles), dtype=bool)]),
+    )[:count]

@@ -20,6 +20,7 @@ from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import compiled_form, device, inner_kernel, kernel
 from packmech.minimize.pair_list import BLOCK, follow, is_stale
+from packmech.minimize.single_rows import push_rows, survey_rows
 
 # how a chunk of steps ended
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
@@ -58,6 +59,7 @@ class Sums(NamedTuple):
     """What one pass over the forces adds up.
 
     `total` of the contact forces, their number, F.v and F.F over all particles, and the largest squared net force.
+    Forces on single particles (gravity, walls) are counted with those of contacts, where they are not zero.
     """
 
     total: float
@@ -135,7 +137,10 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
             if square < sigma * sigma:
                 total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
                 touching += 1
-        # pairs are sorted by i < j: the forces on this block of rows are complete, and still near
+        # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
+        more, pushed = push_rows(effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
+        total += more
+        touching += pushed
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
             fx = force_nd[i, 0]
             fy = force_nd[i, 1]
@@ -206,13 +211,14 @@ class Survey(NamedTuple):
     """Energy, virial, and largest sum of contact stiffnesses on one particle, half a bound on the largest curvature.
 
     virial_dd is the sum over pairs of (du/dr) n v (outer product), in three dimensions; deepest the largest relative
-    overlap.
+    overlap; contacts the number of touching pairs.
     """
 
     energy: float
     virial_dd: NDArray[np.float64]
     stiffness: float
     deepest: float
+    contacts: int
 
 
 @inner_kernel
@@ -222,6 +228,7 @@ def survey(effects, row, pairs):
     energy = 0.0
     virial = np.zeros((3, 3))
     deepest = 0.0
+    contacts = 0
     within = pairs.count_b[0]
     for p in range(within + pairs.count_b[1]):
         if p < within:
@@ -240,6 +247,7 @@ def survey(effects, row, pairs):
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
             r = math.sqrt(square)
+            contacts += 1
             deepest = max(deepest, (sigma - r) / sigma)
             first = 0.0
             second = 0.0
@@ -260,10 +268,11 @@ def survey(effects, row, pairs):
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
-    stiffness = 0.0
+    more, stiffness = survey_rows(effects, row, stiffness_n)
+    energy += more
     for i in range(row.shape[0]):
         stiffness = max(stiffness, stiffness_n[i])
-    return Survey(energy, virial, stiffness, deepest)
+    return Survey(energy, virial, stiffness, deepest, contacts)
 
 
 @kernel

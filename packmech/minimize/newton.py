@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from packmech.check import instance, integer, positive
 from packmech.contacts import Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.rattlers import rattlers_of
-from packmech.effects import contact_terms
+from packmech.effects import contact_terms, held_particles, needs_second, refuse_single, single_effects, single_terms
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, factorize
 from packmech.measure.stress import sum_forces
@@ -75,6 +75,10 @@ _ARMIJO = 1e-4
 _HALVINGS = 14
 # net forces within this many floors may be rounding: give up there in peace
 _FLOORS = 8.0
+# weights of Simpson's rule
+_SIMPSON = {0.0: 1.0 / 6.0, 0.5: 4.0 / 6.0, 1.0: 1.0 / 6.0}
+# of a coordinate's own stiffness: what smooth walls let slide is held by this much
+_SLIDING = 1e-9
 
 
 class Newton(NamedTuple):
@@ -100,7 +104,7 @@ class Newton(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Positions with their touching contacts and net forces."""
+    """Positions with their touching contacts, net forces, and what acts on single particles."""
 
     position_nd: NDArray[np.float64]
     near: Contacts
@@ -108,6 +112,8 @@ class _State:
     first_c: NDArray[np.float64]
     second_c: NDArray[np.float64]
     net_nd: NDArray[np.float64]
+    single_nd: NDArray[np.float64]
+    single_ndd: NDArray[np.float64]
 
     @property
     def max_force(self) -> float:
@@ -115,7 +121,10 @@ class _State:
 
     @property
     def mean_force(self) -> float:
-        return float(np.abs(self.first_c).mean()) if len(self.touching) else 0.0
+        # forces on single particles count as those of contacts do, where there are any
+        single = np.sqrt((self.single_nd**2).sum(axis=1))
+        count = len(self.touching) + int(np.count_nonzero(single))
+        return float((np.abs(self.first_c).sum() + single.sum()) / count) if count else 0.0
 
     @property
     def residual(self) -> float:
@@ -128,6 +137,8 @@ class _Landscape:
     def __init__(self, packing: Packing, effects: tuple[Any, ...], skin: float) -> None:
         self.packing, self.effects, self.skin = packing, effects, skin
         self.evaluations = 0
+        self.held_n = held_particles(effects, packing.particles)
+        self.pushed = bool(single_effects(effects))
         self._search(packing.position_nd)
 
     def _search(self, position_nd: NDArray[np.float64]) -> None:
@@ -144,12 +155,19 @@ class _Landscape:
         touching = near.select(near.distance_c < near.contact_distance_c)
         terms = contact_terms(self.effects, touching.distance_c, touching.contact_distance_c)
         net = sum_forces(touching, -terms.first_c)
-        return _State(position_nd, near, touching, terms.first_c, terms.second_c, net)
+        single = single_terms(self.effects, self.packing, position_nd)
+        net += single.force_nd
+        if self.held_n is not None:
+            net[self.held_n] = single.force_nd[self.held_n] = 0.0
+        return _State(
+            position_nd, near, touching, terms.first_c, terms.second_c, net, single.force_nd, single.second_ndd
+        )
 
     def floor(self, state: _State) -> float:
         """Return the net force that rounding of the coordinates makes: their spacing times a particle's stiffness."""
         ends = np.concatenate([state.touching.i_c, state.touching.j_c])
-        stiffness = np.bincount(ends, np.tile(state.second_c, 2), minlength=len(state.position_nd)).max(initial=0.0)
+        stiffness_n = np.bincount(ends, np.tile(state.second_c, 2), minlength=len(state.position_nd))
+        stiffness = (stiffness_n + np.abs(state.single_ndd).sum(axis=2).max(axis=1)).max(initial=0.0)
         extent = max(float(np.abs(state.position_nd).max()), float(np.abs(self.packing.box.lattice_dd).max()))
         return float(stiffness * np.spacing(extent))
 
@@ -158,12 +176,20 @@ class _Landscape:
         near = start.near
         step = position_nd - start.position_nd
         change = step[near.j_c] - step[near.i_c]
-        return energy_change(
+        change_of_pairs = energy_change(
             near.vector_cd,
             change,
             near.contact_distance_c,
             lambda distance, sigma: contact_terms(self.effects, distance, sigma).first_c,
         )
+        if not self.pushed:
+            return change_of_pairs
+        places = ((weight, start.position_nd + share * step) for share, weight in _SIMPSON.items())
+        work = sum(
+            weight * float((single_terms(self.effects, self.packing, place).force_nd * step).sum())
+            for weight, place in places
+        )
+        return change_of_pairs - work
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,21 +207,33 @@ class _Curvature:
         return step
 
 
-def _curvature(state: _State, regularization: float) -> _Curvature:
+def _curvature(landscape: _Landscape, state: _State, regularization: float) -> _Curvature:
     """Return the factored Hessian; `regularization` [1] in units of each coordinate's own stiffness is added."""
     touching = state.touching
     count = touching.count_n()
     free = count > 0
-    # one particle of each cluster is held in place of the cluster's translations
-    links = sp.coo_array((np.ones(len(touching)), (touching.i_c, touching.j_c)), shape=(len(free), len(free)))
-    _, cluster_n = connected_components(links, directed=False)
-    order = np.lexsort((-count, cluster_n))
-    free[order[np.concatenate([[True], np.diff(cluster_n[order]) > 0])]] = False
-    rattling = rattlers_of(touching)
+    if landscape.pushed:
+        free |= (state.single_ndd != 0.0).any(axis=(1, 2))
+        regularization = max(regularization, _SLIDING)
+    else:
+        # one particle of each cluster is held in place of the cluster's translations
+        links = sp.coo_array((np.ones(len(touching)), (touching.i_c, touching.j_c)), shape=(len(free), len(free)))
+        _, cluster_n = connected_components(links, directed=False)
+        # one that is held already does
+        weight_n = count if landscape.held_n is None else np.where(landscape.held_n, touching.particles, count)
+        order = np.lexsort((-weight_n, cluster_n))
+        free[order[np.concatenate([[True], np.diff(cluster_n[order]) > 0])]] = False
+    if landscape.held_n is not None:
+        free &= ~landscape.held_n
+    # what is pushed or leans on what is held needs no force to bear
+    alone = landscape.held_n is None and not landscape.pushed
+    rattling = rattlers_of(touching) if alone else np.zeros(touching.particles, dtype=np.bool_)
     weak = rattling[touching.i_c] | rattling[touching.j_c]
     # contacts that hold nobody bend sideways under their own force: leave that out, and regularize it
-    first = np.where(weak, 0.0, state.first_c)
-    matrix = bond_sums(touching, first, state.second_c).position_matrix(free)
+    pushes: NDArray[np.float64] = np.where(weak, 0.0, state.first_c)
+    sums = bond_sums(touching, pushes, state.second_c)
+    sums.diagonal_ndd[:] += state.single_ndd
+    matrix = sums.position_matrix(free)
     if not matrix.shape[0]:
         return _Curvature(factorize(matrix), free, 0, False)
     diagonal = np.abs(matrix.diagonal())
@@ -259,11 +297,13 @@ def polish(
     method = Newton() if method is None else method
     instance("method", method, Newton)
     if packing.links is not None:
+        refuse_single(effects, "Newton's method on packings with links")
         with single_thread():
             return polish_linked(packing, effects, force_tolerance=tolerance, step_limit=limit)
     smallest = float(packing.diameter_n.min())
     landscape = _Landscape(packing, effects, positive("method.skin", method.skin) * smallest)
     longest = positive("method.largest_step", method.largest_step) * smallest
+    needs_second(effects, "Newton's method")
     with single_thread():
         state = best = landscape.at(packing.position_nd)
         steps = regularized = negative = 0
@@ -274,7 +314,7 @@ def polish(
                 outcome = Outcome.UNJAMMED
                 break
             if state.residual <= tolerance or state.max_force <= floor:
-                negative = _curvature(state, 0.0).negative
+                negative = _curvature(landscape, state, 0.0).negative
                 outcome = Outcome.CONVERGED if state.residual <= tolerance else Outcome.ROUNDING_FLOOR
                 outcome = Outcome.UNSTABLE if negative else outcome
                 break
@@ -284,13 +324,13 @@ def polish(
             if time.process_time() > deadline:
                 outcome = Outcome.INTERRUPTED
                 break
-            curvature = _curvature(state, regularization)
+            curvature = _curvature(landscape, state, regularization)
             step = curvature.step(state.net_nd)
             step *= min(1.0, longest / max(float(np.sqrt((step**2).sum(axis=1)).max()), 1e-300))
             reached = _descend(landscape, state, step)
             if reached is None or (reached.max_force > 0.5 * best.max_force and best.max_force <= _FLOORS * floor):
                 near_floor = best.max_force <= _FLOORS * landscape.floor(best)
-                negative = _curvature(best, 0.0).negative
+                negative = _curvature(landscape, best, 0.0).negative
                 outcome = Outcome.ROUNDING_FLOOR if near_floor else Outcome.STALLED
                 outcome = Outcome.UNSTABLE if near_floor and negative else outcome
                 state = best

@@ -34,6 +34,7 @@ from packmech.minimize.kernels import (
     judge,
 )
 from packmech.minimize.pair_list import SKIN_FULL, PairList, empty_list, strain_list
+from packmech.minimize.single_rows import acting_on_rows
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
@@ -262,7 +263,7 @@ class Program:
             energy=float(totals.energy),
             pressure=(0.0 - float(np.trace(stress))) / d,
             stress_dd=stress,
-            contacts=int(sums.touching),
+            contacts=int(totals.contacts),
             max_force=largest,
             mean_force=mean,
             residual=largest / mean if mean > 0 else 0.0,
@@ -510,9 +511,15 @@ def build_program(scene: Scene) -> Program:
         raise ValueError("effects must contain one with an energy, such as Repulsion(...), got none")
     d = packing.dimension
     fraction = packing.position_nd @ packing.box.inverse_dd.T
-    # positions stay as given unless some lie far outside: their image vectors would make the table of images long
-    wrap = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
     order = space_order(packing)
+    single = acting_on_rows(scene, order)
+    if not single:
+        # positions stay as given unless some lie far outside: their image vectors would make the table of images long
+        wrap = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
+    else:
+        # what acts on single particles sees those in the cell
+        wrap = np.floor(fraction)
+        effects = (*effects, *single)
     row = np.zeros((packing.particles, 4))
     row[:, 3] = packing.radius_n[order]
     small, change = packing.box.reduced()

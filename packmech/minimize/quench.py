@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, positive
 from packmech.contacts import crossing_links
-from packmech.effects import Harmonic, Repulsion
+from packmech.effects import FixedParticles, Harmonic, Repulsion, held_particles
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
@@ -39,7 +39,7 @@ _IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
 _FLOORS = 8.0
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion gravity walls held links", at_rest=True)
 def quench(
     scene: Scene,
     *,
@@ -144,6 +144,8 @@ def _default_route(descent: _Descent, tolerance: float) -> Outcome:
     outcome = descent.follow(name, method, max(tolerance, _HAND_OVER))
     if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
         return outcome
+    if descent.to_the_end:
+        return descent.follow(f"{name}, to the end", method, tolerance)
     for _ in range(_KICKS):
         before = descent.program.positions()
         polished = descent.polish(tolerance)
@@ -175,6 +177,12 @@ class _Descent:
         self.newton_steps = 0
         self.evaluations = 0
         self._trace = trace
+        effects, links = scene.effects, scene.packing.links
+        acting = [one for one in effects if hasattr(type(one), "body_energy")]
+        # Newton's method takes second derivatives, and links only where nothing acts on single particles
+        self.to_the_end = not all(hasattr(type(one), "body_second") for one in acting) or (
+            links is not None and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
+        )
 
     def separate_links(self) -> None:
         """Relax deep overlaps of linked particles in the plane without links that pass through each other."""
@@ -192,7 +200,8 @@ class _Descent:
         """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
         if not self.program.diverges or self.program.evaluate().deepest_overlap < _DEEP:
             return None
-        harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)),))
+        held = tuple(one for one in self.scene.effects if isinstance(one, FixedParticles))
+        harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)), *held))
         own, self.program = self.program, build_program(harmonic)
         keep, self._trace = self._trace, None
         outcome = self.follow("harmonic law first", Fire(), 1e-2)
@@ -227,7 +236,7 @@ class _Descent:
         began = self._now()
         done = polish(
             self.packing(),
-            self.program.effects,
+            self.scene.effects,
             force_tolerance=tolerance,
             step_limit=max(step_limit, 0),
             method=method,
@@ -245,7 +254,11 @@ class _Descent:
         """Move every particle a little, each in a fixed direction of its own."""
         packing = self.scene.packing
         turn = np.modf((np.arange(packing.particles)[:, None] + 1.0) * _IRRATIONAL[: packing.dimension])[0]
-        self.program.place(self.program.positions() + _KICK * packing.reference_diameter * (2.0 * turn - 1.0))
+        kick = _KICK * packing.reference_diameter * (2.0 * turn - 1.0)
+        held = held_particles(self.scene.effects, packing.particles)
+        if held is not None:
+            kick[held] = 0.0
+        self.program.place(self.program.positions() + kick)
 
     def packing(self) -> Packing:
         """Return the packing as it is now."""

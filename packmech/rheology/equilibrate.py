@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.check import integer, positive, real, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
-from packmech.effects import BackgroundDamping, Repulsion, is_bound
+from packmech.effects import BackgroundDamping, Bonds, Repulsion
 from packmech.honors import honors
 from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
 from packmech.mechanics.elasticity import elastic_moduli
@@ -164,7 +164,7 @@ def equilibrate(
     direction = strain.direction(scene.packing.dimension)
     largest = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)
-    bonded = any(is_bound(one) for one in scene.effects)
+    bonded = any(isinstance(one, Bonds) for one in scene.effects)
     if frictionless is not None and not isinstance(frictionless, bool):
         raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
     stages: list[Stage] = []

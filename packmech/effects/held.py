@@ -1,0 +1,70 @@
+"""Particles that are held where they are: the grains of a rough wall, a hopper, a floor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.effects.pair import bound_effect
+
+
+@bound_effect
+@dataclass(frozen=True)
+class FixedParticles:
+    """Particles that stay where they are, whatever pushes them: rough walls and hoppers are made of them.
+
+    Nothing else distinguishes them: others touch them as they touch each other. What holds them takes up their net
+    force, so that `forces` is zero for them.
+
+    Parameters
+    ----------
+    particles
+        Their numbers, each once.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.Packing([[1.0, 1.0], [1.9, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    >>> scene = pm.Scene(packing, (pm.Repulsion(), pm.FixedParticles((0,))))
+    >>> pm.forces(scene).round(12).tolist()
+    [[0.0, 0.0], [0.1, 0.0]]
+
+    """
+
+    particles: tuple[int, ...]
+
+    acts_as: ClassVar[str] = "held"
+
+    def __post_init__(self) -> None:
+        given = self.particles
+        if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+            raise TypeError(f"particles must be the numbers of particles, got {given!r}")
+        numbers = list(given)
+        for k, one in enumerate(numbers):
+            if isinstance(one, bool | np.bool_) or not isinstance(one, int | np.integer):
+                raise TypeError(f"particles must be whole numbers, got {one!r} at {k}")
+            if one < 0:
+                raise ValueError(f"particles must not be negative, got {one} at {k}")
+        if len(set(numbers)) < len(numbers):
+            twice = next(one for k, one in enumerate(numbers) if one in numbers[:k])
+            raise ValueError(f"particles must name each particle once, got {twice} twice")
+        object.__setattr__(self, "particles", tuple(sorted(int(one) for one in numbers)))
+
+    def marked(self, count: int) -> NDArray[np.bool_]:
+        """Return which of so many particles are held.
+
+        Raises
+        ------
+        ValueError
+            If there are not so many.
+
+        """
+        if self.particles and self.particles[-1] >= count:
+            raise ValueError(f"particles must be below {count}, got {self.particles[-1]}")
+        held = np.zeros(count, dtype=bool)
+        held[list(self.particles)] = True
+        return held

@@ -1,0 +1,153 @@
+"""What acts on the single particles of a packing at rest: energies, forces and second derivatives, and who is held."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import literal_unroll
+from numpy.typing import NDArray
+
+from packmech.effects.body import Walls, body_energy, body_force, body_second
+from packmech.effects.held import FixedParticles
+from packmech.jit.compiled import kernel
+from packmech.packing import Packing
+
+
+class SingleTerms(NamedTuple):
+    """Energies (N,), forces (N, d) and second derivatives (N, d, d) of particles under what acts on single ones."""
+
+    energy_n: NDArray[np.float64]
+    force_nd: NDArray[np.float64]
+    second_ndd: NDArray[np.float64]
+
+
+def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them."""
+    return tuple(one for one in effects if hasattr(type(one), "body_energy"))
+
+
+def wall_pushes(
+    effects: tuple[Any, ...], packing: Packing
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the particles that walls push, (W,), and (W, d) normals towards the wall and (W,) forces of each push."""
+    particles, normals, forces = [np.zeros(0, dtype=np.int64)], [np.zeros((0, packing.dimension))], [np.zeros(0)]
+    for one in effects:
+        if isinstance(one, Walls):
+            force = single_terms((one,), packing).force_nd
+            size = np.abs(force).sum(axis=1)
+            pushed = np.flatnonzero(size)
+            particles.append(pushed)
+            normals.append(-force[pushed] / size[pushed, None])
+            forces.append(size[pushed])
+    return np.concatenate(particles), np.concatenate(normals), np.concatenate(forces)
+
+
+def needs_second(effects: tuple[Any, ...], what: str) -> None:
+    """Refuse effects on single particles whose second derivatives are not known, for what needs them."""
+    for k, one in enumerate(effects):
+        if hasattr(type(one), "body_energy") and not hasattr(type(one), "body_second"):
+            name = type(one).__qualname__
+            raise ValueError(
+                f"scene.effects[{k}] must have the method body_second(x, y, z, mass, radius) for {what}, got {name} "
+                "without it"
+            )
+
+
+def refuse_single(effects: tuple[Any, ...], what: str) -> None:
+    """Refuse what acts on single particles, and particles that are held."""
+    for k, one in enumerate(effects):
+        if isinstance(one, FixedParticles) or hasattr(type(one), "body_energy"):
+            name = type(one).__qualname__
+            raise ValueError(f"scene.effects[{k}] must not be there for {what}, which would ignore it, got {name}")
+
+
+def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_] | None:
+    """Return (N,) who is held; None where nobody is.
+
+    Raises
+    ------
+    ValueError
+        If one is held that is not there.
+
+    """
+    held = None
+    for k, one in enumerate(effects):
+        if isinstance(one, FixedParticles):
+            if one.particles and one.particles[-1] >= particles:
+                raise ValueError(
+                    f"scene.effects[{k}].particles must be below {particles}, the number of particles, got "
+                    f"{one.particles[-1]}"
+                )
+            held = one.marked(particles) if held is None else held | one.marked(particles)
+    return held
+
+
+@kernel
+def _single_terms(effects, position_n3, mass_n, radius_n, energy_n, force_n3, second_n6):  # type: ignore[no-untyped-def]
+    for i in range(position_n3.shape[0]):
+        x, y, z = position_n3[i, 0], position_n3[i, 1], position_n3[i, 2]
+        energy = fx = fy = fz = 0.0
+        xx = yy = zz = yz = xz = xy = 0.0
+        for one in literal_unroll(effects):
+            energy += body_energy(one, x, y, z, mass_n[i], radius_n[i])
+            force = body_force(one, x, y, z, 0.0, 0.0, 0.0, mass_n[i], radius_n[i])
+            fx += force[0]
+            fy += force[1]
+            fz += force[2]
+            second = body_second(one, x, y, z, mass_n[i], radius_n[i])
+            xx += second[0]
+            yy += second[1]
+            zz += second[2]
+            yz += second[3]
+            xz += second[4]
+            xy += second[5]
+        energy_n[i] = energy
+        force_n3[i, 0], force_n3[i, 1], force_n3[i, 2] = fx, fy, fz
+        second_n6[i, 0], second_n6[i, 1], second_n6[i, 2] = xx, yy, zz
+        second_n6[i, 3], second_n6[i, 4], second_n6[i, 5] = yz, xz, xy
+
+
+# places in a symmetric matrix of the six second derivatives
+_PLACES = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+
+
+def places_in_cell(packing: Packing, position_nd: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Return the (N, 3) places that walls and potentials see: those of the images in the cell.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    position_nd
+        Other positions of its particles, near its own: the image is that of the packing's.
+
+    """
+    own = packing.position_nd
+    wrap = np.floor(own @ packing.box.inverse_dd.T)
+    place = np.zeros((packing.particles, 3))
+    place[:, : packing.dimension] = (own if position_nd is None else position_nd) - wrap @ packing.box.lattice_dd.T
+    return place
+
+
+def single_terms(
+    effects: tuple[Any, ...], packing: Packing, position_nd: NDArray[np.float64] | None = None
+) -> SingleTerms:
+    """Return what the effects on single particles make of the packing's; zeros where there are none.
+
+    Parameters
+    ----------
+    effects
+        The scene's effects.
+    packing, position_nd
+        As in `places_in_cell`.
+
+    """
+    n, d = packing.particles, packing.dimension
+    energy, force, second = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 6))
+    acting = single_effects(effects)
+    if acting:
+        place = places_in_cell(packing, position_nd)
+        mass = np.ascontiguousarray(packing.mass_n, dtype=np.float64)
+        _single_terms(acting, place, mass, packing.radius_n, energy, force, second)
+    return SingleTerms(energy, force[:, :d], second[:, _PLACES[:d, :d]])

@@ -1,0 +1,170 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""What acts on single particles, inside the loops of minimizers: rows are pushed once their contacts are summed.
+
+It travels in the tuple of effects as records of its own: loops of scenes without it have no code for it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import literal_unroll
+from numpy.typing import NDArray
+
+from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
+from packmech.jit.compiled import compiled_form, device
+from packmech.scene import Scene
+
+
+class RowsPushed(NamedTuple):
+    """Effects on single particles, masses by row, who is held all the same, and a contact's stiffness.
+
+    The stiffness [energy/length^2] sets the step where nothing touches yet.
+    """
+
+    single: Any
+    mass_n: NDArray[np.float64]
+    held_n: NDArray[np.bool_]
+    stiffness: float
+
+
+class RowsHeld(NamedTuple):
+    """Who is held, by rows."""
+
+    held_n: NDArray[np.bool_]
+
+
+def acting_on_rows(scene: Scene, order_n: NDArray[np.int64]) -> tuple[Any, ...]:
+    """Return what acts on single particles and who is held, by rows; nothing where neither is."""
+    packing = scene.packing
+    single, held = single_effects(scene.effects), held_particles(scene.effects, packing.particles)
+    rows: list[Any] = []
+    held_n = np.zeros(packing.particles, dtype=np.bool_) if held is None else held[order_n]
+    if single:
+        sigma = packing.reference_diameter
+        stiffness = sum(abs(float(pair_second(one, 0.99 * sigma, sigma))) for one in scene.effects)
+        rows.append(RowsPushed(single, np.ascontiguousarray(packing.mass_n[order_n]), held_n, stiffness))
+    if held is not None:
+        if packing.links is not None:
+            bound = held[packing.links.i_l] | held[packing.links.j_l]
+            if bound.any():
+                raise ValueError(
+                    "scene.effects must hold no particle that is linked, got FixedParticles with an end of link "
+                    f"{int(np.argmax(bound))}"
+                )
+        rows.append(RowsHeld(held_n))
+    return tuple(rows)
+
+
+@device
+def _push(rows, axes, row, force_nd, low, high):
+    total = 0.0
+    pushed = 0
+    for i in range(low, high):
+        fx = fy = fz = 0.0
+        for one in literal_unroll(rows.single):
+            x, y, z = body_force(one, row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, rows.mass_n[i], row[i, 3])
+            fx += x
+            fy += y
+            fz += z
+        square = fx * fx + fy * fy
+        force_nd[i, 0] += fx
+        force_nd[i, 1] += fy
+        if len(axes) == 3:
+            force_nd[i, 2] += fz
+            square += fz * fz
+        if square != 0.0 and not rows.held_n[i]:
+            total += math.sqrt(square)
+            pushed += 1
+    return total, pushed
+
+
+@device
+def _hold(rows, axes, row, force_nd, low, high):
+    for i in range(low, high):
+        if rows.held_n[i]:
+            for a in range(len(axes)):
+                force_nd[i, a] = 0.0
+    return 0.0, 0
+
+
+def _push_rows(one: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> tuple[float, int]:
+    if isinstance(one, RowsPushed | RowsHeld):
+        act: Any = _push if isinstance(one, RowsPushed) else _hold
+        total, pushed = act(one, axes, row, force_nd, low, high)
+        return total, pushed
+    return 0.0, 0
+
+
+@compiled_form(_push_rows)
+def _choose_push_rows(one: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
+    kind = getattr(one, "instance_class", None)
+    if kind is RowsPushed:
+        return _push
+    if kind is RowsHeld:
+        return _hold
+    return lambda one, axes, row, force_nd, low, high: (0.0, 0)
+
+
+@device
+def push_rows(effects, axes, row, force_nd, low, high):
+    """Add what acts on single rows to their forces, none on those that are held; return its total and how many."""
+    total = 0.0
+    pushed = 0
+    for one in literal_unroll(effects):
+        more, count = _push_rows(one, axes, row, force_nd, low, high)
+        total += more
+        pushed += count
+    return total, pushed
+
+
+@device
+def _survey_pushed(rows, row, stiffness_n):
+    energy = 0.0
+    for i in range(row.shape[0]):
+        x, y, z, mass, radius = row[i, 0], row[i, 1], row[i, 2], rows.mass_n[i], row[i, 3]
+        for one in literal_unroll(rows.single):
+            energy += body_energy(one, x, y, z, mass, radius)
+            xx, yy, zz, yz, xz, xy = body_second(one, x, y, z, mass, radius)
+            stiffness_n[i] += max(abs(xx), abs(yy), abs(zz)) + abs(yz) + abs(xz) + abs(xy)
+    return energy, rows.stiffness
+
+
+@device
+def _survey_held(rows, row, stiffness_n):
+    for i in range(row.shape[0]):
+        if rows.held_n[i]:
+            stiffness_n[i] = 0.0
+    return 0.0, 0.0
+
+
+def _survey_rows(one: Any, row: Any, stiffness_n: Any) -> tuple[float, float]:
+    if isinstance(one, RowsPushed | RowsHeld):
+        look: Any = _survey_pushed if isinstance(one, RowsPushed) else _survey_held
+        energy, stiffness = look(one, row, stiffness_n)
+        return energy, stiffness
+    return 0.0, 0.0
+
+
+@compiled_form(_survey_rows)
+def _choose_survey_rows(one: Any, row: Any, stiffness_n: Any) -> Any:
+    kind = getattr(one, "instance_class", None)
+    if kind is RowsPushed:
+        return _survey_pushed
+    if kind is RowsHeld:
+        return _survey_held
+    return lambda one, row, stiffness_n: (0.0, 0.0)
+
+
+@device
+def survey_rows(effects, row, stiffness_n):
+    """Return the energies of what acts on single rows and a stiffness of contacts; add its own to stiffness_n."""
+    energy = 0.0
+    stiffness = 0.0
+    for one in literal_unroll(effects):
+        more, least = _survey_rows(one, row, stiffness_n)
+        energy += more
+        stiffness = max(stiffness, least)
+    return energy, stiffness
