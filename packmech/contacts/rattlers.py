@@ -197,6 +197,39 @@ def _find_rattling(
                 length += 1
 
 
+@kernel
+def _ends_by_particle(
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    normal_cd: NDArray[np.float64],
+    arm_c: NDArray[np.float64],
+    particles: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ends of contacts by particle: where each one's begin, neighbors, outward normals, and arms if any."""
+    count, d = normal_cd.shape
+    start = np.zeros(particles + 1, np.int64)
+    for c in range(count):
+        start[i_c[c] + 1] += 1
+        start[j_c[c] + 1] += 1
+    for n in range(particles):
+        start[n + 1] += start[n]
+    place = start[:-1].copy()
+    neighbor = np.empty(2 * count, np.int64)
+    outward = np.empty((2 * count, d))
+    arm = np.empty(2 * count if len(arm_c) else 0)
+    for side in range(2):
+        for c in range(count):
+            own, other = (i_c[c], j_c[c]) if side == 0 else (j_c[c], i_c[c])
+            h = place[own]
+            place[own] += 1
+            neighbor[h] = other
+            for k in range(d):
+                outward[h, k] = normal_cd[c, k] if side == 0 else -normal_cd[c, k]
+            if len(arm_c):
+                arm[h] = arm_c[c]
+    return start, neighbor, outward, arm
+
+
 def rattling_bodies(
     i_c: NDArray[np.int64],
     j_c: NDArray[np.int64],
@@ -210,17 +243,11 @@ def rattling_bodies(
     With friction, whether no forces within the friction cones balance on it: it has fewer than two contacts, or the
     chord between its two lies outside a cone, and so on. Those that are held rattle never.
     """
-    own = np.concatenate([i_c, j_c])
-    order = np.argsort(own, kind="stable")
-    contacts = np.bincount(own, minlength=particles)
-    start = np.concatenate([[0], np.cumsum(contacts)])
-    neighbor = np.concatenate([j_c, i_c])[order]
-    outward = np.concatenate([normal_cd, -normal_cd])[order]
+    arm_c = np.zeros(0) if friction is None else friction.arm_c
+    start, neighbor, outward, arm = _ends_by_particle(i_c, j_c, normal_cd, arm_c, particles)
     rattling = np.zeros(particles, dtype=bool)
-    room = np.empty((contacts.max(initial=0), normal_cd.shape[1]))
-    cones = None
-    if friction is not None:
-        cones = float(friction.coefficient), np.concatenate([friction.arm_c, friction.arm_c])[order]
+    room = np.empty((np.diff(start).max(initial=0), normal_cd.shape[1]))
+    cones = None if friction is None else (float(friction.coefficient), arm)
     queue = np.arange(particles)
     waiting = np.ones(particles, dtype=bool)
     length = particles

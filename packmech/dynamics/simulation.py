@@ -498,7 +498,7 @@ class SimulationTask:
         self.watch = watch_of(scene, strain, settings.dt)
         # at least so often is what happens observed: often enough that an interrupt is seen
         often = steps_between_observations(strain, settings.dt, scene.packing.particles)
-        self.observe_every = min(max(1, 1_000_000 // self.engine.state.push.size), often)
+        self.observe_every = min(max(1, 2_000_000 // self.engine.state.push.size), often)
         self.start = self.last = np.zeros(COLUMNS)
         self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))
         self.reached = 0
