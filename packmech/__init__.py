@@ -53,6 +53,8 @@ _PUBLIC = {
     "SimulateDrive": "packmech.scene",
     "SteadyShearDrive": "packmech.scene",
     "WallModuli": "packmech.rheology.walls",
+    "WallContacts": "packmech.measure.walls",
+    "wall_contacts": "packmech.measure.walls",
     "rough_plates": "packmech.rheology.walls",
     "Scene": "packmech.scene",
     "list_scenes": "packmech.scenes.scene_file",

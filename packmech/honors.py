@@ -113,6 +113,11 @@ class Honors:
             return ABSENT
         return NOTHING if self.at_rest and column in ("damping", "drag") else REFUSED
 
+    def _refuses(self, effect: Any, column: str) -> bool:
+        """Return whether the call refuses an effect of a column: a push without an energy lets nothing come to rest."""
+        pushes = self.at_rest and column == "gravity" and not hasattr(effect, "body_energy")
+        return pushes or self.answer(column) == REFUSED
+
     def check(self, name: str, subject: Any) -> None:
         """Refuse what a scene or a packing holds and the call does not honor; other values pass, and fail there.
 
@@ -123,7 +128,7 @@ class Honors:
 
         """
         for k, one in enumerate(getattr(subject, "effects", ())):
-            column = next((each for each in columns_of(one) if self.answer(each) == REFUSED), None)
+            column = next((each for each in columns_of(one) if self._refuses(one, each)), None)
             if column is not None:
                 kind = type(one).__qualname__
                 raise ValueError(

@@ -40,6 +40,7 @@ def effects(silent=None):
         "gravity": pm.Gravity(0.0, 0.0) if silent == "gravity" else pm.Gravity(0.01, -0.02),
         "walls": pm.Walls(1.0, -9.0 if silent == "walls" else 0.15, 9.0 if silent == "walls" else 3.2),
         "drag": pm.BackgroundDamping(0.0 if silent == "drag" else 0.1),
+        "held": pm.FixedParticles(() if silent == "held" else (3,)),
     }
 
 
@@ -99,6 +100,7 @@ RESTING = {
     "stiffness_matrix": lambda scene: pm.stiffness_matrix(scene).toarray(),
     "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
     "compliance_matrix": lambda scene: pm.compliance_matrix(scene),
+    "wall_contacts": lambda scene: pm.wall_contacts(scene).force_w,
     "classify_jamming": lambda scene: [len(pm.classify_jamming(scene).strict)],
 }
 
@@ -167,7 +169,8 @@ def test_links_are_refused_by_calls_that_would_ignore_them():
 def test_every_effect_changes_a_call_that_honors_it(call):
     """A compiled loop of all effects, and the same with one of them of no strength: the answers differ."""
     honored = [column for column in EFFECTS if CALLS[call].answer(column) == HONORED]
-    assert honored == list(EFFECTS)
+    # a box that deforms says nothing of where particles are held
+    assert honored == [column for column in EFFECTS if column != "held" or call == "simulate"]
     whole = MOVING[call](scene_of(*honored))
     assert np.isfinite(whole).all()
     for column in honored:
@@ -191,7 +194,9 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         tangential=pm.TangentialDisplacements(contacts.i_c, contacts.j_c, contacts.image_cd, springs)
     )
     # what pressing does with friction takes its time: tests/protocols/test_press.py
-    honoring = [name for name in RESTING if CALLS[name].answer("friction") == HONORED and name != "jam"]
+    # smooth walls know no friction
+    left_out = {"jam", "wall_contacts"}
+    honoring = [name for name in RESTING if CALLS[name].answer("friction") == HONORED and name not in left_out]
     assert {"contact_forces", "elastic_moduli", "frictional_modes", "stiffness_matrix", "torques"} <= set(honoring)
     for call in honoring:
         rough, slack = (
@@ -200,6 +205,39 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         # forces across the contacts have no part in the trace of the stress
         differs = rough.shape != slack.shape or np.abs(rough - slack).max() > 1e-9
         assert differs is not (call == "pressure"), call
+
+
+# effects on single particles have no strain of the box
+IN_A_FIXED_BOX = RESTING | {
+    "hessian": lambda scene: pm.hessian(scene, "none").toarray(),
+}
+
+
+@pytest.mark.parametrize("column", ["gravity", "walls", "held"])
+def test_effects_on_single_particles_change_every_call_at_rest_that_honors_them(column):
+    lattice = at_rest()
+    packing = lattice.replace(position_nd=lattice.position_nd + 1e-3 * np.cos(np.arange(18.0)).reshape(9, 2))
+    low = float(packing.position_nd[:, 1].min())
+    floor = pm.Walls(1, low - 0.3, 99.0)
+    acting, silent = {
+        "gravity": ((floor, pm.Gravity(0.0, -0.01)), (floor, pm.Gravity(0.0, 0.0))),
+        "walls": ((floor,), (pm.Walls(1, -99.0, 99.0),)),
+        "held": ((pm.FixedParticles((3,)),), (pm.FixedParticles(()),)),
+    }[column]
+    honoring = [name for name in IN_A_FIXED_BOX if CALLS[name].answer(column) == HONORED]
+    assert {"energy", "forces", "hessian", "normal_modes", "quench"} <= set(honoring)
+    # contacts between particles have no part in what single ones are pushed by, weights no curvature, held no energy
+    unchanged = {"stress_tensor", "pressure"} | {
+        "gravity": {"hessian", "dynamical_matrix", "perturbation_energy", "wall_contacts"},
+        "walls": set(),
+        "held": {"energy", "wall_contacts"},
+    }[column]
+    for call in honoring:
+        one, other = (
+            np.asarray(IN_A_FIXED_BOX[call](pm.Scene(packing, (pm.Repulsion(), *given)))) for given in (acting, silent)
+        )
+        differs = one.shape != other.shape or np.abs(one - other).max(initial=0.0) > 1e-9
+        assert differs is not (call in unchanged), call
 
 
 def test_what_is_said_to_be_used_instead_honors_what_was_refused():

@@ -56,7 +56,6 @@ from packmech.effects.single import (
     refuse_single,
     single_effects,
     single_terms,
-    wall_pushes,
 )
 
 __all__ = [
@@ -109,7 +108,6 @@ __all__ = [
     "single_effects",
     "single_terms",
     "spin_drag",
-    "wall_pushes",
 ]
 
 

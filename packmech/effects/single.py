@@ -8,7 +8,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.effects.body import Walls, body_energy, body_force, body_second
+from packmech.effects.body import body_energy, body_force, body_second
 from packmech.effects.held import FixedParticles
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
@@ -25,22 +25,6 @@ class SingleTerms(NamedTuple):
 def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them."""
     return tuple(one for one in effects if hasattr(type(one), "body_energy"))
-
-
-def wall_pushes(
-    effects: tuple[Any, ...], packing: Packing
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the particles that walls push, (W,), and (W, d) normals towards the wall and (W,) forces of each push."""
-    particles, normals, forces = [np.zeros(0, dtype=np.int64)], [np.zeros((0, packing.dimension))], [np.zeros(0)]
-    for one in effects:
-        if isinstance(one, Walls):
-            force = single_terms((one,), packing).force_nd
-            size = np.abs(force).sum(axis=1)
-            pushed = np.flatnonzero(size)
-            particles.append(pushed)
-            normals.append(-force[pushed] / size[pushed, None])
-            forces.append(size[pushed])
-    return np.concatenate(particles), np.concatenate(normals), np.concatenate(forces)
 
 
 def needs_second(effects: tuple[Any, ...], what: str) -> None:

@@ -28,7 +28,6 @@ from packmech.effects import (
     refuse_single,
     single_effects,
     single_terms,
-    wall_pushes,
 )
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -36,6 +35,7 @@ from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
+from packmech.measure.walls import wall_contacts_of
 from packmech.mechanics.rigidity import contacts_of
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
@@ -414,14 +414,13 @@ def rattlers_between(
         (N,) particles that are held.
 
     """
-    particles, normal, _ = wall_pushes(effects, packing)
-    count = packing.particles
-    # each push of a wall is a contact with a body of its own, which is held
-    own = count + np.arange(len(particles))
+    walls, count = wall_contacts_of(effects, packing), packing.particles
+    # each contact with a wall is one with a body of its own, which is held
+    own = count + np.arange(len(walls))
     return rattling_bodies(
-        np.concatenate([contacts.i_c, particles]),
+        np.concatenate([contacts.i_c, walls.particle_w]),
         np.concatenate([contacts.j_c, own]),
-        np.concatenate([contacts.normal_cd, normal]),
-        count + len(particles),
-        held=np.concatenate([held_n, np.ones(len(particles), dtype=bool)]),
+        np.concatenate([contacts.normal_cd, walls.normal_wd]),
+        count + len(walls),
+        held=np.concatenate([held_n, np.ones(len(walls), dtype=bool)]),
     )[:count]

@@ -1,0 +1,88 @@
+"""Contacts with walls: who touches which wall, and how hard."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.effects import Walls, held_particles, single_terms
+from packmech.honors import honors
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+
+class WallContacts(NamedTuple):
+    """Contacts of particles with walls, sorted by effect, low wall before high one, and particle.
+
+    Attributes
+    ----------
+    particle_w
+        (W,) particles.
+    wall_w
+        (W,) place of each wall's effect among the effects of the scene.
+    normal_wd
+        (W, d) unit vectors from the particle to the wall.
+    force_w
+        (W,) forces with which particle and wall push each other [force].
+
+    """
+
+    particle_w: NDArray[np.int64]
+    wall_w: NDArray[np.int64]
+    normal_wd: NDArray[np.float64]
+    force_w: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.particle_w)
+
+    def on_walls(self) -> NDArray[np.float64]:
+        """Return the (d,) force of all particles on all walls [force]."""
+        return np.asarray(self.force_w @ self.normal_wd)
+
+
+def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts:
+    """Return the contacts of a packing with the walls among the effects; one that just touches counts as open."""
+    found = [WallContacts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension)), np.zeros(0))]
+    held = held_particles(effects, packing.particles)
+    for k, one in enumerate(effects):
+        if not isinstance(one, Walls):
+            continue
+        for side in (one._replace(high=np.inf), one._replace(low=-np.inf)):
+            force = single_terms((side,), packing).force_nd
+            if held is not None:
+                force[held] = 0.0
+            size = np.abs(force).sum(axis=1)
+            pushed = np.flatnonzero(size)
+            normal = -force[pushed] / size[pushed, None]
+            found.append(WallContacts(pushed, np.full(len(pushed), k), normal, size[pushed]))
+    return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+@honors("repulsion friction gravity walls held links", at_rest=True)
+def wall_contacts(scene: Scene) -> WallContacts:
+    """Return which particles touch walls, and how hard; those that are held do not count.
+
+    Parameters
+    ----------
+    scene
+        The scene; without `Walls` the answer is empty.
+
+    Raises
+    ------
+    TypeError
+        If it is no scene.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> ball = pm.Packing([[1.0, 1.45]], [0.5], pm.Box.cubic(4.0, 2))
+    >>> floor = pm.wall_contacts(pm.Scene(ball, (pm.Repulsion(), pm.Walls(1, 1.0, 3.0))))
+    >>> floor.on_walls().round(12).tolist()
+    [0.0, -0.2]
+
+    """
+    instance("scene", scene, Scene)
+    return wall_contacts_of(scene.effects, scene.packing)
