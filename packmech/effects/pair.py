@@ -7,7 +7,6 @@ An effect is a NamedTuple of numbers and laws whose class is decorated with `eff
     this;
                                                          rate = d(distance)/dt
     pair_second(self, distance, contact_distance)        second radial derivative [force/length]
-    tangential_force(self, stretch, slip)                force along the contact before Coulomb's cap [force]
     body_force(self, x, y, z, u, v, w, mass, radius)     force on a single particle with the peculiar velocity (u, v, w)
     body_energy(self, x, y, z, mass, radius)             its energy [energy]
     body_second(self, x, y, z, mass, radius)             its second derivatives xx, yy, zz, yz, xz, xy
@@ -88,6 +87,8 @@ def effect(cls: E) -> E:
     for name, function in hooks.items():
         if len(inspect.signature(function).parameters) != _HOOKS[name]:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
+    if "tangential_force" in hooks and any("tangential_force" in known for known in _COMPILED.values()):
+        raise TypeError(f"effect {cls.__name__} must not define tangential_force: friction is that of Friction alone")
     said = getattr(cls, "acts_as", EFFECTS[0])
     if said not in EFFECTS:
         raise ValueError(f"effect {cls.__name__}.acts_as must be one of {', '.join(EFFECTS)}, got {said!r}")
