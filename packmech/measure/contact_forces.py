@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.friction_cones import FrictionCones
-from packmech.contacts.rattlers import rattling_bodies
-from packmech.effects import contact_terms
+from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.stress import sum_forces
+from packmech.measure.walls import rattlers_of_scene
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force
@@ -55,18 +55,26 @@ class ContactForces:
 
     @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
-        """The (N, d) net forces [force]."""
-        return sum_forces(self.contacts, self.normal_c) + sum_tangential(self.contacts, self.tangential_cd)
+        """The (N, d) net forces, weights and pushes of walls included, none on what is held [force]."""
+        net = sum_forces(self.contacts, self.normal_c) + sum_tangential(self.contacts, self.tangential_cd)
+        return self._free(net + single_terms(self.scene.effects, self.scene.packing).force_nd)
 
     @functools.cached_property
     def torque_nk(self) -> NDArray[np.float64]:
-        """The (N, 1) net torques in the plane, (N, 3) in space, about each center [force * length].
+        """The (N, 1) net torques in the plane, (N, 3) in space, about each center, none on what is held.
 
-        Arms are the particles' shares of the distance, r_i d / (r_i + r_j), as in `Friction`.
+        In [force * length]. Arms are the particles' shares of the distance, r_i d / (r_i + r_j), as in `Friction`.
         """
         moment = _cross(self.contacts.normal_cd, self.tangential_cd)
         arm_i, arm_j = self._arms()
-        return sum_both(self.contacts, arm_i[:, None] * moment, arm_j[:, None] * moment)
+        return self._free(sum_both(self.contacts, arm_i[:, None] * moment, arm_j[:, None] * moment))
+
+    def _free(self, sum_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sums over contacts, zero for particles that are held."""
+        held = held_particles(self.scene.effects, len(sum_nk))
+        if held is not None:
+            sum_nk[held] = 0.0
+        return sum_nk
 
     @property
     def residual(self) -> float:
@@ -104,13 +112,14 @@ class ContactForces:
         Taken out again and again are particles that fewer than two force-bearing contacts touch, or whose contacts
         cannot balance force and torque by any forces within the friction cones. Two contacts suffice where the chord
         between them lies in both cones; so held, a sphere can still spin about it (`spinning_n`). Without friction it
-        is the rule of `find_rattlers`, for the force-bearing contacts.
+        is the rule of `find_rattlers`, for the force-bearing contacts. Particles that are held never rattle; those with
+        a weight do where they touch nothing.
         """
         bearing, mu = self.contacts.select(self.bearing_c), _coefficient(self.scene)
         cones = None
         if mu > 0.0:
             cones = FrictionCones(mu, bearing.distance_c / bearing.contact_distance_c)
-        return rattling_bodies(bearing.i_c, bearing.j_c, bearing.normal_cd, bearing.particles, cones)
+        return rattlers_of_scene(self.scene.packing, bearing, self.scene.effects, cones)
 
     @property
     def spinning_n(self) -> NDArray[np.bool_]:
@@ -181,12 +190,13 @@ def _coefficient(scene: Scene) -> float:
     return 0.0 if friction is None else friction.coefficient
 
 
-@honors("repulsion friction", at_rest=True)
+@honors("repulsion friction gravity walls held", at_rest=True)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
     Tangential forces are the stiffness of `Friction` times the packing's tangential displacements
-    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force.
+    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Smooth walls have
+    contacts of their own (`wall_contacts`); their pushes and weights count in the net forces.
 
     Parameters
     ----------
@@ -218,7 +228,7 @@ def contact_forces(scene: Scene) -> ContactForces:
     return ContactForces(scene, contacts, -first, found.force_cd, found.at_limit_c)
 
 
-@honors("repulsion friction", at_rest=True)
+@honors("repulsion friction gravity walls held", at_rest=True)
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 

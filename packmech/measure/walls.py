@@ -1,4 +1,4 @@
-"""Contacts with walls: who touches which wall, and how hard."""
+"""Contacts with walls: who touches which wall, and how hard; and who rattles where more than contacts holds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
-from packmech.effects import Walls, held_particles, single_terms
+from packmech.contacts import Contacts
+from packmech.contacts.friction_cones import FrictionCones
+from packmech.contacts.rattlers import rattling_bodies
+from packmech.effects import Walls, held_particles, single_effects, single_terms
 from packmech.honors import honors
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -86,3 +89,41 @@ def wall_contacts(scene: Scene) -> WallContacts:
     """
     instance("scene", scene, Scene)
     return wall_contacts_of(scene.effects, scene.packing)
+
+
+def rattlers_of_scene(
+    packing: Packing, contacts: Contacts, effects: tuple[Any, ...], cones: FrictionCones | None = None
+) -> NDArray[np.bool_]:
+    """Return, for each particle, whether contacts with others, walls and what is held leave it free to move.
+
+    What has a weight, or feels another potential, presses on whatever it touches: it rattles only where it touches
+    nothing.
+
+    Parameters
+    ----------
+    packing, contacts, effects
+        The packing, its contacts and the scene's effects.
+    cones
+        Friction of the contacts; None without. Walls are smooth: with friction, who touches one counts as held, for the
+        cones are those of particles.
+
+    """
+    count = packing.particles
+    held = held_particles(effects, count)
+    held_n = np.zeros(count, dtype=bool) if held is None else held
+    walls = wall_contacts_of(effects, packing)
+    on_wall = np.bincount(walls.particle_w, minlength=count) > 0
+    if not all(isinstance(one, Walls) for one in single_effects(effects)):
+        return np.asarray((contacts.count_n() == 0) & ~on_wall & ~held_n)
+    if cones is not None:
+        held_n = held_n | on_wall
+        return rattling_bodies(contacts.i_c, contacts.j_c, contacts.normal_cd, count, cones, held_n)
+    # each contact with a wall is one with a body of its own, which is held
+    own = count + np.arange(len(walls))
+    return rattling_bodies(
+        np.concatenate([contacts.i_c, walls.particle_w]),
+        np.concatenate([contacts.j_c, own]),
+        np.concatenate([contacts.normal_cd, walls.normal_wd]),
+        count + len(walls),
+        held=np.concatenate([held_n, np.ones(len(walls), dtype=bool)]),
+    )[:count]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,7 +22,6 @@ from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of, rattling_bodies
 from packmech.effects import (
-    Walls,
     held_particles,
     needs_second,
     refuse_single,
@@ -35,7 +34,7 @@ from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
-from packmech.measure.walls import wall_contacts_of
+from packmech.measure.walls import rattlers_of_scene
 from packmech.mechanics.rigidity import contacts_of
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
@@ -390,37 +389,9 @@ def scene_network(scene: Scene, *, gap_tolerance: float | None, rattlers: str = 
     needs_second(effects, "second derivatives")
     contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     second = single_terms(effects, packing).second_ndd
-    stays = np.zeros(packing.particles, dtype=bool) if held is None else held
     rattling = np.zeros(packing.particles, dtype=bool)
     if rattlers == "remove":
-        rattling = (contacts.count_n() == 0) & ~(second != 0.0).any(axis=(1, 2)) & ~stays
-        if all(isinstance(one, Walls) for one in acting):
-            rattling = rattlers_between(packing, contacts, effects, stays)
+        rattling = rattlers_of_scene(packing, contacts, effects)
     kept = ~rattling
     network = Network(_among(contacts, kept), np.flatnonzero(kept))
     return SceneNetwork(network, None if held is None else ~held[kept], second[kept] if acting else None)
-
-
-def rattlers_between(
-    packing: Packing, contacts: Contacts, effects: tuple[Any, ...], held_n: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return, for each particle, whether contacts with others and with walls leave it free to move.
-
-    Parameters
-    ----------
-    packing, contacts, effects
-        The packing, its contacts and the scene's effects.
-    held_n
-        (N,) particles that are held.
-
-    """
-    walls, count = wall_contacts_of(effects, packing), packing.particles
-    # each contact with a wall is one with a body of its own, which is held
-    own = count + np.arange(len(walls))
-    return rattling_bodies(
-        np.concatenate([contacts.i_c, walls.particle_w]),
-        np.concatenate([contacts.j_c, own]),
-        np.concatenate([contacts.normal_cd, walls.normal_wd]),
-        count + len(walls),
-        held=np.concatenate([held_n, np.ones(len(walls), dtype=bool)]),
-    )[:count]

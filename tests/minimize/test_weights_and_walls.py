@@ -236,3 +236,28 @@ def test_a_file_keeps_held_particles(tmp_path):
     path = tmp_path / "pile.toml"
     pm.write_scene(scene, path)
     assert pm.read_scene(path).effects == scene.effects
+
+
+def test_frictional_grains_settle_on_a_rough_floor_with_forces_and_torques_in_balance():
+    sizes = pm.Bidisperse(ratio=1.4)
+    loose = pm.random_packing(40, dimension=2, sizes=sizes, packing_fraction=0.35, seed=7)
+    floor_x = np.arange(0.0, loose.box.lattice_dd[0, 0] - 0.6, 0.9)
+    grains = len(floor_x)
+    position = np.vstack([np.column_stack([floor_x, np.full(grains, 0.5)]), loose.position_nd + [0.0, 1.5]])
+    radius = np.concatenate([np.full(grains, 0.5), loose.radius_n])
+    box = pm.Box(loose.box.lattice_dd + np.diag([0.0, 6.0]))
+    packing = pm.Packing(position, radius, box)
+    acting = (pm.Repulsion(), pm.Friction(0.4, 0.5, 0.3), pm.ContactDamping(0.5), pm.BackgroundDamping(0.2))
+    scene = pm.Scene(packing, (*acting, pm.Gravity(0.0, -G), pm.FixedParticles(tuple(range(grains)))))
+    run = pm.simulate(scene, steps=40_000, dt=0.2)
+    found = pm.contact_forces(scene.replace(packing=run.packing))
+    assert found.residual < 1e-8
+    weight = G * packing.mass_n[grains:].sum()
+    # what the floor bears: the forces on grains that are held, but for those between them
+    both = (found.contacts.i_c < grains) & (found.contacts.j_c < grains)
+    on_floor = np.zeros(2)
+    for ends, sign in ((found.contacts.i_c, 1.0), (found.contacts.j_c, -1.0)):
+        on_floor += sign * found.force_cd[(ends < grains) & ~both].sum(axis=0)
+    assert on_floor == pytest.approx([0.0, -weight], abs=1e-7 * weight)
+    assert not found.rattlers_n[:grains].any()
+    assert np.abs(found.tangential_cd).max() > 0.01 * weight / 40
