@@ -52,6 +52,8 @@ _PUBLIC = {
     "ShearStabilizeDrive": "packmech.scene",
     "SimulateDrive": "packmech.scene",
     "SteadyShearDrive": "packmech.scene",
+    "PressureShear": "packmech.rheology.at_pressure",
+    "shear_at_pressure": "packmech.rheology.at_pressure",
     "WallModuli": "packmech.rheology.walls",
     "WallContacts": "packmech.measure.walls",
     "wall_contacts": "packmech.measure.walls",

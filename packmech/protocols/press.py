@@ -10,14 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import integer, positive
-from packmech.dynamics.deformation import Ramp
-from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
-from packmech.dynamics.observables import CONTACTS, KINETIC, LARGEST_FORCE, ROTATIONAL, TOTAL, tensors
+from packmech.dynamics.spans import Spans
 from packmech.effects import BackgroundDamping, Repulsion
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
-from packmech.minimize.kernels import RUNNING
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
@@ -85,8 +82,14 @@ class Press:
         elif scene.packing.tangential is None:
             # overlaps of a random start would press where nothing is jammed
             bare = Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
-            start = quench(bare, force_tolerance=1e-3, check=False).packing
-            scene = scene.replace(packing=start)
+            with protocol.stage("relaxing the start") as figures:
+                start = quench(bare, force_tolerance=1e-3, time_limit=protocol.loop.time_left, check=False)
+                figures.residual, figures.steps, figures.force_evaluations = (
+                    start.residual, start.steps, start.force_evaluations
+                )  # fmt: skip
+            scene = scene.replace(packing=start.packing)
+            if not start.ok:
+                return start.packing, start.outcome
         pressing = _Pressing(self, protocol, scene, pressure * scene.pressure_unit)
         with protocol.stage("pressing") as figures:
             outcome = Outcome.FINISHED
@@ -119,11 +122,18 @@ class _Pressing:
         d = packing.dimension
         self.answer = _ANSWER * self.tau
         self.modulus = stiff * packing.reference_diameter ** (2 - d)
-        self.packing, self.velocity = packing, np.zeros_like(packing.position_nd)
-        self.spin: NDArray[np.float64] | None = None
-        self.steps = 0
-        self._look(self._engine(np.zeros((d, d))))
+        self.spans = Spans(self.scene, self.dt)
         self.calm = 0
+
+    @property
+    def packing(self) -> Packing:
+        """The packing as it is now."""
+        return self.spans.scene.packing
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return self.spans.steps
 
     def press(self) -> Outcome:
         """Let the strains follow the stress for a span, under the drag."""
@@ -139,18 +149,17 @@ class _Pressing:
         energy where it has most of it, however slow it is (dynamic relaxation, Cundall 1976).
         """
         spans, energy = 0, 0.0
-        self.scene = self.scene.replace(effects=self.scene.effects[:-1])
+        self.spans.scene = self.spans.scene.replace(effects=self.spans.scene.effects[:-1])
         while True:
             missing = self._missing()
             outcome = self._advance(self._rate(missing))
             if outcome is not Outcome.FINISHED:
                 return outcome
             spans += 1
-            before, energy = energy, float(self.row[KINETIC] + self.row[ROTATIONAL])
+            before, energy = energy, self.spans.kinetic_energy
             if energy < before:
-                self.velocity[:], energy = 0.0, 0.0
-                if self.spin is not None:
-                    self.spin[:] = 0.0
+                self.spans.stop()
+                energy = 0.0
             quiet = self.figures()[0] <= self.method.force_tolerance
             if spans % _LOOK == 0 and quiet and float(np.abs(missing).max()) <= _PRESSED * self.pressure:
                 found = contact_forces(self.protocol.scene.replace(packing=self.packing))
@@ -160,7 +169,7 @@ class _Pressing:
     def _missing(self) -> NDArray[np.float64]:
         """Return the (d, d) stress that is missing to the pressure, its trace alone where the box keeps its shape."""
         d = self.packing.dimension
-        missing = self.stress + self.pressure * np.eye(d)
+        missing = self.spans.stress_dd + self.pressure * np.eye(d)
         if len(self.protocol.basis_kdd) == 1:
             missing = np.trace(missing) / d * np.eye(d)
         return np.asarray(0.5 * (missing + missing.T))
@@ -170,24 +179,21 @@ class _Pressing:
         fastest = self.method.rate / self.tau
         size = float(np.abs(missing_dd).max())
         # few contacts press by collisions and drag alone: nothing is jammed yet
-        dilute = self.row[CONTACTS] < self.packing.particles
+        dilute = self.spans.contacts < self.packing.particles
         rate = fastest if dilute else min(fastest, size / (self.modulus * self.answer))
         return -rate / size * missing_dd if size > 0.0 else missing_dd
 
     def figures(self, before: int = 0) -> tuple[float, int, int]:
         """Return residual, steps since a number of them, and force evaluations."""
-        mean = self.row[TOTAL] / self.row[CONTACTS] if self.row[CONTACTS] else 0.0
-        residual = float(self.row[LARGEST_FORCE] / mean) if mean > 0.0 else math.nan
-        return residual, self.steps - before, self.steps - before
+        return self.spans.residual, self.steps - before, self.steps - before
 
     def report(self) -> dict[str, Any]:
         """Return what pressing adds to the report of the run."""
-        kinetic = float(self.row[KINETIC] + self.row[ROTATIONAL])
         return {
             "rate": self.method.rate,
             "time": self.steps * self.dt / self.tau,
             # over the work that the pressure would do on the whole volume
-            "kinetic_energy": kinetic / (self.pressure * self.packing.box.volume),
+            "kinetic_energy": self.spans.kinetic_energy / (self.pressure * self.packing.box.volume),
         }
 
     def _advance(self, rate_dd: NDArray[np.float64]) -> Outcome:
@@ -196,29 +202,8 @@ class _Pressing:
         steps = min(self.span, self.method.step_limit - self.steps)
         if steps <= 0:
             return Outcome.STEP_LIMIT
-        engine = self._engine(rate_dd)
-        if engine.advance(steps) != RUNNING:
+        if not self.spans.advance(rate_dd, steps):
             return Outcome.STEP_TOO_LONG
-        self.steps += steps
-        self.packing, self.velocity, self.spin = engine.packing(), engine.velocities(), engine.spins()
-        self._look(engine)
         self.protocol.last = self.packing
         self.protocol.loop.report("pressing", packing=self.packing, steps=self.steps, residual=self.figures()[0])
         return Outcome.FINISHED
-
-    def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
-        """Return the engine of what is there now, in a box that deforms at this rate."""
-        size = float(np.abs(rate_dd).max())
-        return build_engine(
-            self.scene.replace(packing=self.packing),
-            dt=self.dt,
-            velocity_nd=self.velocity,
-            spin_nk=self.spin,
-            profile=Ramp(0.0, size, 0.0, math.inf),
-            direction_dd=rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
-        )
-
-    def _look(self, engine: Engine) -> None:
-        """Measure."""
-        self.row = engine.observe()
-        self.stress = tensors(self.row, self.packing.dimension, engine.box().volume)["overall"]

@@ -97,6 +97,10 @@ AGREEMENT["measure/links"] = Agreement(
     _ONE_FACTOR,
     {"*.tension": _ROUNDING, "*.total": _ROUNDING, "*.links": _ROUNDING, "*.pressure": Near(0.0, 1e-15)},
 )
+AGREEMENT["jamming/motions played"] = Agreement(
+    "motions are told relative to the backbone, whose mean displacement is another sum than that of all particles",
+    {f"{name}.*": _ROUNDING for name in ("square, strictly", "blocked", "links")},
+)
 AGREEMENT["mechanics/Hessians"] = Agreement(_ONE_FACTOR, {"trimers, exact.*": _ROUNDING})
 AGREEMENT["jamming/verdicts with links"] = Agreement(_ONE_FACTOR, {"*.rest.residual": Near(0.0, 1e-14)})
 AGREEMENT["mechanics/modes and spectra"] = Agreement(_ONE_FACTOR, {"*.translation_error": Near(0.0, 1e-15)})
@@ -682,9 +686,13 @@ for _name in SCENES:
     case(f"scenes/{_name}", name=_name)(shipped_scene)
 
 
+# scenes that ship since
+NEW_SCENES = {"rough-discs"}
+
+
 @case("files/drives")
 def drives(pm):
-    found = {"shipped": sorted(pm.list_scenes())}
+    found = {"shipped": sorted(set(pm.list_scenes()) - NEW_SCENES)}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         for name, drive in DRIVES.items():

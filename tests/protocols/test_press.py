@@ -84,7 +84,7 @@ def test_a_packing_file_keeps_what_holds_it(tmp_path):
 def test_limits_are_outcomes():
     scene, _ = pressed(0.5)
     few = pm.jam(scene, pressure=1e-3, method=pm.Press(step_limit=500), check=False)
-    assert few.outcome is pm.Outcome.STEP_LIMIT and few.steps == 500
+    assert few.outcome is pm.Outcome.STEP_LIMIT and few.stages[-1].steps == 500
     with pytest.raises(pm.NotConverged):
         pm.jam(scene, pressure=1e-3, method=pm.Press(step_limit=500))
     late = pm.jam(scene, pressure=1e-3, time_limit=1e-6, check=False)

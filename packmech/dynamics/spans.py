@@ -1,0 +1,119 @@
+"""Motion in spans of time steps: in each the box deforms at one rate, which answers to the stress at its start."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics.deformation import Ramp
+from packmech.dynamics.engine import Engine, build_engine
+from packmech.dynamics.observables import (
+    CONTACTS,
+    KINETIC,
+    LARGEST_FORCE,
+    POTENTIAL,
+    ROTATIONAL,
+    SLIDING,
+    TANGENTIAL,
+    TOTAL,
+    tensors,
+)
+from packmech.minimize.kernels import RUNNING
+from packmech.scene import Scene
+
+
+class Spans:
+    """A scene on its way through time, in a box whose rate of strain is chosen anew for every span of steps.
+
+    Attributes
+    ----------
+    scene
+        The scene as it is now.
+    velocity_nd, spin_nk
+        (N, d) velocities relative to the box's flow, (N, 1 or 3) spins or None.
+    steps
+        Steps taken.
+    stress_dd
+        (d, d) stress now, kinetic and torques' parts included; tension positive [energy/length^d].
+
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        dt: float,
+        velocity_nd: NDArray[np.float64] | None = None,
+        spin_nk: NDArray[np.float64] | None = None,
+        threads: int = 1,
+    ) -> None:
+        self.scene, self.dt, self.steps, self.threads = scene, dt, 0, threads
+        self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
+        self.spin_nk = spin_nk
+        d = scene.packing.dimension
+        self._look(self._engine(np.zeros((d, d))))
+
+    def advance(self, rate_dd: NDArray[np.float64], steps: int) -> bool:
+        """Take so many steps in which the box deforms at this (d, d) rate; return whether they were short enough.
+
+        The deformation gradient is 1 + t rate from the start of the span on; where steps were too long everything stays
+        as it was.
+        """
+        engine = self._engine(rate_dd)
+        if engine.advance(steps) != RUNNING:
+            return False
+        self.steps += steps
+        self.scene = self.scene.replace(packing=engine.packing())
+        self.velocity_nd, self.spin_nk = engine.velocities(), engine.spins()
+        self._look(engine)
+        return True
+
+    def stop(self) -> None:
+        """Take all motion relative to the box's flow away."""
+        self.velocity_nd = np.zeros_like(self.velocity_nd)
+        if self.spin_nk is not None:
+            self.spin_nk = np.zeros_like(self.spin_nk)
+
+    @property
+    def contacts(self) -> int:
+        """Number of touching pairs."""
+        return int(self.row[CONTACTS])
+
+    @property
+    def sliding(self) -> int:
+        """Number of contacts at the Coulomb limit."""
+        return int(self.row[SLIDING])
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Kinetic energy, of spins too, relative to the box's flow [energy]."""
+        return float(self.row[KINETIC] + self.row[ROTATIONAL])
+
+    @property
+    def potential_energy(self) -> float:
+        """Energy of contacts, tangential springs and single particles [energy]."""
+        return float(self.row[POTENTIAL] + self.row[TANGENTIAL])
+
+    @property
+    def residual(self) -> float:
+        """Largest net force over the mean contact force [1]; nan where nothing touches."""
+        mean = self.row[TOTAL] / self.row[CONTACTS] if self.row[CONTACTS] else 0.0
+        return float(self.row[LARGEST_FORCE] / mean) if mean > 0.0 else math.nan
+
+    def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
+        """Return the engine of what is there now, in a box that deforms at this rate."""
+        size = float(np.abs(rate_dd).max())
+        return build_engine(
+            self.scene,
+            dt=self.dt,
+            velocity_nd=self.velocity_nd,
+            spin_nk=self.spin_nk,
+            profile=Ramp(0.0, size, 0.0, math.inf),
+            direction_dd=rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
+            threads=self.threads,
+        )
+
+    def _look(self, engine: Engine) -> None:
+        self.row = engine.observe()
+        self.stress_dd = tensors(self.row, self.scene.packing.dimension, engine.box().volume)["overall"]

@@ -1,0 +1,290 @@
+"""Steady shear at constant pressure: the box dilates as its contents ask for."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, integer, positive, real, two_axes
+from packmech.dynamics.engine import refuse_misfits
+from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
+from packmech.dynamics.spans import Spans
+from packmech.honors import honors
+from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.counting import packing_fraction
+from packmech.measure.signals import block_mean
+from packmech.result import Outcome, Row, Run, Stage
+from packmech.scene import Scene
+
+# time between two looks at the stress, over that of a contact, and most strain between them
+_SPAN, _STRAIN = 10.0, 0.01
+# largest excess of the pressure that the box answers to, over the pressure
+_SHOCK = 10.0
+# fraction of the shortest time of a contact that a step takes
+_STEP = 0.1
+STAGE = "shear at constant pressure"
+
+
+@dataclass(frozen=True)
+class PressureShear(Run):
+    """A run of steady shear at constant pressure.
+
+    Attributes
+    ----------
+    rate, pressure
+        The shear rate [1/time], and the pressure that was asked for [energy/length^d].
+    strain_t
+        (T,) shear strains [1].
+    shear_stress_t, pressure_t
+        (T,) stresses, kinetic parts included [energy/length^d].
+    packing_fraction_t
+        (T,) packing fractions, overlaps of contacts counted in full [1].
+    contacts_t, sliding_t
+        (T,) touching pairs, and those of them at the Coulomb limit.
+    steady_t
+        (T,) which of these count as steady.
+    blocks
+        Into so many blocks the steady part is cut for errors.
+
+    """
+
+    rate: float = 0.0
+    pressure: float = 0.0
+    strain_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    shear_stress_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    pressure_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    packing_fraction_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    contacts_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    sliding_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    steady_t: NDArray[np.bool_] = None  # type: ignore[assignment]
+    blocks: int = 8
+
+    @property
+    def inertial_number(self) -> float:
+        """Rate sqrt(m / (P d^(dim - 2))) with the mean mass and diameter [1].
+
+        da Cruz et al., Phys. Rev. E 72, 021309 (2005).
+        """
+        packing = self.packing
+        size = float(packing.diameter_n.mean()) ** (packing.dimension - 2)
+        return float(self.rate * math.sqrt(packing.mass_n.mean() / (self.pressure * size)))
+
+    def mean(self, value_t: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the mean of a signal over the steady part and its error by blocks; nan where it is too short."""
+        steady = np.asarray(value_t, dtype=np.float64)[self.steady_t]
+        return block_mean(steady, self.blocks) if len(steady) >= 2 * self.blocks else (math.nan, math.nan)
+
+    @property
+    def stress_ratio(self) -> tuple[float, float]:
+        """Mean shear stress over the mean pressure, and its error [1]."""
+        stress, error = self.mean(self.shear_stress_t)
+        pressure = self.mean(self.pressure_t)[0]
+        return stress / pressure, error / pressure
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the run reached by name, as plain values."""
+        means = {
+            "stress_ratio": self.stress_ratio,
+            "packing_fraction": self.mean(self.packing_fraction_t),
+            "mean_pressure": self.mean(self.pressure_t),
+            "mean_contacts": self.mean(2.0 * self.contacts_t / self.packing.particles),
+        }
+        errors = {f"{name}_error": error for name, (_, error) in means.items()}
+        asked = {"rate": self.rate, "pressure": self.pressure, "inertial_number": self.inertial_number}
+        return {**super().to_dict(), **asked, **{name: value for name, (value, _) in means.items()}, **errors}
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return f"{super().title}, sheared at constant pressure"
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        numbers = self.to_dict()
+        named = (
+            ("stress over pressure", "stress_ratio", "their means"),
+            ("packing fraction", "packing_fraction", "overlaps of contacts counted in full"),
+            ("pressure", "mean_pressure", f"asked for {self.pressure:g}"),
+            ("contacts a particle", "mean_contacts", ""),
+        )
+        return [
+            *super().rows()[:1],
+            ("inertial number", f"{self.inertial_number:.4g}", f"at the rate {self.rate:g}"),
+            *((words, f"{numbers[name]:.5g} +- {numbers[name + '_error']:.2g}", what) for words, name, what in named),
+        ]
+
+
+@honors("repulsion damping friction bonds drag")
+def shear_at_pressure(
+    scene: Scene,
+    *,
+    rate: float,
+    pressure: float,
+    applied_strain: float = 5.0,
+    skip_strain: float = 1.0,
+    blocks: int = 8,
+    axes: tuple[int, int] = (0, 1),
+    answer: float = 10.0,
+    dt: float | None = None,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> PressureShear:
+    """Return a run of steady shear in a box whose volume follows the pressure.
+
+    The box shears at a constant rate, x along y, and dilates at the rate e = (p - P) / (answer tau K) with the pressure
+    p of the moment, kinetic parts included, the pressure P asked for, the stiffness k of a contact, K = k d^(2 - dim)
+    and tau = sqrt(m / k) of the mean mass; p - P counts up to 10 P. It is a barostat without mass, which has the mean
+    pressure right where everything is steady. A start of another volume takes a time of answer tau (K / P) times what
+    is missing of ln V: begin near the packing fraction to come, or skip more strain where rates are high. Stress is
+    looked at every 10 tau or every hundredth of strain. Velocities are peculiar ones, as in `ramp_strain`; nothing is
+    thermostatted: dashpots and friction take what shear puts in.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    rate
+        Shear rate [1/time].
+    pressure
+        The pressure [energy/length^d].
+    applied_strain, skip_strain
+        How far the shear goes, and how much of it is not yet steady and does not count [1].
+    blocks
+        The strain that counts is cut into so many blocks, whose means give the errors.
+    axes
+        Direction of the flow, and of its gradient.
+    answer
+        Time in which a box as stiff as a contact follows the pressure [tau]. Means do not depend on it.
+    dt
+        Time step; a tenth of the shortest time of a contact unless given.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called now and then as progress(stage, figures).
+    check
+        Raise NotConverged when the outcome is not a success; otherwise return the run all the same.
+
+    Returns
+    -------
+    PressureShear
+        Signals over the strain, and means over its steady part with their errors.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If a time step is too long and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was reached.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(60, dimension=2, packing_fraction=0.8, seed=1)
+    >>> effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5))
+    >>> run = pm.shear_at_pressure(pm.Scene(packing, effects), rate=3e-3, pressure=1e-3, applied_strain=2.0)
+    >>> bool(abs(run.mean(run.pressure_t)[0] / 1e-3 - 1.0) < 0.1), bool(0.1 < run.stress_ratio[0] < 0.5)
+    (True, True)
+
+    """
+    instance("scene", scene, Scene)
+    refuse_misfits(scene)
+    if scene.packing.links is not None:
+        raise ValueError(f"scene.packing must have no rigid links, got {len(scene.packing.links)}")
+    positive("rate", rate), positive("pressure", pressure), positive("answer", answer)
+    end = positive("applied_strain", applied_strain)
+    skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
+    integer("blocks", blocks, at_least=2)
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
+    step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
+    settings = run_settings(time_limit=time_limit, progress=progress, check=check)
+    shearing = _Shearing(scene, rate, pressure, pair, answer, step, settings.threads)
+    loop = RunLoop(settings)
+    return loop.run(lambda: shearing.until(end, loop), lambda outcome: shearing.finish(outcome, skip, blocks))
+
+
+class _Shearing:
+    """A box on its way, span by span."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        rate: float,
+        pressure: float,
+        axes: tuple[int, int],
+        answer: float,
+        dt: float,
+        threads: int,
+    ) -> None:
+        self.began = time.process_time()
+        self.rate, self.pressure, self.axes = rate, pressure, axes
+        packing = scene.packing
+        d = packing.dimension
+        stiff = stiffness_and_damping(scene)[0]
+        tau = math.sqrt(float(packing.mass_n.mean()) / stiff)
+        # rate of dilation over a missing pressure
+        self.follow = 1.0 / (answer * tau * stiff * float(packing.diameter_n.mean()) ** (2 - d))
+        self.steps_of_span = max(1, int(min(_SPAN * tau, _STRAIN / rate) / dt))
+        self.spans = Spans(scene, dt, threads=threads)
+        self.volume = packing_fraction(packing) * packing.box.volume
+        self.rows: list[tuple[float, ...]] = []
+
+    def until(self, strain: float, loop: RunLoop) -> Outcome:
+        """Shear up to a strain."""
+        spans = math.ceil(strain / (self.rate * self.spans.dt * self.steps_of_span) * (1.0 - 1e-12))
+        d = self.spans.scene.packing.dimension
+        for _ in range(spans):
+            loop.check_time()
+            # overlaps of a start open the box no faster than this
+            missing = min(self._pressure() - self.pressure, _SHOCK * self.pressure)
+            rate_dd = np.eye(d) * self.follow * missing
+            rate_dd[self.axes] += self.rate
+            if not self.spans.advance(rate_dd, self.steps_of_span):
+                return Outcome.STEP_TOO_LONG
+            self._keep()
+            loop.report(STAGE, strain=self.rows[-1][0], stress=self.rows[-1][1], packing_fraction=self.rows[-1][3])
+        return Outcome.FINISHED
+
+    def _pressure(self) -> float:
+        stress = self.spans.stress_dd
+        return -float(np.trace(stress)) / len(stress)
+
+    def _keep(self) -> None:
+        a, b = self.axes
+        spans = self.spans
+        stress = 0.5 * float(spans.stress_dd[a, b] + spans.stress_dd[b, a])
+        fraction = self.volume / spans.scene.packing.box.volume
+        strain = spans.steps * spans.dt * self.rate
+        self.rows.append((strain, stress, self._pressure(), fraction, spans.contacts, spans.sliding))
+
+    def finish(self, outcome: Outcome, skip: float, blocks: int) -> PressureShear:
+        """Return the run as far as it came."""
+        spans = self.spans
+        seconds = time.process_time() - self.began
+        strain, stress, pressure, fraction, contacts, sliding = np.array(self.rows).reshape(-1, 6).T.copy()
+        return PressureShear(
+            packing=spans.scene.packing,
+            outcome=outcome,
+            residual=spans.residual,
+            steps=spans.steps,
+            force_evaluations=spans.steps,
+            seconds=seconds,
+            stages=(Stage(STAGE, spans.residual, spans.steps, spans.steps, seconds, ""),),
+            rate=self.rate,
+            pressure=self.pressure,
+            strain_t=strain,
+            shear_stress_t=stress,
+            pressure_t=pressure,
+            packing_fraction_t=fraction,
+            contacts_t=contacts.astype(np.int64),
+            sliding_t=sliding.astype(np.int64),
+            steady_t=strain > skip * (1.0 + 1e-12),
+            blocks=blocks,
+        )
