@@ -26,6 +26,7 @@ VERBS = {
     "effects": "Say which call honors which effect of a scene.",
     "accuracy": "Measure what accuracy costs in time: tables and figures.",
     "scaling": "Follow packings over pressure to the jamming point: how moduli, contacts and energy fall.",
+    "inertia": "Shear discs with friction: stress over the inertial number, at constant pressure and volume; resumes.",
     "friction": "Press packings with more and more friction: packing fraction and coordination; resumes what it finds.",
     "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
     "preset": "Hold the reference model against its package's tables; exit code 1 if a row fails.",

@@ -457,8 +457,8 @@ STATED: dict[str, dict[str, Any]] = {
 }
 
 
-# Linked packings in the plane with deep overlaps are relaxed first so that no links cross; the tag lets them cross. These
-# modules begin with that stage, which is left out here so that everything after it can be compared;
+# Linked packings in the plane with deep overlaps are relaxed first so that no links cross; the tag lets them cross.
+# These modules begin with that stage, which is left out here so that everything after it can be compared;
 # tests/minimize/test_linked_minimizers.py proves what it does.
 LEFT_OUT = ("packmech.minimize.quench", "packmech.protocols.linked_jam")
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech.result import Outcome
+from packmech.validation.studies.rows import complete_rows
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 COEFFICIENTS = (0.0, 0.01, 0.1, 0.5, 1.0, 10.0)
@@ -78,16 +78,6 @@ def press(
     )
 
 
-def read_pressed(path: Path) -> list[Pressed]:
-    """Return the packings of a table; none where there is no file."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        kinds: list[type] = [int if one.type == "int" else float for one in fields(Pressed)]
-        rows = list(csv.reader(file))[1:]
-        return [Pressed(*(kind(value) for kind, value in zip(kinds, row, strict=True))) for row in rows]
-
-
 def press_all(
     path: Path,
     *,
@@ -102,21 +92,7 @@ def press_all(
 ) -> list[Pressed]:
     """Return packings of all combinations; each is written to the table once it is there, and found there again."""
     wanted = list(itertools.product((dimension,), (particles,), coefficients, ratios, pressures, rates, seeds))
-    known = {one.settings: one for one in read_pressed(path)}
-    names = [one.name for one in fields(Pressed)]
-    last: Pressed | None = None
-    for count, settings in enumerate(wanted):
-        progress(count, len(wanted), last)
-        if settings in known:
-            continue
-        known[settings] = last = press(*settings)
-        fresh = not path.exists()
-        with path.open("a", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, names)
-            if fresh:
-                writer.writeheader()
-            writer.writerow(asdict(last))
-    return [known[settings] for settings in wanted]
+    return complete_rows(path, Pressed, wanted, press, progress)
 
 
 def over_friction(

@@ -4,12 +4,13 @@ import numpy as np
 
 from packmech.cli import execute
 from packmech.validation.studies import friction
+from packmech.validation.studies.rows import read_rows
 
 
 def test_what_was_pressed_is_found_again_and_drawn(tmp_path, monkeypatch, capsys):
     words = "--particles 24 --packings 1 --pressures 1e-3 --coefficients 0 1 --out".split()
     assert execute(["friction", *words, str(tmp_path)]) == 0
-    found = friction.read_pressed(tmp_path / "friction-2d.csv")
+    found = read_rows(tmp_path / "friction-2d.csv", friction.Pressed)
     smooth, rough = sorted(found, key=lambda one: one.coefficient)
     assert rough.packing_fraction < smooth.packing_fraction
     assert rough.coordination_number < smooth.coordination_number
@@ -18,7 +19,7 @@ def test_what_was_pressed_is_found_again_and_drawn(tmp_path, monkeypatch, capsys
     # nothing is pressed again
     monkeypatch.setattr(friction, "press", None)
     assert execute(["friction", *words, str(tmp_path)]) == 0
-    assert friction.read_pressed(tmp_path / "friction-2d.csv") == found
+    assert read_rows(tmp_path / "friction-2d.csv", friction.Pressed) == found
     assert "friction-2d.png" in capsys.readouterr().out
 
 
