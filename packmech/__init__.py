@@ -53,6 +53,7 @@ _PUBLIC = {
     "SimulateDrive": "packmech.scene",
     "SteadyShearDrive": "packmech.scene",
     "PressureShear": "packmech.rheology.at_pressure",
+    "shear_jam": "packmech.protocols.shear_jam",
     "shear_at_pressure": "packmech.rheology.at_pressure",
     "WallModuli": "packmech.rheology.walls",
     "WallContacts": "packmech.measure.walls",

@@ -556,6 +556,7 @@ def good(name, folder):
         "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "Bonds": {"i_b": [0], "j_b": [1], "image_bd": [[0, 0]], "rest_length_b": [1.0]},
         "FixedParticles": {"particles": (0, 3)},
+        "shear_jam": {"scene": scene(), "pressure": 1e-3, "largest_strain": 0.01},
         "shear_at_pressure": {
             "scene": scene(),
             "rate": 0.01,

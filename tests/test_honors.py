@@ -68,6 +68,11 @@ MOVING = {
             scene, rate=0.05, pressure=0.01, applied_strain=0.05, skip_strain=0.0, dt=0.02
         ).packing.position_nd
     ),
+    "shear_jam": lambda scene: (
+        pm.shear_jam(
+            scene, pressure=1e-4, step=0.01, largest_strain=0.01, step_limit=2000, check=False
+        ).packing.position_nd
+    ),
     "creep": lambda scene: pm.creep(scene, stress=0.01, duration=0.4, **COMMON).strain_t,
     "steady_shear": lambda scene: (
         pm.steady_shear(scene, rates=[0.1], applied_strain=0.05, skip_strain=0.0, blocks=2, dt=0.02)
@@ -175,7 +180,8 @@ def test_every_effect_changes_a_call_that_honors_it(call):
     """A compiled loop of all effects, and the same with one of them of no strength: the answers differ."""
     honored = [column for column in EFFECTS if CALLS[call].answer(column) == HONORED]
     # a box that deforms says nothing of where particles are held
-    left_out = {"simulate": (), "shear_at_pressure": ("gravity", "walls", "held")}.get(call, ("held",))
+    sheared = dict.fromkeys(("shear_at_pressure", "shear_jam"), ("gravity", "walls", "held"))
+    left_out = {"simulate": (), **sheared}.get(call, ("held",))
     assert honored == [column for column in EFFECTS if column not in left_out]
     whole = MOVING[call](scene_of(*honored))
     assert np.isfinite(whole).all()

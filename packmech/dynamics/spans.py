@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from packmech.dynamics.observables import (
     tensors,
 )
 from packmech.minimize.kernels import RUNNING
+from packmech.result import Outcome
 from packmech.scene import Scene
 
 
@@ -100,6 +102,34 @@ class Spans:
         """Largest net force over the mean contact force [1]; nan where nothing touches."""
         mean = self.row[TOTAL] / self.row[CONTACTS] if self.row[CONTACTS] else 0.0
         return float(self.row[LARGEST_FORCE] / mean) if mean > 0.0 else math.nan
+
+    def come_to_rest(self, advance: Callable[[], Outcome], at_rest: Callable[[], bool], every: int) -> Outcome:
+        """Take spans until everything is at rest: all motion is stopped whenever the kinetic energy has begun to fall.
+
+        Each mode gives up its energy where it has most of it, however slow it is (dynamic relaxation, Cundall 1976).
+
+        Parameters
+        ----------
+        advance
+            Takes a span; anything but FINISHED ends the work.
+        at_rest
+            Whether this is rest, asked every so many spans.
+        every
+            So many.
+
+        """
+        count, energy = 0, 0.0
+        while True:
+            outcome = advance()
+            if outcome is not Outcome.FINISHED:
+                return outcome
+            count += 1
+            before, energy = energy, self.kinetic_energy
+            if energy < before:
+                self.stop()
+                energy = 0.0
+            if count % every == 0 and at_rest():
+                return Outcome.CONVERGED
 
     def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
         """Return the engine of what is there now, in a box that deforms at this rate."""

@@ -145,26 +145,17 @@ class _Pressing:
     def settle(self) -> Outcome:
         """Let the strains follow the stress until everything is at rest.
 
-        Instead of a drag, all motion is stopped whenever the kinetic energy has begun to fall: each mode gives up its
-        energy where it has most of it, however slow it is (dynamic relaxation, Cundall 1976).
+        The drag is gone (`Spans.come_to_rest`).
         """
-        spans, energy = 0, 0.0
         self.spans.scene = self.spans.scene.replace(effects=self.spans.scene.effects[:-1])
-        while True:
-            missing = self._missing()
-            outcome = self._advance(self._rate(missing))
-            if outcome is not Outcome.FINISHED:
-                return outcome
-            spans += 1
-            before, energy = energy, self.spans.kinetic_energy
-            if energy < before:
-                self.spans.stop()
-                energy = 0.0
-            quiet = self.figures()[0] <= self.method.force_tolerance
-            if spans % _LOOK == 0 and quiet and float(np.abs(missing).max()) <= _PRESSED * self.pressure:
-                found = contact_forces(self.protocol.scene.replace(packing=self.packing))
-                if found.residual <= self.method.force_tolerance:
-                    return Outcome.CONVERGED
+        return self.spans.come_to_rest(lambda: self._advance(self._rate(self._missing())), self._at_rest, _LOOK)
+
+    def _at_rest(self) -> bool:
+        quiet = self.figures()[0] <= self.method.force_tolerance
+        if not quiet or float(np.abs(self._missing()).max()) > _PRESSED * self.pressure:
+            return False
+        found = contact_forces(self.protocol.scene.replace(packing=self.packing))
+        return found.residual <= self.method.force_tolerance
 
     def _missing(self) -> NDArray[np.float64]:
         """Return the (d, d) stress that is missing to the pressure, its trace alone where the box keeps its shape."""
