@@ -51,6 +51,7 @@ from packmech.effects.pair import (
 from packmech.effects.repulsion import Repulsion
 from packmech.effects.single import (
     SingleTerms,
+    acts_on_single,
     held_particles,
     needs_second,
     refuse_single,
@@ -79,6 +80,7 @@ __all__ = [
     "RepulsiveLennardJones",
     "SingleTerms",
     "Walls",
+    "acts_on_single",
     "body_energy",
     "body_force",
     "body_second",

@@ -46,6 +46,11 @@ def refuse_single(effects: tuple[Any, ...], what: str) -> None:
             raise ValueError(f"scene.effects[{k}] must not be there for {what}, which would ignore it, got {name}")
 
 
+def acts_on_single(effects: tuple[Any, ...]) -> bool:
+    """Return whether anything pushes or holds single particles: potentials and walls, or what holds them."""
+    return bool(single_effects(effects)) or any(isinstance(one, FixedParticles) and one.particles for one in effects)
+
+
 def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_] | None:
     """Return (N,) who is held; None where nobody is.
 

@@ -23,7 +23,7 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts
 from packmech.contacts.network import distinct_pairs
-from packmech.effects import ContactTerms, contact_terms, held_particles, single_effects
+from packmech.effects import ContactTerms, acts_on_single, contact_terms
 from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import NotDefinite, factorize
@@ -296,8 +296,7 @@ def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
 
 def check_strain_of_box(scene: Scene, strain: str) -> None:
     """Refuse strains of the box where walls, weights or held particles do not follow it."""
-    held = held_particles(scene.effects, scene.packing.particles)
-    if strain != "none" and (single_effects(scene.effects) or held is not None):
+    if strain != "none" and acts_on_single(scene.effects):
         raise ValueError(
             "strain must be 'none' where walls, gravity or held particles are, which follow no strain of the box, got "
             f"{strain!r}"

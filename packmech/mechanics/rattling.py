@@ -22,6 +22,8 @@ from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of, rattling_bodies
 from packmech.effects import (
+    Bonds,
+    acts_on_single,
     held_particles,
     needs_second,
     refuse_single,
@@ -34,6 +36,9 @@ from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import image_offsets
+from packmech.measure.contact_forces import contact_forces
+from packmech.measure.counting import find_rattlers
+from packmech.measure.friction import friction_of
 from packmech.measure.walls import rattlers_of_scene
 from packmech.mechanics.rigidity import contacts_of
 from packmech.packing import Packing, no_own_images, no_tangential
@@ -395,3 +400,25 @@ def scene_network(scene: Scene, *, gap_tolerance: float | None, rattlers: str = 
     kept = ~rattling
     network = Network(_among(contacts, kept), np.flatnonzero(kept))
     return SceneNetwork(network, None if held is None else ~held[kept], second[kept] if acting else None)
+
+
+def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
+    """Return, for each particle of a scene at rest, whether it rattles: by friction, weights, walls and links, too.
+
+    With links, particles that move apart from the backbone; where something acts on single particles beside links,
+    those of clusters that touch nothing.
+    """
+    packing, effects = scene.packing, scene.effects
+    acting = acts_on_single(effects)
+    if packing.links is not None:
+        if not acting:
+            return find_rattling_clusters(packing).rattling_n
+        touched = rattlers_of_scene(packing, find_contacts(packing), effects)
+        cluster = packing.links.clusters(packing.particles)
+        return np.asarray(np.bincount(cluster, ~touched)[cluster] == 0)
+    if packing.tangential is not None or friction_of(scene) is not None:
+        unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
+        return contact_forces(scene.replace(effects=unbonded)).rattlers_n
+    if acting:
+        return rattlers_of_scene(packing, find_contacts(packing), effects)
+    return find_rattlers(packing)

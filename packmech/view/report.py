@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 from packmech.check import function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
+from packmech.effects import acts_on_single
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.measure.contact_forces import contact_forces
-from packmech.measure.counting import find_rattlers, packing_fraction
+from packmech.measure.counting import packing_fraction
 from packmech.measure.friction import friction_of
 from packmech.measure.stress import energy, force_balance, pressure, stress_tensor
+from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
-from packmech.mechanics.rattling import find_rattling_clusters
+from packmech.mechanics.rattling import rattlers_in
 from packmech.packing import Packing
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
 from packmech.scene import Scene
@@ -260,12 +262,12 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     linked: dict[str, Any] = {}
     held_links = 0
     rough = contact_forces(scene) if friction_of(scene) is not None and packing.links is None else None
-    if rough is not None:
-        rattler_n = rough.rattlers_n
-    elif packing.links is None:
-        rattler_n = find_rattlers(packing)
-    else:
-        rattler_n, held_links = _links(packing, linked)
+    rattler_n = rattlers_in(scene)
+    if packing.links is not None:
+        held_links = _links(packing, rattler_n, linked)
+    walls = wall_contacts(scene)
+    # weights and walls need no count of contacts to balance
+    acting = acts_on_single(scene.effects)
     contacts = find_contacts(packing)
     held_c = ~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]
     backbone = packing.particles - int(rattler_n.sum())
@@ -281,9 +283,12 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "stress": (stress_tensor(scene) / unit).tolist(),
         "rattlers": packing.particles - backbone,
         "contacts": int(held_c.sum()),
-        "isostatic_contacts": isostatic_contacts(backbone, packing.dimension, strain, held_links)
+        "isostatic_contacts": None
+        if acting
+        else isostatic_contacts(backbone, packing.dimension, strain, held_links)
         if rough is None
         else math.ceil(0.5 * backbone * rough.isostatic_coordination),
+        **({"wall_contacts": len(walls)} if acting else {}),
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
         **linked,
@@ -291,11 +296,10 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     }
 
 
-def _links(packing: Packing, numbers: dict[str, Any]) -> tuple[NDArray[np.bool_], int]:
-    """Return which particles move apart from the backbone, and how many links hold it; add the counts of the links."""
+def _links(packing: Packing, rattling_n: NDArray[np.bool_], numbers: dict[str, Any]) -> int:
+    """Return how many links hold the backbone; add the counts of the links."""
     links = packing.links
     assert links is not None and links.shape_l is not None
-    rattling_n = find_rattling_clusters(packing).rattling_n
     within = ~rattling_n[links.i_l] & ~rattling_n[links.j_l] & ~ConstraintFactor(packing).dependent_l
     numbers["links"] = len(links)
     numbers["shape_links"] = int(links.shape_l.sum())
@@ -303,7 +307,7 @@ def _links(packing: Packing, numbers: dict[str, Any]) -> tuple[NDArray[np.bool_]
     numbers["link_error"] = packing.link_error
     if packing.dimension == 2:
         numbers["crossing_links"] = len(crossing_links(packing))
-    return rattling_n, int(within.sum())
+    return int(within.sum())
 
 
 def _carries_force(packing: Packing, contacts: Contacts) -> bool:
@@ -440,6 +444,8 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
     d = numbers["dimension"]
     extra = 1 if numbers["strain"] == "isotropic" else d * (d + 1) // 2
     note = f"isostatic: {numbers['isostatic_contacts']}"
+    if numbers["isostatic_contacts"] is None:
+        note = f"and {numbers['wall_contacts']} with walls"
     if "contacts_at_limit" in numbers:
         note += f" with friction; {numbers['contacts_at_limit']} at the Coulomb limit"
     elif numbers["isostatic_contacts"]:

@@ -14,12 +14,9 @@ from packmech.box import Box
 from packmech.contacts import find_contacts
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
-from packmech.effects import Friction, Repulsion
 from packmech.links import image_offsets
-from packmech.measure.contact_forces import contact_forces
-from packmech.measure.counting import find_rattlers
 from packmech.measure.stress import energy, force_balance, pressure
-from packmech.mechanics.rattling import find_rattling_clusters
+from packmech.mechanics.rattling import rattlers_in
 from packmech.observables import OBSERVABLES, State, measure_added
 from packmech.packing import Packing
 from packmech.result import Run, Trace
@@ -98,14 +95,7 @@ class Trajectory:
         """Return the (N, 3) colors of the particles; rattlers are those of the last packing, unless it is in motion."""
         rattler_n = None
         if not self.in_motion:
-            if self.final.tangential is not None:
-                kept = tuple(one for one in self.effects if isinstance(one, Repulsion | Friction))
-                rattler_n = contact_forces(Scene(self.final, kept)).rattlers_n
-            elif self.final.links is not None:
-                # those that move apart from the backbone
-                rattler_n = find_rattling_clusters(self.final).rattling_n
-            else:
-                rattler_n = find_rattlers(self.final)
+            rattler_n = rattlers_in(Scene(self.final, self.effects))
         return drawing.particle_colors(self.final, self.effects, rattler_n, self.held_n)
 
 

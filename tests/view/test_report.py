@@ -167,3 +167,15 @@ def test_the_summary_has_every_result_and_every_step():
 def test_bad_arguments_are_named(arguments, error, message):
     with pytest.raises(error, match=message):
         examine(**{"scene": crystal(), **arguments})
+
+
+def test_a_pile_has_no_rattlers_and_no_isostatic_count():
+    """What has a weight rests on what it touches: the report counts contacts with walls beside the others."""
+    start = pm.random_packing(24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.4, seed=1)
+    scene = pm.Scene(start, (pm.Repulsion(), pm.Gravity(0.0, -1e-3), pm.Walls(1, 0.2, 40.0)))
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-8).packing)
+    numbers = examine(scene, modes=2).numbers
+    assert numbers["rattlers"] == 0
+    assert numbers["isostatic_contacts"] is None
+    assert numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 0
+    assert numbers["contacts"] == len(pm.find_contacts(scene.packing))
