@@ -355,7 +355,18 @@ BAD = {
     "ramp_strain.mode": CHOICE,
     **{
         f"{one}.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"]
-        for one in ("ramp_strain", "steady_shear", "creep", "amplitude_sweep", "shear_series")
+        for one in (
+            *("ramp_strain", "steady_shear", "creep", "amplitude_sweep", "shear_series"),
+            *("shear_at_pressure", "shear_jam"),
+        )
+    },
+    **{
+        f"{one}.{name}": POSITIVE
+        for one, names in {
+            "shear_at_pressure": ("rate", "pressure", "applied_strain", "answer"),
+            "shear_jam": ("rate", "pressure", "step", "largest_strain", "force_tolerance"),
+        }.items()
+        for name in names
     },
     "samples": [*COUNT, None],
     "skip_strain": [NAN, -1.0, 1e9, "1", None],

@@ -198,7 +198,11 @@ def test_a_nearly_straight_chain_comes_back_to_its_lengths_nearby(dimension, rea
     assert np.abs(position - before).max() < 10.0 * shove
 
 
-@pytest.mark.parametrize(("seed", "shove"), [(5, 0.02), (4, 0.01), (0, 0.005), (3, 0.005)])
+# up to more than a minute each
+SWUNG = [pytest.param(*one, marks=pytest.mark.slow) for one in ((5, 0.02), (4, 0.01), (0, 0.005))]
+
+
+@pytest.mark.parametrize(("seed", "shove"), [*SWUNG, (3, 0.005)])
 def test_a_straight_angle_does_not_let_a_full_step_swing_the_chain_round(seed, shove):
     """Full steps meet the lengths there, too, but in another shape, 70 to 320 shoves away."""
     packing = pm.chain_packing(
