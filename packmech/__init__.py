@@ -225,6 +225,7 @@ _PUBLIC = {
     "jam": "packmech.protocols.jam",
     "shear_stabilize": "packmech.protocols.shear_stabilize",
     "sweep_pressure": "packmech.protocols.sweep",
+    "sweep_stress": "packmech.protocols.sweep",
     "JammingScaling": "packmech.protocols.scaling",
     "jamming_scaling": "packmech.protocols.scaling",
     "at_packing_fraction": "packmech.protocols.protocol",

@@ -333,6 +333,7 @@ BAD = {
     "frequency": [NAN, INF, 0.0, -1.0, "1", None],
     "relative_frequency": POSITIVE,
     "value": [NAN, INF, 0.0, -1.0, "1", None],
+    "sweep_stress.stresses": [None, "1", [], [[-1.0, -1.0]], [[[NAN, 0.0], [0.0, -1.0]]], [[[-1.0, 0.1], [0.0, -1.0]]]],
     "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
     "tangential": [3, "springs"],
     "contacts_at_limit": CHOICE,
@@ -651,6 +652,10 @@ def good(name, folder):
         "sweep_pressure": {
             "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
             "pressures": [2e-3],
+        },
+        "sweep_stress": {
+            "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
+            "stresses": [[[-2e-3, 0.0], [0.0, -2e-3]]],
         },
         "cementing_curve": {
             "particles": [16],

@@ -125,6 +125,27 @@ def isochoric_part(basis_kdd: NDArray[np.float64], dimension: int) -> NDArray[np
     return kept
 
 
+class Load(NamedTuple):
+    """A stress to hold: its pressure, and the rest of the compression over it, symmetric and without trace."""
+
+    pressure: float
+    rest_dd: Array
+
+    @classmethod
+    def of(cls, stress_dd: Array) -> Load:
+        """Return the load of a stress, tension positive."""
+        d = len(stress_dd)
+        pressure = (0.0 - float(np.trace(stress_dd))) / d
+        return cls(pressure, -0.5 * (stress_dd + stress_dd.T) / pressure - np.eye(d))
+
+
+def scaled_load(pressure: float | Load | None, factor: float) -> float | Load | None:
+    """Return a pressure or a load in another unit; None stays."""
+    if isinstance(pressure, Load):
+        return Load(pressure.pressure * factor, pressure.rest_dd)
+    return None if pressure is None else pressure * factor
+
+
 class StiffPairs(NamedTuple):
     """Pairs that are stiff or bear a force: stiffness along and across, the latter du/dr / r."""
 
@@ -144,10 +165,12 @@ class SoftNetwork:
         packing: Packing,
         units: Units,
         basis_kdd: NDArray[np.float64],
-        pressure: float | None,
+        pressure: float | Load | None,
         width: float = 0.0,
     ) -> None:
-        self.packing, self.units, self.pressure = packing, units, 0.0 if pressure is None else pressure
+        rest_dd = pressure.rest_dd if isinstance(pressure, Load) else None
+        pressure = pressure.pressure if isinstance(pressure, Load) else pressure
+        self.packing, self.units, self.pressure, self.rest_dd = packing, units, pressure or 0.0, rest_dd
         # width over which overlaps are smoothed, none usually
         self.width = width
         d = packing.dimension
@@ -160,6 +183,8 @@ class SoftNetwork:
         # of another length than any list: the first measurement lays out the system
         self._touching = np.zeros(len(self.pairs.i_c) + 1, dtype=bool)
         self.trace_k = np.einsum("kaa->k", basis_kdd)
+        # what the load does on each strain, over pressure times volume
+        self.load_k = self.trace_k if rest_dd is None else self.trace_k + np.einsum("kab,ab->k", basis_kdd, rest_dd)
         self.measure(packing)
 
     def search(self, packing: Packing) -> Candidates:
@@ -192,11 +217,11 @@ class SoftNetwork:
         """Set the slopes of the enthalpy and how far from balance they are."""
         contacts, packing = self.contacts, self.packing
         self.stretch_ck = np.einsum("ca,kab,cb->ck", contacts.normal_cd, self.basis_kdd, contacts.vector_cd)
-        self.uphill_nd, load_k, virial = self.slopes()
+        self.uphill_nd, energy_k, virial = self.slopes()
         volume = packing.box.volume
         if self.volume is not None:
             self.pressure = -virial / (packing.dimension * volume)
-        self.uphill_k = load_k + self.pressure * volume * self.trace_k
+        self.uphill_k = energy_k + self.pressure * volume * self.load_k
         mean = self.mean_force
         self.residual = float(np.sqrt((self.uphill_nd**2).sum(axis=1)).max()) / mean if mean > 0 else np.inf
         scale = self.pressure * volume
@@ -238,6 +263,19 @@ class SoftNetwork:
     def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coupling of the positions to the strains with that of the system's other unknowns below."""
         return coupling
+
+    def work(self, before: Box) -> float:
+        """Return the work against the load on the way from a box to that of the packing; none where volume is held.
+
+        A load that is no pressure does it on small strains from where each step begins: it has no potential.
+        """
+        if self.volume is not None:
+            return 0.0
+        work = self.pressure * (self.packing.box.volume - before.volume)
+        if self.rest_dd is None:
+            return work
+        strain_dd = self.packing.box.lattice_dd @ before.inverse_dd - np.eye(self.packing.dimension)
+        return work + self.pressure * before.volume * float((self.rest_dd * strain_dd).sum())
 
     def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""
@@ -288,7 +326,7 @@ class LinkedNetwork(SoftNetwork):
         packing: Packing,
         units: Units,
         basis_kdd: NDArray[np.float64],
-        pressure: float | None,
+        pressure: float | Load | None,
         width: float = 0.0,
     ) -> None:
         self.links = links = workable_links(packing)

@@ -1,8 +1,8 @@
 """Newton's method for soft packings, at constant pressure or volume, with the free strains among the unknowns.
 
 Unknowns are displacements and the free strains; the enthalpy U + p V is stationary where forces balance and the
-stress is -p on every free strain. Prestress is included: without it Newton's method stalls at a residual of 1e-2 near
-jamming. A packing with links keeps them: their tensions are unknowns too.
+stress is -p on every free strain, or that of another load. Prestress is included: without it Newton's method stalls at
+a residual of 1e-2 near jamming. A packing with links keeps them: their tensions are unknowns too.
 
 `newton` goes to the stationary point nearby. `descend` only goes down, for packings whose contacts change or that must
 leave a saddle: where the Hessian has unstable directions every coordinate is regularized until it has none, and steps
@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.box import Box
 from packmech.contacts.network import Contacts, pair_contacts
-from packmech.minimize.soft_network import REACH, LinkedNetwork, SoftNetwork, Units, energy_change
+from packmech.minimize.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units, energy_change
 from packmech.packing import Packing
 from packmech.result import Outcome
 
@@ -72,7 +73,7 @@ class SoftState:
 
 
 def network_of(
-    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | None, width: float = 0.0
+    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None, width: float = 0.0
 ) -> SoftNetwork:
     """Return what Newton's method sees of the packing, with or without links; overlaps smoothed over the width."""
     if packing.links is None:
@@ -84,7 +85,7 @@ def newton(
     packing: Packing,
     units: Units,
     basis_kdd: NDArray[np.float64],
-    pressure: float | None,
+    pressure: float | Load | None,
     *,
     iterations: int = _ITERATIONS,
 ) -> SoftState:
@@ -101,7 +102,7 @@ def newton(
     basis_kdd
         (k, d, d) free strains; none keeps the box.
     pressure
-        Pressure [reduced energy / reduced length^d], or None to hold the volume.
+        Pressure [reduced energy / reduced length^d], or a load; None to hold the volume.
     iterations
         Maximum number of iterations.
 
@@ -197,22 +198,20 @@ class _Step(NamedTuple):
     slope: float
 
 
-def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volume: float) -> float:
-    """Return the enthalpy of the packing less that of the one in which `near` lists touching and near pairs.
+def enthalpy_change(network: SoftNetwork, near: Contacts, before: Box) -> float:
+    """Return the enthalpy of the network's packing less that of the one in which `near` lists touching and near pairs.
 
     Parameters
     ----------
     network
-        The pairs, units and pressure.
+        The pairs, units and load, and the packing where the step ended.
     near
         All pairs of the network where the step started.
-    packing
-        Where it ended.
-    volume
-        Volume where it started.
+    before
+        The box where it started.
 
     """
-    after = pair_contacts(packing, *network.pairs)
+    after = pair_contacts(network.packing, *network.pairs)
     total = energy_change(
         near.vector_cd,
         after.vector_cd - near.vector_cd,
@@ -220,14 +219,14 @@ def enthalpy_change(network: SoftNetwork, near: Contacts, packing: Packing, volu
         lambda distance, sigma: network.units.derivatives(distance, sigma)[0],
         network.width,
     )
-    return total + (network.pressure * (packing.box.volume - volume) if network.volume is None else 0.0)
+    return total + network.work(before)
 
 
 def descend(
     packing: Packing,
     units: Units,
     basis_kdd: NDArray[np.float64],
-    pressure: float | None,
+    pressure: float | Load | None,
     *,
     iterations: int = 200,
     watch: Callable[[Packing], None] | None = None,
@@ -254,7 +253,7 @@ def descend_smoothed(
     packing: Packing,
     units: Units,
     basis_kdd: NDArray[np.float64],
-    pressure: float | None,
+    pressure: float | Load | None,
     *,
     iterations: int = 400,
     watch: Callable[[Packing], None] | None = None,
@@ -319,7 +318,7 @@ def _negative(network: SoftNetwork) -> int:
 def _go_down(
     network: SoftNetwork,
     basis_kdd: NDArray[np.float64],
-    pressure: float | None,
+    pressure: float | Load | None,
     goal: float,
     iterations: int,
     watch: Callable[[Packing], None] | None,
@@ -341,13 +340,12 @@ def _go_down(
             network = network_of(start, network.units, basis_kdd, pressure, network.width)
             travelled = size * longest
         near = pair_contacts(start, *network.pairs)
-        volume = start.box.volume
         for halving in range(_HALVINGS):
             network.packing = start
             network.measure(network.moved(size * step.u_nd, size * step.strain_k))
             evaluations += 1
             fall = _ARMIJO * size * step.slope
-            lower = enthalpy_change(network, near, network.packing, volume) <= fall
+            lower = enthalpy_change(network, near, start.box) <= fall
             for _ in range(0 if lower else _CORRECTIONS):
                 # a long way along a soft valley leaves its floor by the square of the way: let what is stiff fall back
                 back = _downhill(network, _STIFF)
@@ -355,7 +353,7 @@ def _go_down(
                     break
                 network.measure(network.moved(back[0].u_nd, back[0].strain_k))
                 evaluations += 1
-                lower = enthalpy_change(network, near, network.packing, volume) <= fall
+                lower = enthalpy_change(network, near, start.box) <= fall
                 if lower:
                     break
             if lower:

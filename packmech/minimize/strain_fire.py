@@ -17,12 +17,16 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.minimize.fire import Fire, steer
 from packmech.minimize.program import Evaluation, Program
-from packmech.minimize.soft_network import isochoric_part
+from packmech.minimize.soft_network import Load, isochoric_part
 from packmech.packing import Packing
 from packmech.result import Outcome
 
+Array = NDArray[np.float64]
+
 # strains make steps uphill costlier than they are for particles alone
 _FIRE = Fire(dt_max=0.5, shrink=0.5)
+# strain under a load that shears, above which a packing is taken to flow without end
+_FLOWS = 1.0
 # steps between two calls of `watch`
 _WATCHED = 20
 
@@ -55,7 +59,7 @@ class StrainedFire:
     basis_kdd
         (k, d, d) free strains; their traces are kept out of the motion when the volume is held.
     pressure
-        Pressure to hold [energy/length^d], or None to hold the volume.
+        Pressure to hold [energy/length^d], or a load; None to hold the volume.
     tolerance
         Both errors to stop at [1].
     step_limit
@@ -70,13 +74,18 @@ class StrainedFire:
         program: Program,
         packing: Packing,
         basis_kdd: NDArray[np.float64],
-        pressure: float | None,
+        pressure: float | Load | None,
         *,
         tolerance: float,
         step_limit: int,
         watch: Callable[[Packing], None] | None = None,
     ) -> None:
-        self.program, self.start, self.pressure, self.tolerance = program, packing, pressure, tolerance
+        self.program, self.start, self.tolerance = program, packing, tolerance
+        rest_dd = np.zeros((packing.dimension,) * 2)
+        if isinstance(pressure, Load):
+            pressure, rest_dd = pressure
+        self._sheared, self._inverse_dd = bool(rest_dd.any()), packing.box.inverse_dd
+        self.pressure, self._load_dd = pressure, np.eye(packing.dimension) + rest_dd
         self.step_limit, self.watch = step_limit, watch
         self.basis_kdd = isochoric_part(basis_kdd, packing.dimension) if pressure is None else basis_kdd
         self.position_nd, self.box = packing.position_nd.copy(), packing.box
@@ -106,6 +115,11 @@ class StrainedFire:
             return Outcome.CONVERGED
         if self.steps >= self.step_limit:
             return Outcome.STEP_LIMIT
+        if (
+            self._sheared
+            and np.abs(self.box.lattice_dd @ self._inverse_dd - np.eye(len(self._inverse_dd))).max() > _FLOWS
+        ):
+            return Outcome.STALLED
         return min(self.steps + _WATCHED - self.steps % _WATCHED, self.step_limit)
 
     def advance(self, steps: int) -> Outcome | None:
@@ -128,7 +142,7 @@ class StrainedFire:
 
     def _evaluate(self) -> None:
         self.now = self.program.evaluate(self.position_nd, self.box.lattice_dd)
-        self.errors = _errors(self.now, self.basis_kdd, self.pressure)
+        self.errors = _errors(self.now, self.basis_kdd, self.pressure, self._load_dd)
 
     def _step(self) -> None:
         now, position, velocity, rate = self.now, self.position_nd, self._velocity_nd, self._rate_dd
@@ -136,7 +150,7 @@ class StrainedFire:
             stiffness = now.force_floor / self.program.space.resolution
             self._mobility = 5.0 / stiffness if stiffness > 0.0 else self._mobility
         self.steps += 1
-        strain_force = _stress_pull(now, self.basis_kdd, self.box.volume, self.pressure) / self._scale
+        strain_force = _stress_pull(now, self.basis_kdd, self.box.volume, self.pressure, self._load_dd) / self._scale
         power = float((now.force_nd * velocity).sum() + (strain_force * rate).sum())
         if power > 0.0:
             speed = float(np.sqrt((velocity**2).sum() + (rate**2).sum()))
@@ -169,18 +183,15 @@ class StrainedFire:
         self._evaluate()
 
 
-def _stress_pull(
-    now: Evaluation, basis: NDArray[np.float64], volume: float, pressure: float | None
-) -> NDArray[np.float64]:
+def _stress_pull(now: Evaluation, basis: Array, volume: float, pressure: float | None, load_dd: Array) -> Array:
     """Return minus the enthalpy's slope along the free strains, as a tensor in their span."""
-    stress = now.stress_dd + (0.0 if pressure is None else pressure) * np.eye(len(now.stress_dd))
-    pull: NDArray[np.float64] = -volume * np.einsum("kab,kcd,cd->ab", basis, basis, stress)
+    stress = now.stress_dd + (0.0 if pressure is None else pressure) * load_dd
+    pull: Array = -volume * np.einsum("kab,kcd,cd->ab", basis, basis, stress)
     return pull
 
 
-def _errors(now: Evaluation, basis: NDArray[np.float64], pressure: float | None) -> tuple[float, float]:
-    d = len(now.stress_dd)
+def _errors(now: Evaluation, basis: Array, pressure: float | None, load_dd: Array) -> tuple[float, float]:
     held = now.pressure if pressure is None else pressure
-    missing = np.einsum("kab,ab->k", basis, now.stress_dd + held * np.eye(d))
+    missing = np.einsum("kab,ab->k", basis, now.stress_dd + held * load_dd)
     residual = now.residual if now.contacts else (0.0 if pressure is None else np.inf)
     return residual, float(np.abs(missing).max()) / held if held > 0.0 else 0.0

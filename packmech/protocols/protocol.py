@@ -35,7 +35,7 @@ from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
 from packmech.minimize.quench import find_crossings, pairs_crossing
-from packmech.minimize.soft_network import Units, length_unit
+from packmech.minimize.soft_network import Load, Units, length_unit, scaled_load
 from packmech.minimize.strain_fire import StrainedFire, StrainRelaxation
 from packmech.packing import Packing
 from packmech.result import Outcome, Run, Stage
@@ -213,7 +213,7 @@ class Protocol:
     def relax_strained(
         self,
         packing: Packing,
-        pressure: float | None,
+        pressure: float | Load | None,
         tolerance: float,
         step_limit: int,
         watch: Callable[[Packing], None] | None = None,
@@ -227,7 +227,7 @@ class Protocol:
         packing
             Where to start.
         pressure
-            Pressure to hold [energy_scale / reference diameter^d], or None to hold the volume.
+            Pressure to hold [energy_scale / reference diameter^d], or a load; None to hold the volume.
         tolerance, step_limit
             When to stop.
         watch
@@ -240,7 +240,7 @@ class Protocol:
             self.program,
             packing,
             self.basis_kdd if basis_kdd is None else basis_kdd,
-            None if pressure is None else pressure * self.scene.pressure_unit,
+            scaled_load(pressure, self.scene.pressure_unit),
             tolerance=tolerance,
             step_limit=step_limit,
             watch=watch,

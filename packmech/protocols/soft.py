@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
-from packmech.minimize.soft_network import Units
+from packmech.minimize.soft_network import Load, Units, scaled_load
 from packmech.minimize.soft_newton import SoftState, newton
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
@@ -29,8 +29,8 @@ _ROUNDS, _TURN = 8, 1e-3
 _MINIMUM_DEPTH = 1e-11
 
 
-def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftState:
-    """Return the packing at the pressure: FIRE in positions and free strains until it is near, then Newton's method.
+def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> SoftState:
+    """Return the packing at the load: FIRE in positions and free strains until it is near, then Newton's method.
 
     The network rearranges on the way; the stage's note says so.
 
@@ -41,13 +41,13 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float) -> SoftStat
     start
         A packing in balance at another pressure, in reduced units.
     goal
-        Pressure to reach, in reduced units.
+        Pressure or load to reach, in reduced units.
 
     """
     best: SoftState | None = None
     with protocol.stage("soft packing, searched") as figures:
         figures.note = "unstable on the way up: FIRE with the box, then Newton's method"
-        asked = goal / protocol.reduced_pressure(1.0)
+        asked = scaled_load(goal, 1.0 / protocol.reduced_pressure(1.0))
         packing, tolerance = protocol.restored(start), _FIRST_TOLERANCE
         for _ in range(_SEARCH_ROUNDS):
             done = protocol.relax_strained(packing, asked, tolerance, _FIRE_STEPS)

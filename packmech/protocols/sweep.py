@@ -1,18 +1,26 @@
-"""`sweep_pressure`: one jammed packing followed from pressure to pressure, up and down."""
+"""`sweep_pressure`, `sweep_stress`: one jammed packing followed from pressure to pressure, or from stress to stress."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from packmech.check import instance, one_of, positive
+import numpy as np
+from numpy.typing import ArrayLike
+
+from packmech.check import finite_array, instance, one_of, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.stress import stress_tensor
+from packmech.minimize.soft_network import Load
 from packmech.packing import no_own_images
 from packmech.protocols.jam import free_strains, is_jammed
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, follow_series, sequence
-from packmech.result import Run
+from packmech.result import Outcome, Run
 from packmech.scene import Scene
+
+# largest difference of the two halves of a stress, over its largest component
+_SYMMETRIC = 1e-9
 
 
 @honors("repulsion links", at_rest=True)
@@ -81,10 +89,105 @@ def sweep_pressure(
     goals = sequence("pressures", pressures, "pressure")
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
+    _jammed(scene)
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    return follow_series(protocol, goals, PressurePath(protocol).go, "sweep_pressure", pressures=True)
+
+
+@honors("repulsion links", at_rest=True)
+def sweep_stress(
+    scene: Scene,
+    stresses: ArrayLike,
+    *,
+    force_tolerance: float = 1e-9,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> tuple[Run, ...]:
+    """Return one run for each stress: the jammed packing whose box deforms until its stress is the one asked for.
+
+    The packing goes from its own stress to the first, and on in the order given, along straight lines in pressure and
+    in stress over pressure, in steps that Newton's method can take; all strains of the box are free. Contacts close and
+    open on the way, and where no step ends in a minimum they rearrange, as in `sweep_pressure`. A packing bears shear
+    stress up to its yield stress only: beyond, the run does not converge.
+
+    Parameters
+    ----------
+    scene
+        The scene of a jammed packing.
+    stresses
+        (R, d, d) Cauchy stresses in the order in which they are visited, symmetric, tension positive as
+        `stress_tensor` has them, each with a positive pressure [energy_scale / diameter^d].
+    force_tolerance
+        Net force over mean contact force, and largest missing stress over pressure, that count as balance [1]; the
+        floor of rounding also counts.
+    time_limit
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+    progress
+        Called as progress(stage, figures).
+    check
+        Raise NotConverged when a packing does not come to rest under the stress.
+
+    Returns
+    -------
+    tuple of Run
+        `report` as for `sweep_pressure`, and stress_asked, stress and stress_error, the largest missing component over
+        the pressure.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If a packing does not come to rest and `check` is set.
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
+    >>> jammed = pm.jam(scene, pressure=1e-3)
+    >>> sheared = 1e-3 * np.array([[-1.0, 0.02], [0.02, -1.0]])
+    >>> (run,) = pm.sweep_stress(scene.replace(packing=jammed.packing), [sheared])
+    >>> run.report["stress_error"] < 1e-9
+    True
+
+    """
+    instance("scene", scene, Scene)
+    no_own_images("scene.packing", scene.packing)
+    d = scene.packing.dimension
+    goals = finite_array("stresses", stresses, shape=(None, d, d), what="stress")
+    for k, one in enumerate(goals):
+        if np.abs(one - one.T).max() > _SYMMETRIC * np.abs(one).max():
+            raise ValueError(f"stresses[{k}] must be symmetric, got {one.tolist()}")
+        if np.trace(one) >= 0.0:
+            raise ValueError(f"stresses[{k}] must have a positive pressure -trace / {d}, got {one.tolist()}")
+    tolerance = positive("force_tolerance", force_tolerance)
+    _jammed(scene)
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    protocol = Protocol(scene, free_strains("free", d), "free", tolerance, loop)
+    path = PressurePath(protocol, shears=True)
+
+    def go(k: float) -> Outcome:
+        for name in ("stress", "stress_error"):
+            protocol.report.pop(name, None)
+        asked = Load.of(goals[int(k)])
+        outcome = path.go(asked.pressure, asked.rest_dd)
+        stress = stress_tensor(scene.replace(packing=protocol.last)) / scene.pressure_unit
+        error = float(np.abs(stress - goals[int(k)]).max()) / asked.pressure
+        protocol.report.update(stress_asked=goals[int(k)], stress=stress, stress_error=error)
+        return outcome
+
+    return follow_series(protocol, np.arange(len(goals), dtype=float), go, "sweep_stress", pressures=False)
+
+
+def _jammed(scene: Scene) -> None:
+    """Refuse a scene whose packing cannot be followed because it is not jammed."""
     if not is_jammed(scene):
         raise ValueError(
             "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
         )
-    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
-    return follow_series(protocol, goals, PressurePath(protocol).go, "sweep_pressure", pressures=True)

@@ -1,9 +1,11 @@
 """Facts about the preset's preparation: how discs are bonded and cut into fragments, in the package's order and law."""
 
 import functools
+import pathlib
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from packmech.validation import particle_shear as ps
 
@@ -171,3 +173,22 @@ def test_the_same_seed_prepares_the_same_discs_and_the_run_keeps_how():
 def test_bonding_refuses_what_cannot_be(changes, message):
     with pytest.raises((TypeError, ValueError), match=message):
         ps.bond_fragments(loose(1), seed=1, **changes)
+
+
+def test_fragments_and_contacts_are_distributed_as_in_fifty_preparations_of_the_package():
+    """Two samples of one law: Kolmogorov-Smirnov probabilities above a thousandth for each of seven figures."""
+    golden = pathlib.Path(__file__).parent.parent / "golden" / "particle_shear" / "f_preparation_N40.npz"
+    experiment = ps.ParticleShear(particles=40)
+    found = {name: [] for name in ("fragments", "single", "largest", "height", "bonds", "contacts", "unbonded")}
+    for seed in SEEDS:
+        one = ps.prepared_discs(experiment, seed=seed, centers=4, edge_fuzziness=0.5, removed_fraction=0.15, steps=30)
+        parts = fragments(one)
+        sizes = [len(part) for part in parts]
+        row = len(parts), sizes.count(1), max(sizes), max(height(one, part) for part in parts) / one.height
+        bonded = np.isin(np.arange(one.discs), one.contact_ck[one.bonded_c])
+        row += one.bonded_c.sum(), len(one.contact_ck), (~bonded).sum()
+        for column, value in zip(found.values(), row, strict=True):
+            column.append(value)
+    with np.load(golden) as data:
+        for name, column in found.items():
+            assert stats.ks_2samp(column, data[name]).pvalue > 1e-3, name

@@ -2,7 +2,7 @@
 
 The labels are the ones that the package's evaluation in R looks for; numbers are written without exponents, since its
 patterns read digits and a point. What the package writes wrong there is right here: the periods after the
-measurement, the two radii and their masses, and how the discs were bonded.
+measurement, the time simulated, the two radii and their masses, and how the discs were bonded.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
         f"Height of simulation area size_y = {_plain(discs.height)}micrometers",
         f"Nominal packing fraction = {_plain(experiment.packing_fraction)}",
         f"Young modulus spheres = {_plain(experiment.young_modulus)}Pa",
-        f"Density spheres = {_plain(experiment.density)}kg/m^3",
+        f"Relative density spheres = {_plain(experiment.density)}kg/m^3",
         f"Characteristic time constant = {_plain(experiment.tau)}s",
         f"Characteristic spring constant = {_plain(stiffness)}mg/s^2",
         f"Characteristic viscosity = {_plain(contact_viscosity(experiment.mass, stiffness, relative=1.0))}mg/s",
@@ -136,6 +136,8 @@ def _header(run: ParticleShearRun, how: Preparation) -> list[str]:
         f"Lateral spring constant k_t = {_plain(made.tangential_stiffness)}mg*s^(-2)",
         f"Lateral viscosity constant nu_t = {_plain(made.tangential_viscosity)}mg*s^(-1)",
         f"Friction coefficient mu = {_plain(made.friction_coefficient)}",
+        f"Sample width = {_plain(discs.width)}micrometers",
+        f"Sample height = Gap height = {_plain(discs.height)}micrometers",
         f"Particle number = {discs.discs}",
         "Radii = " + " ".join(_plain(size) for size in sizes[:8]) + "micrometers",
         f"Nonlinear enhancement for repulsion near sphere center = {_plain(experiment.divergence)}[-]",
