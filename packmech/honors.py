@@ -114,9 +114,10 @@ class Honors:
         return NOTHING if self.at_rest and column in ("damping", "drag") else REFUSED
 
     def _refuses(self, effect: Any, column: str) -> bool:
-        """Return whether the call refuses an effect of a column: a push without an energy lets nothing come to rest."""
+        """Return whether the call refuses an effect of a column: not all that acts lets something come to rest."""
         pushes = self.at_rest and column == "gravity" and not hasattr(effect, "body_energy")
-        return pushes or self.answer(column) == REFUSED
+        moves = self.at_rest and column == "held" and getattr(effect, "moves", False)
+        return pushes or moves or self.answer(column) == REFUSED
 
     def check(self, name: str, subject: Any) -> None:
         """Refuse what a scene or a packing holds and the call does not honor; other values pass, and fail there.

@@ -333,6 +333,7 @@ BAD = {
     "frequency": [NAN, INF, 0.0, -1.0, "1", None],
     "relative_frequency": POSITIVE,
     "value": [NAN, INF, 0.0, -1.0, "1", None],
+    "FixedParticles.velocity": [None, "1", 3.0, [NAN, 0.0], [[1.0, 0.0]]],
     "sweep_stress.stresses": [None, "1", [], [[-1.0, -1.0]], [[[NAN, 0.0], [0.0, -1.0]]], [[[-1.0, 0.1], [0.0, -1.0]]]],
     "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
     "tangential": [3, "springs"],
@@ -567,7 +568,7 @@ def good(name, folder):
         "chain_packing": {"count": 2, "beads": 4, "dimension": 2, "packing_fraction": 0.5, "seed": 1},
         "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "Bonds": {"i_b": [0], "j_b": [1], "image_bd": [[0, 0]], "rest_length_b": [1.0]},
-        "FixedParticles": {"particles": (0, 3)},
+        "FixedParticles": {"particles": (0, 3), "velocity": (1.0, 0.0)},
         "shear_jam": {"scene": scene(), "pressure": 1e-3, "largest_strain": 0.01},
         "shear_at_pressure": {
             "scene": scene(),

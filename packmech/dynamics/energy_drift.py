@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import observables as columns
 from packmech.dynamics.deformation import Strain
-from packmech.effects import BackgroundDamping, Friction, law_scale
+from packmech.effects import BackgroundDamping, Friction, held_velocity, law_scale
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -60,11 +60,23 @@ def knows_its_energy(scene: Scene, *, strained: bool = False) -> bool:
     return all(one is BackgroundDamping or (hasattr(one, "body_energy") and not strained) for one in bodies)
 
 
-def steps_between_observations(strain: Strain | None, dt: float, particles: int) -> float:
-    """Return after how many steps at most the work of a box's deformation is to be observed; infinite at rest."""
+def pace_of_held(scene: Scene) -> float:
+    """Return the largest speed of particles that are held and moved, over the reference diameter [1/time]."""
+    packing = scene.packing
+    velocity = held_velocity(scene.effects, packing.particles, packing.dimension)
+    return float(np.abs(velocity).max()) / packing.reference_diameter
+
+
+def steps_between_observations(strain: Strain | None, dt: float, particles: int, pace: float = 0.0) -> float:
+    """Return after how many steps at most the work of the box and of what moves held particles is to be observed.
+
+    Infinite where neither moves; `pace` is that of the held particles.
+    """
+    seldom = max(_MINIMUM_STEPS, _SELDOM // particles)
+    if strain is None and pace * dt > 0.0:
+        return max(seldom, int(_STRAIN / (pace * dt)))
     if strain is None:
         return np.inf
-    seldom = max(_MINIMUM_STEPS, _SELDOM // particles)
     frequency = getattr(strain, "frequency", None)
     if frequency is not None:
         fastest = 2.0 * np.pi * frequency * strain.amplitude  # type: ignore[union-attr]
@@ -88,8 +100,8 @@ class EnergyWatch:
         `energy_unit` of the scene.
     known
         `knows_its_energy` of the scene; unless it does, only numbers that are none are noticed.
-    strained
-        Whether the box deforms, and so works.
+    works
+        Whether the box deforms, or held particles are moved, and so work is done.
     frictional
         Whether the scene has friction.
     every
@@ -99,7 +111,7 @@ class EnergyWatch:
 
     unit: float
     known: bool
-    strained: bool
+    works: bool
     frictional: bool
     every: float
     energy: float = 0.0
@@ -148,7 +160,7 @@ class EnergyWatch:
             risen -= max(now.tangential - start.tangential, 0.0)
         fallen = max(self.energy - now.energy, 0.0)
         good = grown <= _there(self.energy, self.kinetic, _PART) + fallen + self.unseen + tiny
-        if not self.strained:
+        if not self.works:
             good &= risen <= _there(start.energy, start.kinetic, 1.0) + self.fallen + tiny
         if steps - self.steps >= self.every:
             self.remember(now, steps)
@@ -157,12 +169,12 @@ class EnergyWatch:
 
 def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
     """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
-    often = steps_between_observations(strain, dt, scene.packing.particles)
-    strained = bool(np.isfinite(often))
+    often = steps_between_observations(strain, dt, scene.packing.particles, pace_of_held(scene))
+    works = bool(np.isfinite(often))
     frictional = any(isinstance(one, Friction) for one in scene.effects)
-    apart = often if strained else _APART
-    known = knows_its_energy(scene, strained=strained)
-    return EnergyWatch(energy_unit(scene), known, strained, frictional, apart)
+    apart = often if works else _APART
+    known = knows_its_energy(scene, strained=works and strain is not None)
+    return EnergyWatch(energy_unit(scene), known, works, frictional, apart)
 
 
 def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tuple[float, float]:
@@ -192,8 +204,9 @@ def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64]) -
         contact, motion = (row[k : k + 9].reshape(3, 3)[:d, :d] for k in (columns.FORCE, columns.MOTION))
         tangential = float(row[columns.TANGENTIAL])
         energy, kinetic = row[columns.POTENTIAL] + tangential, row[columns.KINETIC] + row[columns.ROTATIONAL]
-        power = power_of(1.0, contact, -motion, rate)
-        found.append(Moment(float(row[columns.TIME]), float(energy), tangential, float(kinetic), *power))
+        power, pressing = power_of(1.0, contact, -motion, rate)
+        power += float(row[columns.MOVING])
+        found.append(Moment(float(row[columns.TIME]), float(energy), tangential, float(kinetic), power, pressing))
     return found
 
 

@@ -43,7 +43,7 @@ from packmech.dynamics.pair_lists import (
 )
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
-from packmech.effects import Bonds, Friction, Walls, held_particles
+from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
@@ -188,11 +188,12 @@ class Engine:
     def set_velocities(self, velocity_nd: NDArray[np.float64]) -> None:
         """Set the (N, d) peculiar velocities in the order of the packing, and the forces that belong to them.
 
-        What is held stays as it is; what would stretch links is left out.
+        What is held goes on as it does; what would stretch links is left out.
         """
         d = len(self.axes)
         velocity = velocity_nd[self.order_n]
-        velocity[self.state.weight_nk[:, 0] == 0.0] = 0.0
+        held = self.state.weight_nk[:, 0] == 0.0
+        velocity[held] = self.state.body[held, 4 : 4 + d]
         along_rattle(self.rattle, velocity)
         self.state.body[:, 4 : 4 + d] = velocity
         self.begin()
@@ -664,6 +665,8 @@ def build_engine(
     for held in (held_n, fixed_n):
         if held is not None:
             weight[held[order]] = 0.0
+    if fixed_n is not None:
+        body[:, 4 : 4 + d][fixed_n[order]] = held_velocity(scene.effects, n, d)[order[fixed_n[order]]]
     small, change = packing.box.reduced()
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     flow = None

@@ -28,7 +28,9 @@ FORCE, BONDED, MOTION, SPINNING = 11, 20, 29, 38
 TORQUE, MOMENTUM, ANGULAR, IMPULSE = 47, 50, 53, 56
 # 3 x 3 sums, row by row, of the force on i times branch vector over links; the largest error of a link over its scale
 LINKED, LINK_ERROR = 57, 66
-COLUMNS = 67
+# power of what moves particles that are held
+MOVING = 67
+COLUMNS = 68
 
 
 @inlined
@@ -83,7 +85,7 @@ def measure_motion(axes, state, flowing, out):
     """Write the observables of single particles and their motion."""
     d = len(axes)
     body, push, mass_n, weight = state.body, state.push, state.mass_n, state.weight_nk
-    kinetic = rotational = impulse = largest = 0.0
+    kinetic = rotational = impulse = largest = moving = 0.0
     motion = spinning = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     px = py = pz = lx = ly = lz = 0.0
     for i in range(np.uint64(body.shape[0])):
@@ -117,14 +119,20 @@ def measure_motion(axes, state, flowing, out):
             square = p * p + q * q + r * r
             rotational += half * square
             spinning = dyad(axes, spinning, half * p, half * q, half * r, p, q, r)
-        square = 0.0
+        square = along = 0.0
         for a in range(d):
             square += push[i, a] * push[i, a]
-        largest = max(largest, square)
+            along += push[i, a] * body[i, 4 + a]
+        # what holds a particle takes up its net force
+        if weight[i, 0] > 0.0:
+            largest = max(largest, square)
+        else:
+            moving -= along
     out[KINETIC] = kinetic
     out[ROTATIONAL] = rotational
     out[IMPULSE] = impulse
     out[LARGEST_FORCE] = math.sqrt(largest)
+    out[MOVING] = moving
     write(out, MOTION, motion)
     write(out, SPINNING, spinning)
     # w w - w^2 1, whose last number is zero in a plane

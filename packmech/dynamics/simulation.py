@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
-from packmech.dynamics.energy_drift import Moment, moments_of, steps_between_observations, watch_of
+from packmech.dynamics.energy_drift import Moment, moments_of, pace_of_held, steps_between_observations, watch_of
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet, checked_method, start_of_motion
 from packmech.dynamics.observables import (
@@ -497,7 +497,7 @@ class SimulationTask:
         self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
         self.watch = watch_of(scene, strain, settings.dt)
         # at least so often is what happens observed: often enough that an interrupt is seen
-        often = steps_between_observations(strain, settings.dt, scene.packing.particles)
+        often = steps_between_observations(strain, settings.dt, scene.packing.particles, pace_of_held(scene))
         self.observe_every = min(max(1, 2_000_000 // self.engine.state.push.size), often)
         self.start = self.last = np.zeros(COLUMNS)
         self.state = (scene.packing.position_nd, np.zeros_like(scene.packing.position_nd))

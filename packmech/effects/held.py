@@ -1,4 +1,4 @@
-"""Particles that are held where they are: the grains of a rough wall, a hopper, a floor."""
+"""Particles that are held where they are, or moved: the grains of a rough wall, a hopper, a floor that is lowered."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import finite_array
 from packmech.effects.pair import bound_effect
 
 
@@ -18,12 +19,16 @@ class FixedParticles:
     """Particles that stay where they are, whatever pushes them: rough walls and hoppers are made of them.
 
     Nothing else distinguishes them: others touch them as they touch each other. What holds them takes up their net
-    force, so that `forces` is zero for them.
+    force, so that `forces` is zero for them. With a velocity they are moved all the same way, whatever pushes them:
+    then nothing is at rest, and calls of what is at rest refuse them.
 
     Parameters
     ----------
     particles
         Their numbers, each once.
+    velocity
+        At which they move, a number for each axis, relative to the flow of a box that deforms [length/time]; none: they
+        stay.
 
     Examples
     --------
@@ -36,6 +41,7 @@ class FixedParticles:
     """
 
     particles: tuple[int, ...]
+    velocity: tuple[float, ...] = ()
 
     acts_as: ClassVar[str] = "held"
 
@@ -53,6 +59,13 @@ class FixedParticles:
             twice = next(one for k, one in enumerate(numbers) if one in numbers[:k])
             raise ValueError(f"particles must name each particle once, got {twice} twice")
         object.__setattr__(self, "particles", tuple(sorted(int(one) for one in numbers)))
+        moved = finite_array("velocity", self.velocity, shape=(None,), what="axis", empty=True)
+        object.__setattr__(self, "velocity", tuple(moved.tolist()))
+
+    @property
+    def moves(self) -> bool:
+        """Whether they move."""
+        return any(self.velocity)
 
     def marked(self, count: int) -> NDArray[np.bool_]:
         """Return which of so many particles are held.

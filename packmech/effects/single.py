@@ -51,6 +51,34 @@ def acts_on_single(effects: tuple[Any, ...]) -> bool:
     return bool(single_effects(effects)) or any(isinstance(one, FixedParticles) and one.particles for one in effects)
 
 
+def held_velocity(effects: tuple[Any, ...], particles: int, dimension: int) -> NDArray[np.float64]:
+    """Return (N, d) velocities of the particles that are held, zero for all others.
+
+    Raises
+    ------
+    ValueError
+        If a velocity has not as many numbers as there are axes, or a particle is moved twice.
+
+    """
+    velocity = np.zeros((particles, dimension))
+    for k, one in enumerate(effects):
+        if isinstance(one, FixedParticles) and one.velocity:
+            if len(one.velocity) != dimension:
+                raise ValueError(
+                    f"scene.effects[{k}].velocity must have {dimension} numbers, one for each axis, got {one.velocity}"
+                )
+            mine = one.marked(particles)
+            others = (
+                other.marked(particles)
+                for m, other in enumerate(effects)
+                if m != k and isinstance(other, FixedParticles)
+            )
+            if any((mine & other).any() for other in others):
+                raise ValueError(f"scene.effects[{k}].particles must be held by nothing else where they move")
+            velocity[mine] = one.velocity
+    return velocity
+
+
 def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_] | None:
     """Return (N,) who is held; None where nobody is.
 

@@ -145,8 +145,8 @@ def test_growth_that_is_little_from_look_to_look_is_seen_over_many():
 
 
 def test_a_box_that_is_to_stay_as_it_is_does_no_work():
-    assert not watch_of(scene_of(), pm.SteadyStrain(0.0), 0.1).strained
-    assert watch_of(scene_of(), pm.SteadyStrain(1e-3), 0.1).strained
+    assert not watch_of(scene_of(), pm.SteadyStrain(0.0), 0.1).works
+    assert watch_of(scene_of(), pm.SteadyStrain(1e-3), 0.1).works
 
 
 def test_observations_of_a_box_that_deforms_are_as_close_as_its_strain_asks_for():
