@@ -190,6 +190,16 @@ class Links:
         assert self.shape_l is not None
         return Links(self.i_l[keep], self.j_l[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
 
+    def joined(self, others: Links) -> Links:
+        """Return these links and others."""
+        assert self.shape_l is not None and others.shape_l is not None
+        parts = zip(
+            (self.i_l, self.j_l, self.image_ld, self.length_l, self.shape_l),
+            (others.i_l, others.j_l, others.image_ld, others.length_l, others.shape_l),
+            strict=True,
+        )
+        return Links(*(np.concatenate(both) for both in parts))
+
     def scaled(self, factor: float) -> Links:
         """Return the links with every length multiplied by the factor."""
         return Links(self.i_l, self.j_l, self.image_ld, factor * self.length_l, self.shape_l)

@@ -8,13 +8,16 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from packmech.cli.output import Switch, show, table, working
+from packmech.effects import Harmonic, Repulsion
+from packmech.files.packings import read_law, read_packing
 from packmech.protocols.cementing_curve import cementing_curve
+from packmech.scene import Scene
 from packmech.view.cementing import cementing_markdown, curve_csv, thresholds, thresholds_csv
 from packmech.view.figures import draw_cementing
 
 
 def cement(
-    *,
+    *files: Annotated[Path, Parameter(help="jammed packings of one's own: .npz, .gsd, or text tables")],
     out: Path = Path("cementing"),
     particles: Annotated[list[int] | None, Parameter(consume_multiple=True)] = None,
     packings: int | None = None,
@@ -23,6 +26,7 @@ def cement(
     seed: int = 0,
     step: float = 0.05,
     freeze: str = "angles",
+    order: str = "random",
     processes: int = 1,
 ) -> None:
     """Turn contacts into rigid links and follow the moduli; resumes what it finds.
@@ -45,6 +49,8 @@ def cement(
         moduli are measured every so much n_l/N
     freeze
         "angles": bond angles; "clusters": whole clusters; "nothing"
+    order
+        "random", or "aggregate": contacts that touch what is cemented
     processes
         how many share the work
 
@@ -53,23 +59,28 @@ def cement(
     sizes = sizes if particles is None else particles
     samples = samples if packings is None else packings
     draws = draws if orders is None else orders
+    scenes = [Scene(read_packing(file), (Repulsion(law=read_law(file) or Harmonic()),)) for file in files] or None
+    samples = len(files) or samples
     with working("cementing") as say:
         curves = cementing_curve(
             out / "trials",
+            scenes=scenes,
             particles=sizes,
             packings=samples,
             orders=draws,
             seed=seed,
             step=step,
             freeze=freeze,
+            order=order,
             processes=processes,
             progress=lambda size, packing, done: say(
                 f"cementing: N = {size}, packing {packing + 1} of {samples}, {done} of {draws} orders"
             ),
         )
+    drawn = f"--particles {' '.join(map(str, sizes))} --packings {samples}"
     made_by = (
-        f"packmech cement --particles {' '.join(map(str, sizes))} --packings {samples} --orders {draws} "
-        f"--seed {seed} --step {step:g} --freeze {freeze}"
+        f"packmech cement {' '.join(file.name for file in files) or drawn} --orders {draws} "
+        f"--seed {seed} --step {step:g} --freeze {freeze} --order {order}"
     )
     (out / "curve.csv").write_text(curve_csv(curves), encoding="utf-8")
     (out / "thresholds.csv").write_text(thresholds_csv(curves), encoding="utf-8")

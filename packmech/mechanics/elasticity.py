@@ -281,13 +281,8 @@ class Moduli:
         """
         if not self.stable:
             return float("nan")
-        voigt, reuss, d = self.voigt, self.reuss, self.dimension
-        if len(self.stiff_directions):
-            return float("inf")
-        if reuss.bulk_modulus == 0.0 or reuss.shear_modulus == 0.0:
-            return float("inf")
-        ratio = voigt.bulk_modulus / reuss.bulk_modulus + _deviators(d) * voigt.shear_modulus / reuss.shear_modulus
-        return ratio - d * (d + 1) / 2.0
+        voigt, reuss = self.voigt, self.reuss
+        return float("inf") if len(self.stiff_directions) else universal_anisotropy(voigt, reuss)
 
     def _matrix(self, tangent: str) -> NDArray[np.float64]:
         one_of("tangent", tangent, ("cauchy", "energy", "affine"))
@@ -326,6 +321,23 @@ def _touches(direction_ke: NDArray[np.float64] | None, dimension: int) -> tuple[
         return False, False
     volume = bool((np.abs(direction_ke @ trace_vector(dimension)) > _TOUCHED).any())
     return volume, bool((np.abs(direction_ke @ isochoric_basis(dimension)) > _TOUCHED).any())
+
+
+def universal_anisotropy(voigt: Average, reuss: Average) -> float:
+    """Return K_V/K_R + n G_V/G_R - d(d+1)/2 with n = (d-1)(d+2)/2 [1]; inf where a modulus is 0 or infinite.
+
+    Examples
+    --------
+    >>> universal_anisotropy(Average(2.0, 1.0, 3), Average(2.0, 1.0, 3))
+    0.0
+
+    """
+    moduli = voigt.bulk_modulus, voigt.shear_modulus, reuss.bulk_modulus, reuss.shear_modulus
+    if 0.0 in moduli[2:] or not np.isfinite(moduli).all():
+        return float("inf")
+    d = voigt.dimension
+    ratio = voigt.bulk_modulus / reuss.bulk_modulus + _deviators(d) * voigt.shear_modulus / reuss.shear_modulus
+    return ratio - d * (d + 1) / 2.0
 
 
 def voigt_average(stiffness_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64] | None = None) -> Average:

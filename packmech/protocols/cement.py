@@ -17,17 +17,19 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
+from packmech.effects import ContactTerms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.links import Links
-from packmech.mechanics.elasticity import Average, inverse_across, voigt_average
-from packmech.mechanics.hessian import bond_sums, bordered, closed_terms, prestressed
-from packmech.mechanics.rattling import held_network
+from packmech.mechanics.elasticity import Average, inverse_across, universal_anisotropy, voigt_average
+from packmech.mechanics.hessian import Prestressed, bond_sums, bordered, closed_terms, joined, prestressed
+from packmech.mechanics.rattling import Network, held_network
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 FREEZE = ("angles", "clusters", "nothing")
+ORDERS = ("random", "aggregate")
 
 
 class HeldPair(NamedTuple):
@@ -48,20 +50,37 @@ def canonical(pair: HeldPair) -> tuple[int, int, tuple[int, ...]]:
     return pair.i, pair.j, pair.image
 
 
+def own_pairs(packing: Packing) -> list[HeldPair]:
+    """Return the pairs that the packing's own links hold."""
+    links = packing.links
+    if links is None:
+        return []
+    assert links.shape_l is not None
+    vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
+    rows = zip(links.i_l.tolist(), links.j_l.tolist(), links.image_ld.tolist(), vector, links.shape_l, strict=True)
+    return [HeldPair(i, j, tuple(image), one, bool(shape)) for i, j, image, one, shape in rows]
+
+
 class Cement:
     """Contacts cemented one after another, and the new pairs that each of them holds at a fixed distance.
 
     With "angles", any two particles cemented to the same third keep their distance: bond angles are frozen, turns about
     a bond stay free. With "clusters", all particles that are cemented together, directly or not, move as one body.
-    With "nothing", the contact alone keeps its length.
+    With "nothing", the contact alone keeps its length. Links that the packing has count as cemented where angles are
+    frozen, but for those that hold a shape themselves; angles between two of them stay free, and they make no body of a
+    chain.
     """
 
-    def __init__(self, contacts: Contacts, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> None:
+    def __init__(self, contacts: Contacts, packing: Packing) -> None:
         self._contacts = contacts
-        self._place = position_nd
-        self._lattice = lattice_dd
-        self._seen: set[tuple[int, int, tuple[int, ...]]] = set()
+        self._place = packing.position_nd
+        self._lattice = packing.box.lattice_dd
+        own = own_pairs(packing)
+        self._seen = {canonical(pair) for pair in own}
         self._around: dict[int, list[tuple[int, NDArray[np.int64], NDArray[np.float64]]]] = {}
+        for pair in own:
+            if not pair.shape:
+                self._join(pair.i, pair.j, np.array(pair.image), pair.vector)
         # clusters: number of each particle's, its members, and the images that unwrap them
         self._cluster = np.arange(contacts.particles)
         self._members = [[n] for n in range(contacts.particles)]
@@ -90,6 +109,9 @@ class Cement:
             yield HeldPair(k, j, tuple((image - its_image).tolist()), vector - its_vector, True)
         for k, its_image, its_vector in self._around.get(j, []):
             yield HeldPair(i, k, tuple((image + its_image).tolist()), vector + its_vector, True)
+        self._join(i, j, image, vector)
+
+    def _join(self, i: int, j: int, image: NDArray[np.int64], vector: NDArray[np.float64]) -> None:
         self._around.setdefault(i, []).append((j, image, vector))
         self._around.setdefault(j, []).append((i, -image, -vector))
 
@@ -151,6 +173,8 @@ class Backbone:
         For every contact of the packing its place among these, -1 for those of rattlers.
     bearing
         Number of particles that bear force.
+    own
+        Pairs that the packing's own links hold among them.
     inverse_xm
         (N d + s, M) transposed inverse of the Hessian's Cholesky factor; zero rows for what does not move.
     length, volume
@@ -162,6 +186,7 @@ class Backbone:
     contacts: Contacts
     place_c: NDArray[np.int64]
     bearing: int
+    own: list[HeldPair]
     inverse_xm: NDArray[np.float64]
     length: float
     volume: float
@@ -204,7 +229,7 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     contacts, d = held.contacts, packing.dimension
     if not len(contacts):
         raise ValueError("scene.packing must be jammed, got one whose particles all rattle")
-    sums = bond_sums(*prestressed(contacts, closed_terms(scene, contacts), kind, None))
+    sums = bond_sums(*_stiffened(held, closed_terms(scene, contacts), kind))
     free = np.ones(contacts.particles, dtype=bool)
     free[np.argmax(contacts.count_n())] = False
     volume = packing.box.volume
@@ -230,9 +255,22 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     found = find_contacts(packing, gap_tolerance=gap_tolerance)
     bears = np.zeros(packing.particles, dtype=bool)
     bears[held.index_n] = True
+    own = [pair for pair in own_pairs(packing) if bears[pair.i] and bears[pair.j]]
     kept = bears[found.i_c] & bears[found.j_c]
     place = np.where(kept, np.cumsum(kept) - 1, -1)
-    return Backbone(scene, found.select(kept), place, len(held.index_n), spread, length, volume)
+    return Backbone(scene, found.select(kept), place, len(held.index_n), own, spread, length, volume)
+
+
+def _stiffened(held: Network, terms: ContactTerms, kind: str) -> Prestressed:
+    """Return the pairs of the Hessian, links among them as stiff as a contact: what they hold later is not changed."""
+    contacts, links = held.contacts, held.links
+    if links is None:
+        return prestressed(contacts, terms, kind, None)
+    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
+    tension = links.tension(contacts, terms.first_c) if kind == "exact" else np.zeros(len(links.pairs))
+    pairs, order = joined(contacts, links.pairs)
+    stiff = np.full(len(tension), float(terms.second_c.mean()))
+    return Prestressed(pairs, np.concatenate([first, tension])[order], np.concatenate([terms.second_c, stiff])[order])
 
 
 class HeldCompliance:
@@ -324,8 +362,8 @@ class Cementing:
     first_direction_ke
         (k, s) orthonormal strains that became stiff at `first_stiff`; none where none did.
     links
-        The links that hold the packing at the last step, as many as are independent of each other; those besides the
-        cemented contacts are marked as holding a shape.
+        The links that hold the packing at the last step besides its own, as many as are independent of each other and
+        of these; those besides the cemented contacts are marked as holding a shape.
     added_l
         (L,) n_l at which each of these links came.
     self_stress
@@ -374,6 +412,17 @@ class Cementing:
         """Return the Reuss average at a step: the response to imposed stresses."""
         return _bounds(self.compliance_kee[step])[0]
 
+    def hill(self, step: int) -> Average:
+        """Return the mean of the Voigt and Reuss averages at a step."""
+        low, high = _bounds(self.compliance_kee[step])
+        bulk, shear = (low.bulk_modulus + high.bulk_modulus) / 2.0, (low.shear_modulus + high.shear_modulus) / 2.0
+        return Average(bulk, shear, low.dimension)
+
+    def anisotropy(self, step: int) -> float:
+        """Return the universal anisotropy at a step, `universal_anisotropy` of its averages [1]; inf once one is."""
+        low, high = _bounds(self.compliance_kee[step])
+        return universal_anisotropy(high, low)
+
     def poisson_ratio(self, step: int) -> float:
         """Return the Poisson ratio [1] of the mean of the bounds, or of the lower one where the upper is infinite.
 
@@ -382,13 +431,15 @@ class Cementing:
         low, high = _bounds(self.compliance_kee[step])
         if np.isinf(high.bulk_modulus) or np.isinf(high.shear_modulus):
             return low.poisson_ratio
-        bulk, shear = (low.bulk_modulus + high.bulk_modulus) / 2.0, (low.shear_modulus + high.shear_modulus) / 2.0
-        return Average(bulk, shear, low.dimension).poisson_ratio
+        return self.hill(step).poisson_ratio
 
     def packing_at(self, step: int) -> Packing:
         """Return the packing with the links that hold it at a step."""
-        keep = self.added_l <= self.cemented_k[step]
-        return self.packing.replace(links=self.links.select(keep) if keep.any() else None)
+        keep, own = self.added_l <= self.cemented_k[step], self.packing.links
+        if not keep.any():
+            return self.packing
+        added = self.links.select(keep)
+        return self.packing.replace(links=added if own is None else own.joined(added))
 
 
 def _bounds(compliance_ee: NDArray[np.float64]) -> tuple[Average, Average]:
@@ -408,12 +459,12 @@ def _inverse(compliance: float) -> float:
     return 1.0 / compliance if compliance > 0.0 else float("inf")
 
 
-@honors("repulsion", at_rest=True)
+@honors("repulsion links", at_rest=True)
 def cement(
     scene: Scene,
     *,
     seed: int = 0,
-    order: Sequence[int] | NDArray[np.int64] | None = None,
+    order: str | Sequence[int] | NDArray[np.int64] = "random",
     step: float = 0.05,
     freeze: str = "angles",
     kind: str = "unstressed",
@@ -430,10 +481,12 @@ def cement(
     scene
         A scene whose packing resists every strain: jammed with `strain="free"`, at a low pressure.
     seed
-        Draws the order of cementing: every contact with equal chances, also those that links hold already.
+        Draws the order of cementing, in which contacts that links hold already have their turn, too.
     order
-        Contacts in the order to be cemented, as numbers in `find_contacts(packing, gap_tolerance=...)`, in place of a
-        random one. Cementing ends with the last.
+        "random": every contact with equal chances next. "aggregate": the next one touches what has been cemented, with
+        equal chances, so that one cluster grows from one contact until all it can reach is part of it. Or contacts in
+        the order to be cemented, as numbers in `find_contacts(packing, gap_tolerance=...)`; cementing ends with the
+        last.
     step
         Moduli are measured every `step` in n_l/N [1], n_l cemented contacts and N all particles.
     freeze
@@ -472,11 +525,52 @@ def cement(
     began = time.process_time()
     with single_thread():
         backbone = backbone_of(scene, kind, gap_tolerance)
-        if order is None:
-            sequence = np.random.default_rng(seed).permutation(len(backbone.contacts))
+        if isinstance(order, str):
+            sequence = drawn_order(one_of("order", order, ORDERS), backbone, np.random.default_rng(seed))
         else:
             sequence = _sequence(order, backbone)
         return cement_backbone(backbone, sequence, step, freeze, kind, began)
+
+
+def drawn_order(name: str, backbone: Backbone, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Return the contacts of a backbone in a random order or in one in which a cluster grows."""
+    contacts = backbone.contacts
+    if name == "random":
+        return rng.permutation(len(contacts))
+    around: list[list[int]] = [[] for _ in range(contacts.particles)]
+    for c, (i, j) in enumerate(zip(contacts.i_c.tolist(), contacts.j_c.tolist(), strict=True)):
+        around[i].append(c)
+        around[j].append(c)
+    # the packing's links join what they link, whatever is cemented
+    linked: list[list[int]] = [[] for _ in range(contacts.particles)]
+    for pair in backbone.own:
+        linked[pair.i].append(pair.j)
+        linked[pair.j].append(pair.i)
+    order: list[int] = []
+    left = set(range(len(contacts)))
+    reached = np.zeros(contacts.particles, dtype=bool)
+    # contacts that touch the cluster, each once
+    edge: list[int] = []
+    listed: set[int] = set()
+    while left:
+        if not edge:
+            edge = [sorted(left)[int(rng.integers(len(left)))]]
+            listed.update(edge)
+        place = int(rng.integers(len(edge)))
+        edge[place], edge[-1] = edge[-1], edge[place]
+        c = edge.pop()
+        left.remove(c)
+        order.append(c)
+        waiting = [int(contacts.i_c[c]), int(contacts.j_c[c])]
+        while waiting:
+            n = waiting.pop()
+            if not reached[n]:
+                reached[n] = True
+                new = [one for one in around[n] if one not in listed]
+                edge += new
+                listed.update(new)
+                waiting += linked[n]
+    return np.array(order, dtype=np.int64)
 
 
 def _sequence(order: Sequence[int] | NDArray[np.int64], backbone: Backbone) -> NDArray[np.int64]:
@@ -507,6 +601,12 @@ class _Course:
     first: int | None = None
     whole: int | None = None
     direction: NDArray[np.float64] | None = None
+
+    def begin(self, own: list[HeldPair]) -> None:
+        """Hold the packing's own links."""
+        if own:
+            self.compliance.hold(own)
+            self._note(self.compliance.stiff_directions(), 0)
 
     def hold(self, pieces: list[list[HeldPair]], before: int) -> None:
         """Hold the pairs of the next contacts at once; where a direction becomes stiff, once more one by one."""
@@ -544,9 +644,11 @@ def cement_backbone(
     began = time.process_time() if began is None else began
     packing, contacts = backbone.scene.packing, backbone.contacts
     d, s = packing.dimension, packing.dimension * (packing.dimension + 1) // 2
-    glue = Cement(contacts, packing.position_nd, packing.box.lattice_dd)
+    glue = Cement(contacts, packing)
     course = _Course(HeldCompliance(backbone), [], [])
-    cemented, compliance, stiff = [0], [course.compliance.compliance()], [0]
+    course.begin(backbone.own)
+    linked = course.compliance.rank
+    cemented, compliance, stiff = [0], [course.compliance.compliance()], [course.stiff]
     while cemented[-1] < len(sequence_l) and course.whole is None:
         last = cemented[-1]
         target = min(step_end(len(cemented), last, step, packing.particles), len(sequence_l))
@@ -574,7 +676,7 @@ def cement_backbone(
         first_direction_ke=np.zeros((0, s)) if course.direction is None else course.direction,
         links=links,
         added_l=_sorted_like(links, course),
-        self_stress=len(contacts) - (d * backbone.bearing + s - d) + 1,
+        self_stress=len(contacts) + linked - (d * backbone.bearing + s - d) + 1,
         bearing=backbone.bearing,
         freeze=freeze,
         kind=kind,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import function, integer, one_of, positive
+from packmech.check import function, instance, integer, one_of, positive
 from packmech.effects import Repulsion
 from packmech.generate import random_packing
 from packmech.generate.random import Monodisperse, Sizes, sizes_of
+from packmech.honors import CALLS
 from packmech.jit.blas import single_thread
 from packmech.loop.checkpoint import read_results, write_checkpoint
 from packmech.packing import Packing
-from packmech.protocols.cement import FREEZE, Cementing, backbone_of, cement_backbone, step_end
+from packmech.protocols.cement import FREEZE, ORDERS, Cementing, backbone_of, cement_backbone, drawn_order, step_end
 from packmech.protocols.jam import jam
 from packmech.result import NotConverged
 from packmech.scene import Scene
@@ -46,15 +48,35 @@ class Settings:
     pressure: float
     dimension: int
     sizes: Sizes
+    order: str
+    scene: Scene | None = field(default=None, compare=False)
 
     def table(self) -> dict[str, Any]:
         """Return the settings, to be compared with those of a file."""
-        return {**asdict(replace(self, sizes=Monodisperse())), "sizes": repr(self.sizes)}
+        named = asdict(replace(self, sizes=Monodisperse(), scene=None)) | {"sizes": repr(self.sizes)}
+        if self.order == "random":
+            del named["order"]
+        if self.scene is None:
+            del named["scene"]
+        else:
+            named["scene"] = _fingerprint(self.scene)
+        return named
 
     def draw(self, *more: int) -> int:
         """Return the seed of a part of these trials; the parts' seeds are independent of each other."""
         source = np.random.SeedSequence([self.seed, self.particles, self.packing, *more])
         return int(source.generate_state(1, dtype=np.uint64)[0] >> np.uint64(1))
+
+
+def _fingerprint(scene: Scene) -> str:
+    """Return what tells a scene's packing, links and laws from others'."""
+    packing, found = scene.packing, hashlib.sha256()
+    parts: list[NDArray[Any]] = [packing.position_nd, packing.radius_n, packing.box.lattice_dd]
+    if packing.links is not None:
+        parts += [packing.links.i_l, packing.links.j_l, packing.links.image_ld, packing.links.length_l]
+    for part in parts:
+        found.update(np.ascontiguousarray(part).tobytes())
+    return f"{found.hexdigest()} {scene.effects!r}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,13 +173,14 @@ def run_trials(
     """
     path = None if folder is None else path_of(folder, settings)
     kept: dict[str, NDArray[Any]] = {}
+    scene = settings.scene
     with single_thread():
         if path is not None and path.exists():
             kept = read_results(path, KIND, settings.table())
             packing = Packing(kept["position"], kept["radius"], Box(kept["lattice"]))
         else:
             began = time.process_time()
-            packing, attempts = _start(settings)
+            packing, attempts = _start(settings) if scene is None else (scene.packing, 1)
             kept = {
                 "position": packing.position_nd,
                 "radius": packing.radius_n,
@@ -165,13 +188,15 @@ def run_trials(
                 "attempts": np.array(attempts),
                 "jam_seconds": np.array(time.process_time() - began),
             }
-        backbone = None
+        scene = Scene(packing, (Repulsion(),)) if scene is None else scene
+        packing, backbone = scene.packing, None
         for order in range(orders):
             if f"cemented_{order}" not in kept:
                 if backbone is None:
-                    backbone = backbone_of(Scene(packing, (Repulsion(),)), "unstressed", None)
+                    backbone = backbone_of(scene, "unstressed", None)
                     kept["bearing"] = np.array(backbone.bearing)
-                sequence = np.random.default_rng(settings.draw(1, order)).permutation(len(backbone.contacts))
+                rng = np.random.default_rng(settings.draw(1, order))
+                sequence = drawn_order(settings.order, backbone, rng)
                 row = _row(
                     cement_backbone(backbone, sequence, settings.step, settings.freeze, "unstressed"), settings.step
                 )
@@ -250,8 +275,8 @@ class CementingCurve:
         12/(Voigt - Reuss)^2, the inverse variance of a value spread evenly between them; trials with an infinite bound
         have no weight and drop out. The standard error takes packings as independent, not orders of the same packing:
         error^2 = P/(P-1) sum over the P packings of (sum over orders of w (x - mean))^2 / (sum of w)^2.
-    poisson_ratio
-        Means with equal weights [1], over trials with finite bounds.
+    poisson_ratio, anisotropy
+        Means with equal weights [1], over trials with finite bounds; `universal_anisotropy` of each trial's bounds.
     bound_means
         (K,) means with equal weights over the same trials by name: bulk_reuss, bulk_voigt, shear_reuss, shear_voigt.
     some_stiff_k, all_stiff_k
@@ -269,6 +294,7 @@ class CementingCurve:
     bulk: WeightedMean
     shear: WeightedMean
     poisson_ratio: WeightedMean
+    anisotropy: WeightedMean
     bound_means: dict[str, NDArray[np.float64]]
     some_stiff_k: NDArray[np.float64]
     all_stiff_k: NDArray[np.float64]
@@ -333,6 +359,8 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
         for bound, table in (("reuss", low), ("voigt", high)):
             bounds[f"{modulus}_{bound}"] = weighted_mean(table, finite.astype(float)).mean_k
     both = np.isfinite(curve["bulk_voigt"]) & np.isfinite(curve["shear_voigt"])
+    ratio = {name: np.where(both, curve[f"{name}_voigt"], 1.0) / curve[f"{name}_reuss"] for name in MODULI}
+    anisotropy = ratio["bulk"] + (d - 1) * (d + 2) / 2.0 * ratio["shear"] - d * (d + 1) / 2.0
     first, whole = (
         np.array([np.where(one >= 0, one / particles, np.nan) for one in found])
         for found in ([one.first_o for one in trials], [one.all_o for one in trials])
@@ -343,6 +371,7 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
         bulk=means["bulk"],
         shear=means["shear"],
         poisson_ratio=weighted_mean(poisson, both.astype(float)),
+        anisotropy=weighted_mean(anisotropy, both.astype(float)),
         bound_means=bounds,
         some_stiff_k=(stiff > 0).mean(axis=(0, 1)),
         all_stiff_k=(stiff == d * (d + 1) // 2).mean(axis=(0, 1)),
@@ -388,12 +417,14 @@ def _at_once(
 def cementing_curve(
     folder: str | os.PathLike[str] | None = None,
     *,
+    scenes: Sequence[Scene] | None = None,
     particles: Sequence[int] = (64, 128, 256),
     packings: int = 10,
     orders: int = 20,
     seed: int = 0,
     step: float = 0.05,
     freeze: str = "angles",
+    order: str = "random",
     pressure: float = 1e-8,
     dimension: int = 3,
     sizes: Sizes | None = None,
@@ -413,14 +444,17 @@ def cementing_curve(
         Where results are kept: a file for each packing, rewritten after each order, so that interrupted work goes on
         where it was when called again, with the same numbers. More packings, orders or sizes may be asked for then.
         None keeps nothing.
+    scenes
+        Jammed packings of one's own with their laws, shear-stabilized, in place of those that are drawn: `particles`,
+        `packings`, `pressure`, `dimension` and `sizes` are not used then. Those of one size make up a curve.
     particles
         Sizes N.
     packings, orders
         Packings of each size, and orders of cementing of each.
     seed
         Everything is drawn from it; each packing and order for itself, whatever else is asked for.
-    step, freeze
-        As in `cement`.
+    step, freeze, order
+        As in `cement`; the order is "random" or "aggregate".
     pressure
         Pressure of the jammed packings [energy_scale / diameter^d].
     dimension, sizes
@@ -433,7 +467,8 @@ def cementing_curve(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or the folder holds results of other settings.
+        If an argument is not what it must be, a packing of one's own does not resist every strain, or the folder holds
+        results of other settings.
     NotConverged
         If 50 packings in a row do not jam with one state of self stress.
 
@@ -457,6 +492,7 @@ def cementing_curve(
     seed = integer("seed", seed, at_least=0)
     step, pressure = positive("step", step), positive("pressure", pressure)
     one_of("freeze", freeze, FREEZE)
+    one_of("order", order, ORDERS)
     sizes = sizes_of(sizes, Monodisperse())
     if progress is not None:
         function("progress", progress)
@@ -465,12 +501,41 @@ def cementing_curve(
             raise TypeError(f"folder must be a path or None, got {folder!r}")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-    tasks = [
-        Settings(count, packing, seed, step, freeze, pressure, dimension, sizes)
-        for count, packing in itertools.product(counts, range(number))
-    ]
+    if scenes is None:
+        tasks = [
+            Settings(count, packing, seed, step, freeze, pressure, dimension, sizes, order)
+            for count, packing in itertools.product(counts, range(number))
+        ]
+    else:
+        tasks = _own_tasks(scenes, Settings(0, 0, seed, step, freeze, 0.0, dimension, sizes, order))
     if processes == 1:
         found = list(_in_turn(tasks, orders, folder, progress))
     else:
         found = _at_once(tasks, orders, folder, progress, processes)
-    return tuple(gathered(count, found[k * number : (k + 1) * number]) for k, count in enumerate(counts))
+    sized: dict[int, list[Trials]] = {one.particles: [] for one in tasks}
+    for settings, trials in zip(tasks, found, strict=True):
+        sized[settings.particles].append(trials)
+    return tuple(gathered(count, trials) for count, trials in sized.items())
+
+
+def _own_tasks(scenes: Sequence[Scene], settings: Settings) -> list[Settings]:
+    """Return the settings of one's own scenes, after a look at whether these can be cemented."""
+    if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not len(scenes):
+        raise TypeError(f"scenes must be a list of scenes, at least one, got {scenes!r:.60}")
+    count: dict[int, int] = {}
+    dimensions = set()
+    tasks = []
+    for k, scene in enumerate(scenes):
+        instance(f"scenes[{k}]", scene, Scene)
+        CALLS["cement"].check(f"scenes[{k}]", scene)
+        n, d = scene.packing.position_nd.shape
+        dimensions.add(d)
+        try:
+            backbone_of(scene, "unstressed", None)
+        except ValueError as error:
+            raise ValueError(f"scenes[{k}]: {error}") from error
+        tasks.append(replace(settings, particles=n, packing=count.get(n, 0), dimension=d, scene=scene))
+        count[n] = count.get(n, 0) + 1
+    if len(dimensions) > 1:
+        raise ValueError(f"scenes must be of one dimension, got {sorted(dimensions)}")
+    return tasks

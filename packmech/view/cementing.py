@@ -22,7 +22,7 @@ STIFF_SHARE = 0.5
 def curve_csv(curves: Sequence[CementingCurve]) -> str:
     """Return the curves as CSV, a line for each N and step."""
     head = ["N", "nl/N", "trials", "K", "K error", "K Reuss", "K Voigt", "G", "G error", "G Reuss", "G Voigt"]
-    head += ["Poisson ratio", "Poisson ratio error", "some stiff", "all stiff"]
+    head += ["Poisson ratio", "Poisson ratio error", "anisotropy", "anisotropy error", "some stiff", "all stiff"]
     lines = []
     for curve in curves:
         for k, fraction in enumerate(curve.link_fraction_k):
@@ -31,7 +31,8 @@ def curve_csv(curves: Sequence[CementingCurve]) -> str:
                 means = getattr(curve, name)
                 numbers += [means.mean_k[k], means.error_k[k]]
                 numbers += [curve.bound_means[f"{name}_{bound}"][k] for bound in ("reuss", "voigt")]
-            numbers += [curve.poisson_ratio.mean_k[k], curve.poisson_ratio.error_k[k]]
+            for means in (curve.poisson_ratio, curve.anisotropy):
+                numbers += [means.mean_k[k], means.error_k[k]]
             numbers += [curve.some_stiff_k[k], curve.all_stiff_k[k]]
             lines.append([str(curve.particles), *(f"{number:.9g}" for number in numbers)])
     return csv_text(head, lines)

@@ -1,0 +1,132 @@
+"""Facts about cementing packings that have links, packings of one's own, and clusters that grow."""
+
+import collections
+import functools
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.protocols.cement import backbone_of, drawn_order
+
+
+@functools.cache
+def linked(seed=1, dimension=2, pressure=1e-6):
+    start = pm.cluster_packing(
+        24, pm.Trimer(angle=(1.1, 2.6)), dimension=dimension, packing_fraction=0.35, largest_overlap=0.1, seed=seed
+    )
+    scene = pm.Scene(start, (pm.Repulsion(pm.Harmonic()),))
+    return scene.replace(packing=pm.jam(scene, pressure=pressure).packing)
+
+
+@functools.cache
+def monomers(seed=1, particles=32):
+    start = pm.random_packing(particles, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=seed)
+    scene = pm.Scene(start, (pm.Repulsion(pm.Hertz()),))
+    return scene.replace(packing=pm.jam(scene, pressure=1e-6).packing)
+
+
+@pytest.mark.parametrize("kind", ["exact", "unstressed"])
+def test_before_cementing_moduli_are_those_of_the_linked_packing(kind):
+    scene = linked()
+    found = pm.cement(scene, kind=kind, step=0.02, order=first_contacts(scene, 2))
+    moduli = pm.elastic_moduli(scene, kind=kind)
+    inverse = np.linalg.inv(found.compliance_kee[0])
+    assert np.abs(inverse - moduli.energy).max() < 1e-8 * np.abs(moduli.energy).max()
+
+
+def first_contacts(scene, count):
+    """Return contacts between particles that bear force."""
+    contacts = pm.find_contacts(scene.packing)
+    rattling = pm.find_rattlers(scene.packing)
+    return np.flatnonzero(~rattling[contacts.i_c] & ~rattling[contacts.j_c])[:count]
+
+
+@pytest.mark.parametrize("freeze", ["angles", "nothing"])
+def test_each_step_is_the_packing_with_its_own_and_the_cemented_links(freeze):
+    scene = linked(seed=2)
+    found = pm.cement(scene, kind="unstressed", freeze=freeze, seed=3, step=0.06)
+    assert not found.stiff_k[:3].any()
+    for step in (1, 2):
+        there = scene.replace(packing=found.packing_at(step))
+        assert len(there.packing.links) > len(scene.packing.links)
+        energy = pm.elastic_moduli(there, kind="unstressed", gap_tolerance=1e-9).energy
+        inverse = np.linalg.inv(found.compliance_kee[step])
+        # cemented pairs are no contacts any more, and what they press on is kept
+        assert np.abs(inverse - energy).max() < 1e-6 * np.abs(energy).max()
+
+
+def test_bounds_never_fall_and_hill_lies_between_them():
+    found = pm.cement(linked(seed=3), seed=1)
+    assert found.all_stiff is not None
+    for step in range(len(found.cemented_k)):
+        low, middle, high = found.reuss(step), found.hill(step), found.voigt(step)
+        for name in ("bulk_modulus", "shear_modulus"):
+            assert getattr(low, name) <= getattr(middle, name) * (1 + 1e-12)
+            assert getattr(middle, name) <= getattr(high, name) * (1 + 1e-12)
+            if step:
+                assert getattr(found.reuss(step - 1), name) <= getattr(low, name) * (1 + 1e-9)
+        anisotropy = found.anisotropy(step)
+        assert anisotropy > -1e-9 and (np.isfinite(anisotropy) == np.isfinite(high.bulk_modulus + high.shear_modulus))
+
+
+def test_anisotropy_and_hill_are_those_of_the_moduli():
+    scene = monomers()
+    found = pm.cement(scene, kind="unstressed")
+    moduli = pm.elastic_moduli(scene, kind="unstressed")
+    tensor = moduli.energy
+    one = np.array([1.0, 1.0, 0.0])
+    bulk = one @ tensor @ one / 4.0
+    shear = (np.trace(tensor) - one @ tensor @ one / 2.0) / 4.0
+    inverse = np.linalg.inv(tensor)
+    soft_bulk, soft_shear = 1.0 / (one @ inverse @ one), 2.0 / (2.0 * (np.trace(inverse) - one @ inverse @ one / 2.0))
+    assert found.hill(0).bulk_modulus == pytest.approx((bulk + soft_bulk) / 2.0, rel=1e-9)
+    assert found.hill(0).shear_modulus == pytest.approx((shear + soft_shear) / 2.0, rel=1e-9)
+    assert found.anisotropy(0) == pytest.approx(bulk / soft_bulk + 2.0 * shear / soft_shear - 3.0, rel=1e-8)
+
+
+def test_aggregation_grows_one_cluster():
+    scene = monomers(seed=2, particles=48)
+    found = pm.cement(scene, order="aggregate", seed=4, freeze="nothing")
+    contacts = pm.find_contacts(scene.packing)
+    cluster = set()
+    for k, c in enumerate(found.contact_l.tolist()):
+        ends = {int(contacts.i_c[c]), int(contacts.j_c[c])}
+        assert k == 0 or ends & cluster
+        cluster |= ends
+    again = pm.cement(scene, order="aggregate", seed=4, freeze="nothing")
+    assert np.array_equal(found.contact_l, again.contact_l)
+    drawn = pm.cement(scene, seed=4, freeze="nothing")
+    assert set(found.contact_l.tolist()) != set(drawn.contact_l.tolist()) or len(found.contact_l) == len(contacts)
+
+
+def test_the_next_contact_of_a_cluster_is_each_with_equal_chances():
+    """All contacts that touch the first one come second equally often: a chi-square of a few degrees of freedom."""
+    backbone = backbone_of(monomers(seed=2, particles=48), "unstressed", None)
+    contacts = backbone.contacts
+    drawn = [drawn_order("aggregate", backbone, np.random.default_rng(seed))[:2].tolist() for seed in range(4000)]
+    first = drawn[0][0]
+    seen = collections.Counter(second for one, second in drawn if one == first)
+    ends = {int(contacts.i_c[first]), int(contacts.j_c[first])}
+    assert all({int(contacts.i_c[c]), int(contacts.j_c[c])} & ends for c in seen)
+    count = np.array(list(seen.values()))
+    assert ((count - count.mean()) ** 2 / count.mean()).sum() < 30.0
+
+
+def test_curves_of_ones_own_packings_are_resumed_and_told_apart(tmp_path):
+    scenes = [monomers(1), monomers(2), monomers(2, 48)]
+    settings = {"orders": 2, "seed": 5, "step": 0.2}
+    curves = pm.cementing_curve(tmp_path, scenes=scenes, **settings)
+    assert [(one.particles, len(one.trials)) for one in curves] == [(32, 2), (48, 1)]
+    again = pm.cementing_curve(tmp_path, scenes=scenes, **settings)
+    assert all(np.array_equal(a.bulk.mean_k, b.bulk.mean_k, equal_nan=True) for a, b in zip(curves, again, strict=True))
+    alone = pm.cement(scenes[0], kind="unstressed", step=0.2)
+    assert np.abs(curves[0].trials[0].curves["bulk_reuss"][0, 0] / alone.reuss(0).bulk_modulus - 1.0) < 1e-12
+    assert curves[1].anisotropy.mean_k[0] == pytest.approx(pm.cement(scenes[2], step=0.2).anisotropy(0), rel=1e-9)
+    with pytest.raises(ValueError, match="settings|scene"):
+        pm.cementing_curve(tmp_path, scenes=scenes[1:], **settings)
+    loose = pm.Scene(pm.random_packing(16, dimension=2, packing_fraction=0.3, seed=1), (pm.Repulsion(),))
+    with pytest.raises(ValueError, match=r"scenes\[1\]: scene.packing must be jammed"):
+        pm.cementing_curve(scenes=[scenes[0], loose], orders=1)
+    with pytest.raises(ValueError, match=r"scenes\[0\].effects must hold nothing"):
+        pm.cementing_curve(scenes=[scenes[0].replace(effects=(pm.Repulsion(), pm.Friction()))], orders=1)
