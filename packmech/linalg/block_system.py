@@ -79,6 +79,25 @@ def _assemble(i_c, j_c, slot_c, normal, along, across, extra_n, start, data):  #
 
 
 @kernel
+def _transposed(start, index):  # type: ignore[no-untyped-def]
+    """Return column pointers and row numbers of the transposed pattern, and where each of its numbers was before."""
+    size = start.shape[0] - 1
+    other = np.zeros(size + 1, np.int64)
+    for k in range(index.shape[0]):
+        other[index[k] + 1] += 1
+    for row in range(size):
+        other[row + 1] += other[row]
+    place = other[:-1].copy()
+    row_k, from_k = np.empty_like(index), np.empty_like(index)
+    for column in range(size):
+        for k in range(start[column], start[column + 1]):
+            to = place[index[k]]
+            row_k[to], from_k[to] = column, k
+            place[index[k]] += 1
+    return other, row_k, from_k
+
+
+@kernel
 def gather(i_c, j_c, normal, weight, particles):  # type: ignore[no-untyped-def]
     """Return A^T weight, (N, d): the sum over contacts of weight n on j, minus it on i."""
     d = normal.shape[1]
@@ -149,19 +168,17 @@ class BlockSystem:
         size = particles * dimension
         self._slot_c, self._start, index = _pattern(i_c, j_c, particles, dimension)
         self._data = np.empty(len(index))
-        lower = sp.csc_matrix((np.ones(len(index)), index, self._start), shape=(size, size))
         self._symbolic: Any = None
         self._found: Any = None
         if backend == "rslab":
             import rslab
 
+            lower = sp.csc_matrix((np.ones(len(index)), index, self._start), shape=(size, size))
             self._symbolic = rslab.analyze(lower, path="ldlt", threads=1)
         else:
             # qdldl reads the upper triangle: where each of its numbers stands in the lower one
-            numbered = sp.csc_matrix((np.arange(len(index), dtype=np.float64), index, self._start), shape=(size, size))
-            upper = sp.csc_matrix(numbered.T)
-            upper.sort_indices()
-            self._upper, self._from_lower = upper, upper.data.astype(np.int64)
+            start, row, self._from_lower = _transposed(self._start, index)
+            self._upper = sp.csc_matrix((np.ones(len(index)), row, start), shape=(size, size))
 
     def factor(
         self,

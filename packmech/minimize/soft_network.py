@@ -209,9 +209,8 @@ class SoftNetwork:
         self.balance()
 
     def lay_out(self) -> None:
-        """Make what depends on which pairs touch, not on where they are."""
-        contacts = self.contacts
-        self.system = BlockSystem(contacts.i_c, contacts.j_c, contacts.particles, contacts.dimension)
+        """Forget what depends on which pairs touch, not on where they are: it is made where it is asked for."""
+        self.system = None
 
     def balance(self) -> None:
         """Set the slopes of the enthalpy and how far from balance they are."""
@@ -256,7 +255,9 @@ class SoftNetwork:
 
     def factor(self, stiff: StiffPairs, regularization: float) -> Factored:
         """Return the factored system of the positions; `regularization` is added to every particle's stiffness."""
-        assert self.system is not None
+        if self.system is None:
+            one = self.contacts
+            self.system = BlockSystem(one.i_c, one.j_c, one.particles, one.dimension)
         extra = np.where(self.contacts.count_n() == 0, 1.0, regularization)
         return self.system.factor(stiff.normal_cd, stiff.along_c, stiff.across_c, extra_n=extra)
 
