@@ -99,6 +99,7 @@ _PUBLIC = {
     "energy": "packmech.measure.stress",
     "forces": "packmech.measure.stress",
     "ContactForces": "packmech.measure.contact_forces",
+    "contact_distance": "packmech.contacts.contact_distance",
     "contact_forces": "packmech.measure.contact_forces",
     "torques": "packmech.measure.contact_forces",
     "link_tension": "packmech.measure.stress",

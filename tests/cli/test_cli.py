@@ -239,7 +239,8 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (
             ("accuracy", "guess"),
             "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', "
-            "'jamming_2d', 'jamming_3d', 'gap_tolerance', 'shear_time_step', 'integrators', 'effect_costs', got",
+            "'jamming_2d', 'jamming_3d', 'gap_tolerance', 'shear_time_step', 'integrators', 'effect_costs', "
+            "'contact_distance', got",
         ),
         (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
     ],

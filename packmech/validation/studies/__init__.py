@@ -9,6 +9,7 @@ from typing import Protocol
 
 from packmech.validation.studies import (
     constraint_bases,
+    contact_distance,
     effect_costs,
     exact_hessian,
     gap_tolerance,
@@ -51,7 +52,7 @@ def studies() -> dict[str, Study]:
     --------
     >>> list(studies())
     ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance',
-     'shear_time_step', 'integrators', 'effect_costs']
+     'shear_time_step', 'integrators', 'effect_costs', 'contact_distance']
 
     """
     return {
@@ -65,4 +66,5 @@ def studies() -> dict[str, Study]:
         "shear_time_step": shear_time_step.run,
         "integrators": integrators.run,
         "effect_costs": effect_costs.run,
+        "contact_distance": contact_distance.run,
     }
