@@ -257,9 +257,10 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse") -> pm.Scene:
                     f"scene must have no bonds here, which no minimizer knows, got {len(one)} in effects[{k}]; "
                     'bonds="leave out" quenches the packing without them'
                 )
-        elif isinstance(one, pm.Gravity | pm.Walls):
+        elif isinstance(one, pm.FixedParticles) or hasattr(type(one), "body_energy"):
             raise ValueError(
-                f"scene must have no {type(one).__name__} here, which no minimizer knows, got effects[{k}]"
+                f"scene must have no {type(one).__name__} here, which this environment does not know (pm.quench does), "
+                f"got effects[{k}]"
             )
         elif hasattr(type(one), "pair_energy"):
             kept.append(one)

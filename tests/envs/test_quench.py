@@ -385,3 +385,10 @@ def test_options_come_by_name_or_in_a_record_and_an_unknown_one_is_answered_with
         gym.make("packmech_envs:packmech/Quench-v0", relaxed=5)
     with pytest.raises(TypeError, match="task must be a QuenchTask, got 'jam'"):
         QuenchVectorEnv(2, discs(), task="jam")
+
+
+@pytest.mark.parametrize("effect", [pm.Gravity(), pm.Walls(1, 0.0, 4.0), pm.FixedParticles((1,))])
+def test_what_the_environment_does_not_know_is_refused_by_name(effect):
+    packing = pm.random_packing(16, dimension=2, packing_fraction=0.8, seed=1)
+    with pytest.raises(ValueError, match=f"no {type(effect).__name__} here.*got effects.1."):
+        gymnasium.make("packmech_envs:packmech/Quench-v0", scene=pm.Scene(packing, (pm.Repulsion(), effect)))
