@@ -391,4 +391,4 @@ def test_options_come_by_name_or_in_a_record_and_an_unknown_one_is_answered_with
 def test_what_the_environment_does_not_know_is_refused_by_name(effect):
     packing = pm.random_packing(16, dimension=2, packing_fraction=0.8, seed=1)
     with pytest.raises(ValueError, match=f"no {type(effect).__name__} here.*got effects.1."):
-        gymnasium.make("packmech_envs:packmech/Quench-v0", scene=pm.Scene(packing, (pm.Repulsion(), effect)))
+        gym.make("packmech_envs:packmech/Quench-v0", scene=pm.Scene(packing, (pm.Repulsion(), effect)))
