@@ -15,6 +15,7 @@ _PUBLIC = {
     # packings
     "Box": "packmech.box",
     "Packing": "packmech.packing",
+    "Spheroids": "packmech.shapes",
     "TangentialDisplacements": "packmech.tangential",
     "Bidisperse": "packmech.generate",
     "LogNormal": "packmech.generate",

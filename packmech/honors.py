@@ -43,6 +43,7 @@ INSTEAD = {
     "drag": "pm.simulate",
     "held": "pm.simulate or pm.quench",
     "links": "pm.simulate or pm.jam",
+    "shapes": "pm.forces or pm.torques",
 }
 
 
@@ -137,9 +138,14 @@ class Honors:
                     f"out with scene.without(pm.{kind}), or use {self.instead(column)}"
                 )
         packing = getattr(subject, "packing", subject)
-        links = getattr(packing, "links", None)
+        links, shapes = getattr(packing, "links", None), getattr(packing, "shapes", None)
+        where = f"{name}.packing" if packing is not subject else name
+        if shapes is not None and self.answer("shapes") == REFUSED:
+            raise ValueError(
+                f"{where} must be of discs or spheres for pm.{self.call}, which knows no other shapes, got "
+                f"{type(shapes).__name__}: leave them out with packing.replace(shapes=None), or use {INSTEAD['shapes']}"
+            )
         if links is not None and self.answer("links") == REFUSED:
-            where = f"{name}.packing" if packing is not subject else name
             raise ValueError(
                 f"{where} must have no links for pm.{self.call}, which would ignore them, got {len(links)}: leave them "
                 f"out with packing.replace(links=None), or use {self.instead('links')}"

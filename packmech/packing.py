@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.links import Links
+from packmech.shapes import Spheroids
 from packmech.tangential import TangentialDisplacements
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
@@ -53,14 +54,14 @@ class _Masses:
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """Discs (d = 2) or spheres (d = 3) in a periodic box.
+    """Discs (d = 2) or spheres (d = 3), or particles of other shapes, in a periodic box.
 
     Parameters
     ----------
     position_nd
         (N, d) centers [length], inside the cell or not.
     radius_n
-        (N,) radii [length].
+        (N,) radii [length]; of other shapes those of the disc or sphere of equal area or volume.
     box
         The periodic box.
     links
@@ -70,6 +71,9 @@ class Packing:
         follow the radii; masses that are given stay when radii change.
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
+    shapes
+        `Spheroids`, where particles are no discs or spheres; without links. Few calls know them yet: the others refuse
+        them by name.
 
     Attributes
     ----------
@@ -98,6 +102,7 @@ class Packing:
     links: Links | None = None
     mass_n: _Masses = _Masses()
     tangential: TangentialDisplacements | None = None
+    shapes: Spheroids | None = None
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -117,6 +122,18 @@ class Packing:
             self._check_links(self.links)
         if self.tangential is not None:
             self._check_tangential(self.tangential)
+        if self.shapes is not None:
+            self._check_shapes(self.shapes)
+
+    def _check_shapes(self, shapes: Any) -> None:
+        instance("shapes", shapes, Spheroids)
+        if (len(shapes), shapes.dimension) != self.position_nd.shape:
+            raise ValueError(
+                f"shapes must have directors of shape {self.position_nd.shape}, got {(len(shapes), shapes.dimension)}"
+            )
+        for name in ("links", "tangential"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"shapes must be left out where a packing has {name}, got {type(shapes).__name__}")
 
     def _check_tangential(self, tangential: Any) -> None:
         instance("tangential", tangential, TangentialDisplacements)
@@ -144,12 +161,13 @@ class Packing:
             and np.array_equal(self.radius_n, other.radius_n)
             and self.links == other.links
             and self.tangential == other.tangential
+            and self.shapes == other.shapes
             and self._given_masses() == other._given_masses()
         )
 
     def __hash__(self) -> int:
         arrays = self.position_nd.tobytes(), self.radius_n.tobytes()
-        return hash((*arrays, self.box, self.links, self.tangential, self._given_masses()))
+        return hash((*arrays, self.box, self.links, self.tangential, self.shapes, self._given_masses()))
 
     def _given_masses(self) -> bytes | None:
         return None if self.given_mass_n is None else self.given_mass_n.tobytes()
@@ -201,6 +219,7 @@ class Packing:
             links,
             None if given is None else given[kept_n],
             None if self.tangential is None else self.tangential.numbered(_numbers_of(kept_n, self.particles)),
+            None if self.shapes is None else self.shapes.select(kept_n),
         )
 
     def wrapped(self) -> Packing:

@@ -338,6 +338,9 @@ BAD = {
     "aspect_pk": [None, "a", [2.0, 2.0], [[2.0]], [[2.0, -1.0]], [[2.0, INF]]],
     "director_pkd": [None, "d", [[1.0, 0.0]], [[[1.0, 0.0], [0.0, 0.0]]], [[[1.0, NAN], [0.0, 1.0]]]],
     "contact_distance.level": CHOICE,
+    "Packing.shapes": [3, "ellipses", pm.Spheroids([2.0, 2.0], [[1.0, 0.0], [1.0, 0.0]])],
+    "aspect_n": [None, "a", [0.0, 1.0], [NAN, 1.0], [[2.0, 2.0]]],
+    "director_nd": [None, "d", [1.0, 0.0], [[1.0], [1.0]], [[0.0, 0.0], [1.0, 0.0]], [[NAN, 0.0], [1.0, 0.0]]],
     "FixedParticles.velocity": [None, "1", 3.0, [NAN, 0.0], [[1.0, 0.0]]],
     "sweep_stress.stresses": [None, "1", [], [[-1.0, -1.0]], [[[NAN, 0.0], [0.0, -1.0]]], [[[-1.0, 0.1], [0.0, -1.0]]]],
     "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
@@ -573,6 +576,7 @@ def good(name, folder):
         "chain_packing": {"count": 2, "beads": 4, "dimension": 2, "packing_fraction": 0.5, "seed": 1},
         "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
         "Bonds": {"i_b": [0], "j_b": [1], "image_bd": [[0, 0]], "rest_length_b": [1.0]},
+        "Spheroids": {"aspect_n": [2.0, 0.5], "director_nd": [[1.0, 0.0], [0.0, 1.0]]},
         "contact_distance": {
             "vector_pd": [[1.0, 0.0]],
             "radius_pk": [[0.5, 0.5]],

@@ -35,7 +35,7 @@ def solved(at, one, other, x, y, z):
     ai, bi, xi, yi, zi = one
     aj, bj, xj, yj, zj = other
     m = 1.0 - at
-    p, q = m * (ai * ai - bi * bi), at * (aj * aj - bj * bj)
+    p, q = m * (ai - bi) * (ai + bi), at * (aj - bj) * (aj + bj)
     base = m * bi * bi + at * bj * bj
     cosine = xi * xj + yi * yj + zi * zj
     ux, uy, uz = yi * zj - zi * yj, zi * xj - xi * zj, xi * yj - yi * xj
@@ -63,8 +63,8 @@ def touch(x, y, z, one, other, d, guess):
     factor = at * m / s
     ai, bi, xi, yi, zi = one
     aj, bj, xj, yj, zj = other
-    turn_i = -factor * m * (ai * ai - bi * bi) * (xi * wx + yi * wy + zi * wz)
-    turn_j = -factor * at * (aj * aj - bj * bj) * (xj * wx + yj * wy + zj * wz)
+    turn_i = -factor * m * (ai - bi) * (ai + bi) * (xi * wx + yi * wy + zi * wz)
+    turn_j = -factor * at * (aj - bj) * (aj + bj) * (xj * wx + yj * wy + zj * wz)
     return (
         s, at, factor * wx, factor * wy, factor * wz,
         turn_i * (yi * wz - zi * wy), turn_i * (zi * wx - xi * wz), turn_i * (xi * wy - yi * wx),
@@ -77,7 +77,7 @@ def _shape_matrix(one):
     """Return b^2 1 + (a^2 - b^2) mu mu^T."""
     a, b, x, y, z = one
     axis = np.array([x, y, z])
-    return b * b * np.eye(3) + (a * a - b * b) * np.outer(axis, axis)
+    return b * b * np.eye(3) + (a - b) * (a + b) * np.outer(axis, axis)
 
 
 @device

@@ -10,12 +10,13 @@ Three formats, chosen by the ending of the name:
     ``pm.Links`` describes them; such a file is of format version 2, so that a reader without links refuses it. Masses
     that were given are ``mass_n`` (N,), and make it version 3. Tangential displacements of contacts, which make it
     version 4, are ``tangential_i_c``, ``tangential_j_c``, ``tangential_image_cd`` and
-    ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them.
+    ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them. Shapes, which make it version 5,
+    are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     Visible to those programs in single precision and in their orientation of the box; the exact packing lies beside it
     in log chunks, so that what packmech wrote it reads back to the last bit. Links are shown as bonds and constraints.
 ``.txt``, ``.dat``, ``.csv`` (plain table)
-    Positions, radii and masses only; a packing with links or tangential displacements is refused.
+    Positions, radii and masses only; a packing with links, tangential displacements or shapes is refused.
     A line ``lattice x y [z]`` for each lattice vector, then a line ``x y [z] radius [mass]`` for each particle, with
     masses in all lines or in none. Blanks or commas separate numbers, ``#`` starts a comment. Numbers get as many
     digits as they need to be read back exactly::
@@ -35,11 +36,12 @@ visible to every reader
     not given.
     Links are ``constraints`` (pair and length) and ``bonds`` of the types "bond" and "shape", for what draws or holds
     them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
-    image is left out.
+    image is left out. Ellipses and spheroids have orientations and, for each particle type, shape definitions of the
+    kind "Ellipsoid", whose first axis is that along the director.
 exact, for packmech
     the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
     links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, with given masses
-    ``mass_n``, and tangential displacements as in an ``.npz`` file.
+    ``mass_n``, and tangential displacements and shapes as in an ``.npz`` file.
 """
 
 from __future__ import annotations
@@ -64,18 +66,20 @@ from packmech.files.records import from_table, kinds_of, to_table
 from packmech.honors import honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
+from packmech.shapes import Spheroids
 from packmech.tangential import TangentialDisplacements
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
-# springs are slack of version 3
-_FORMAT_VERSION = 4
+# springs are slack of version 3; one of discs or spheres at most of version 4
+_FORMAT_VERSION = 5
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 # arrays that belong together: what their names begin with, the names of their fields, and whose they are
 _LINKS = ("link_", _LINK_ARRAYS, "links")
 _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
+_SHAPES = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _TEXT = (".txt", ".dat", ".csv")
 _ENDINGS = (".npz", ".gsd", *_TEXT)
 
@@ -110,7 +114,7 @@ def read_packing(path: PathLike) -> Packing:
     return _in_file(found, lambda: read(found))
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     """Write the packing as .npz, .gsd or plain text, and read back from it the same packing to the last bit.
 
@@ -149,6 +153,11 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
         raise ValueError(
             f"packing must have no tangential displacements for {ending} files (only .npz and .gsd keep them), "
             f"got {len(packing.tangential)}: leave them out with packing.replace(tangential=None)"
+        )
+    if packing.shapes is not None and ending in _TEXT:
+        raise ValueError(
+            f"packing must be of discs or spheres for {ending} files (only .npz and .gsd keep shapes), got "
+            f"{type(packing.shapes).__name__}"
         )
     if law is not None:
         if not is_law(law):
@@ -265,7 +274,7 @@ def _read_npz(path: Path) -> Packing:
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
     box = Box(arrays["lattice_dd"])
-    links, tangential = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL))
+    links, tangential, shapes = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL, _SHAPES))
     return Packing(
         arrays["position_nd"],
         arrays["radius_n"],
@@ -273,6 +282,7 @@ def _read_npz(path: Path) -> Packing:
         None if links is None else Links(*links),
         arrays.get("mass_n"),
         None if tangential is None else TangentialDisplacements(*tangential),
+        None if shapes is None else Spheroids(*shapes),
     )
 
 
@@ -290,8 +300,9 @@ def _group(arrays: Mapping[str, Any], prefix: str, names: tuple[str, ...], of: s
 def _write_npz(packing: Packing, path: Path, law: Any) -> None:
     version = 1 if packing.links is None else 2
     version = version if packing.given_mass_n is None else 3
+    version = version if packing.tangential is None else 4
     arrays: dict[str, Any] = {
-        "format_version": np.array(version if packing.tangential is None else _FORMAT_VERSION),
+        "format_version": np.array(version if packing.shapes is None else _FORMAT_VERSION),
         "position_nd": packing.position_nd,
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
@@ -300,17 +311,20 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
         arrays |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if packing.given_mass_n is not None:
         arrays["mass_n"] = packing.given_mass_n
-    arrays |= _tangential_arrays(packing)
+    arrays |= _further_arrays(packing)
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
     with open(path, "wb") as file:
         np.savez(file, **arrays)
 
 
-def _tangential_arrays(packing: Packing) -> dict[str, Any]:
-    """Return the arrays of tangential displacements by the names of files; none where springs are slack."""
-    prefix, names, _ = _TANGENTIAL
-    return {} if packing.tangential is None else {prefix + one: getattr(packing.tangential, one) for one in names}
+def _further_arrays(packing: Packing) -> dict[str, Any]:
+    """Return the arrays of tangential displacements and of shapes, if there are any, by the names of files."""
+    found: dict[str, Any] = {}
+    for (prefix, names, _), record in ((_TANGENTIAL, packing.tangential), (_SHAPES, packing.shapes)):
+        if record is not None:
+            found |= {prefix + one: getattr(record, one) for one in names}
+    return found
 
 
 def _read_text(path: Path) -> Packing:
@@ -414,9 +428,11 @@ def write_gsd(packing: Packing, path: Path) -> None:
     frame.particles.diameter = packing.diameter_n.astype(np.float32)
     frame.particles.mass = packing.mass_n.astype(np.float32)
     size_k, type_n = np.unique(packing.radius_n, return_inverse=True)
-    if len(size_k) > DISCRETE_SIZES:
+    if packing.shapes is not None:
+        type_n = _show_shapes(frame, packing, packing.shapes)
+    elif len(size_k) > DISCRETE_SIZES:
         type_n = np.zeros_like(type_n)
-    frame.particles.types = [chr(ord("A") + k) for k in range(int(type_n.max()) + 1)]
+    frame.particles.types = [_type_name(k) for k in range(int(type_n.max()) + 1)]
     frame.particles.typeid = type_n.astype(np.uint32)
     frame.log = {
         _LOG + "position_nd": packing.position_nd,
@@ -425,11 +441,57 @@ def write_gsd(packing: Packing, path: Path) -> None:
     }
     if packing.given_mass_n is not None:
         frame.log[_LOG + "mass_n"] = packing.given_mass_n
-    frame.log |= {_LOG + name: array for name, array in _tangential_arrays(packing).items()}
+    frame.log |= {_LOG + name: array for name, array in _further_arrays(packing).items()}
     if packing.links is not None:
         _add_links(frame, packing.links)
     with gsd.hoomd.open(str(path), "w") as file:
         file.append(frame)
+
+
+def _type_name(number: int) -> str:
+    return chr(ord("A") + number) if number < 26 else f"A{number}"
+
+
+def _show_shapes(frame: Any, packing: Packing, shapes: Spheroids) -> NDArray[np.int64]:
+    """Give the frame orientations and the shape of each particle type; return the type of each particle."""
+    kinds, type_n = np.unique(np.column_stack([packing.radius_n, shapes.aspect_n]), axis=0, return_inverse=True)
+    along, across = Spheroids(kinds[:, 1], np.ones((len(kinds), packing.dimension))).semi_axes(kinds[:, 0])
+    frame.particles.type_shapes = [
+        {"type": "Ellipsoid", "a": float(a), "b": float(b), "c": float(b)} for a, b in zip(along, across, strict=True)
+    ]
+    director = _three_axes(_visible_directions(packing, shapes.director_nd))
+    # the turn of the first axis to the director, about what is across both
+    turn = np.column_stack([1.0 + director[:, 0], np.zeros(len(director)), -director[:, 2], director[:, 1]])
+    back = turn[:, 0] < 1e-6
+    turn[back] = (0.0, 0.0, 0.0, 1.0)
+    turn /= np.sqrt((turn**2).sum(axis=1, keepdims=True))
+    frame.particles.orientation = turn.astype(np.float32)
+    return np.asarray(type_n.ravel(), dtype=np.int64)
+
+
+def _visible_directions(packing: Packing, direction_nd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return directions in the frame of the visible box, which is that of the packing turned."""
+    lattice = packing.box.lattice_dd
+    sign = np.ones(packing.dimension)
+    sign[-1] = np.sign(np.linalg.det(lattice))
+    return np.asarray(direction_nd @ ((lattice * sign) @ np.linalg.inv(_visible(packing).lattice_dd)))
+
+
+def _seen_shapes(frame: Any, dimension: int) -> Spheroids | None:
+    """Return the frame's ellipsoids, if it has any."""
+    defined = frame.particles.type_shapes or []
+    kinds = [one for one in defined if one.get("type") == "Ellipsoid"]
+    if not kinds:
+        return None
+    if len(kinds) < len(defined):
+        raise ValueError("its particle types must all be ellipsoids, or none")
+    axes = np.array([[one["a"], one["b"], one.get("c", one["b"])] for one in defined], dtype=np.float64)
+    if dimension == 3 and (axes[:, 1] != axes[:, 2]).any():
+        raise ValueError("its ellipsoids must have two equal axes, b and c")
+    w, x, y, z = np.asarray(frame.particles.orientation, dtype=np.float64).T
+    first = np.column_stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
+    type_n = np.asarray(frame.particles.typeid, dtype=np.int64)
+    return Spheroids((axes[:, 0] / axes[:, 1])[type_n], first[:, :dimension])
 
 
 def _shown(links: Links) -> NDArray[np.bool_]:
@@ -498,12 +560,18 @@ def read_gsd(path: Path) -> Packing:
     box = Box(lattice)
     mass_n = np.asarray(frame.particles.mass, dtype=np.float64)
     visible = None if (mass_n == 1.0).all() else mass_n
-    seen = Packing(position, 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64), box, mass_n=visible)
+    seen = Packing(
+        position,
+        0.5 * np.asarray(frame.particles.diameter, dtype=np.float64),
+        box,
+        mass_n=visible,
+        shapes=_seen_shapes(frame, dimension),
+    )
     chunks = [frame.log.get(_LOG + name) for name in ("position_nd", "radius_n", "lattice_dd")]
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
     own = {name.removeprefix(_LOG): one for name, one in frame.log.items()}
-    parts, springs = (_group(own, *one) for one in (_LINKS, _TANGENTIAL))
+    parts, springs, spheroids = (_group(own, *one) for one in (_LINKS, _TANGENTIAL, _SHAPES))
     links = None
     if parts is not None:
         i_l, j_l, image_ld, length_l, shape_l = parts
@@ -513,7 +581,8 @@ def read_gsd(path: Path) -> Packing:
         # the schema flattens a single column
         i_c, j_c, image_cd, displacement_ck = springs
         tangential = TangentialDisplacements(i_c, j_c, image_cd, displacement_ck.reshape(len(i_c), -1))
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, frame.log.get(_LOG + "mass_n"), tangential)
+    shapes = None if spheroids is None else Spheroids(*spheroids)
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, frame.log.get(_LOG + "mass_n"), tangential, shapes)
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact
@@ -535,6 +604,15 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     """Return whether the visible packing is the exact one rounded to single precision."""
     if (exact.particles, exact.dimension) != (seen.particles, seen.dimension):
         return False
+    if (exact.shapes is None) != (seen.shapes is None):
+        return False
+    if exact.shapes is not None and seen.shapes is not None:
+        turned = _visible_directions(exact, exact.shapes.director_nd)
+        along = np.abs((turned * seen.shapes.director_nd).sum(axis=1))
+        if not (
+            np.allclose(exact.shapes.aspect_n, seen.shapes.aspect_n, rtol=_SINGLE) and (along > 1.0 - _SINGLE).all()
+        ):
+            return False
     visible = _visible(exact)
     size = float(np.abs(visible.lattice_dd).max())
     apart = seen.position_nd - visible.position_nd

@@ -15,6 +15,7 @@ from packmech.contacts.friction_cones import FrictionCones
 from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
+from packmech.measure.shaped import shaped_contacts
 from packmech.measure.stress import sum_forces
 from packmech.measure.walls import rattlers_of_scene
 from packmech.scene import Scene
@@ -228,11 +229,11 @@ def contact_forces(scene: Scene) -> ContactForces:
     return ContactForces(scene, contacts, -first, found.force_cd, found.at_limit_c)
 
 
-@honors("repulsion friction gravity walls held", at_rest=True)
+@honors("repulsion friction gravity walls held shapes", at_rest=True)
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 
-    Discs and spheres feel those of friction alone (`contact_forces`).
+    Discs and spheres feel those of friction alone (`contact_forces`), ellipses and spheroids those of their contacts.
 
     Parameters
     ----------
@@ -246,5 +247,9 @@ def torques(scene: Scene) -> NDArray[np.float64]:
     [0.0, 0.0, 0.0, 0.0]
 
     """
-    found = contact_forces(scene).torque_nk
+    instance("scene", scene, Scene)
+    if scene.packing.shapes is not None:
+        found = shaped_contacts(scene).torques()
+    else:
+        found = contact_forces(scene).torque_nk
     return found[:, 0] if found.shape[1] == 1 else found

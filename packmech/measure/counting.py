@@ -324,7 +324,7 @@ def _spanned(row: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     return bool(np.abs(row - others.T @ share).max() < DEPENDENT)
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def packing_fraction(packing: Packing) -> float:
     """Return the volume of the particles over that of the box [1], rattlers included.
 

@@ -12,6 +12,7 @@ from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
+from packmech.measure.shaped import shaped_contacts
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
@@ -22,6 +23,12 @@ def _terms(scene: Scene) -> tuple[Contacts, NDArray[np.float64], NDArray[np.floa
     contacts = find_contacts(scene.packing)
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
     return contacts, terms.energy_c, terms.first_c
+
+
+def _shaped(scene: Scene) -> bool:
+    """Whether the particles of a scene are no discs or spheres."""
+    instance("scene", scene, Scene)
+    return scene.packing.shapes is not None
 
 
 def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,12 +50,13 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
     return net
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
     Equation 19 of the polymer source, with 1/w instead of its double sum. Friction adds that of the tangential springs
-    as they are stretched; gravity and walls theirs, with particles at their places in the cell.
+    as they are stretched; gravity and walls theirs, with particles at their places in the cell. Ellipses and spheroids
+    have the law's energy at s (r_i + r_j), s the scale at which a pair touches.
 
     Parameters
     ----------
@@ -63,6 +71,8 @@ def energy(scene: Scene) -> float:
     0.005
 
     """
+    if _shaped(scene):
+        return float(np.add.reduce(shaped_contacts(scene).energy_c))
     contacts, energy_c, first = _terms(scene)
     whole = float(np.add.reduce(energy_c))
     if friction_of(scene) is not None:
@@ -70,7 +80,7 @@ def energy(scene: Scene) -> float:
     return whole + float(np.add.reduce(single_terms(scene.effects, scene.packing).energy_n))
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def forces(scene: Scene) -> NDArray[np.float64]:
     """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
 
@@ -90,6 +100,8 @@ def forces(scene: Scene) -> NDArray[np.float64]:
     [0.5, 0.0]
 
     """
+    if _shaped(scene):
+        return shaped_contacts(scene).forces()
     contacts, _, first = _terms(scene)
     return _net(scene, contacts, first)
 
@@ -106,14 +118,15 @@ def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDAr
     return net
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
     sigma_ab = (1/V) (sum over contacts of u' r n_a n_b + sum over links of t r n_a n_b) with the link tensions t: the
     strain derivative of the relaxed energy over the volume (section 8 of the corrected specification). With friction
     contacts add their tangential force times the vector from center to center. Pushes of walls and other forces on
-    single particles have no part in it: it is the stress that contacts between particles carry.
+    single particles have no part in it: it is the stress that contacts between particles carry. That of ellipses and
+    spheroids is symmetric only where torques balance.
 
     Parameters
     ----------
@@ -138,6 +151,9 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
 
     """
     one_of("parts", parts, PARTS)
+    if _shaped(scene):
+        whole = shaped_contacts(scene).stress(scene.packing.box.volume)
+        return whole if parts != "links" else np.zeros_like(whole)
     contacts, _, first = _terms(scene)
     packing = scene.packing
     if packing.links is None:
@@ -182,7 +198,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 
