@@ -89,8 +89,27 @@ def parts(pair, at):
 
 
 @device
+def flat_slope(pair, at):
+    """Return the same in a plane: c0 m^4 + c1 m^3 l + ... + c4 l^4 with m = 1 - l, whose signs change once."""
+    first, second = pair.b_first, pair.b_second
+    c0, c1 = first * pair.e_first, 2.0 * second * pair.e_first
+    c2 = second * (pair.e_first + pair.e_both) - first * (pair.e_both + pair.e_second)
+    c3, c4 = -2.0 * first * pair.e_second, -second * pair.e_second
+    d0, d1, d2, d3 = c1 - 4.0 * c0, 2.0 * c2 - 3.0 * c1, 3.0 * c3 - 2.0 * c2, 4.0 * c4 - c3
+    m = 1.0 - at
+    mm, ml, ll = m * m, m * at, at * at
+    return (
+        mm * (c0 * mm + c1 * ml + c2 * ll) + ll * (c3 * ml + c4 * ll),
+        mm * (d0 * m + d1 * at) + ll * (d2 * m + d3 * at),
+        (d1 - 3.0 * d0) * mm + 2.0 * (d2 - d1) * ml + (3.0 * d3 - d2) * ll,
+    )
+
+
+@device
 def slope(pair, at):
     """Return the stationarity condition at l, positive below its root and negative above, and two derivatives."""
+    if pair.across_i == 0.0:
+        return flat_slope(pair, at)
     p0, p1, p2, p3, q0, q1, q2, q3 = parts(pair, at)
     return p1 * q0 - p0 * q1, p2 * q0 - p0 * q2, p3 * q0 + p2 * q1 - p1 * q2 - p0 * q3
 

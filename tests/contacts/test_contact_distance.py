@@ -70,7 +70,7 @@ def test_forces_torques_and_second_derivatives_match_the_stored_ones(d, potentia
         expected = np.hstack([one["force_on_j"], one["torque_i"], one["torque_j"]])
         pull = -first[k] * found.first_px[k]
         # where shapes only just touch, what rounding leaves of 1 - s
-        digits = max(1e-10, 4e-16 / (1.0 - pairs[at]["r_over_sigma"]))
+        digits = max(1e-10, 1e-15 / (1.0 - pairs[at]["r_over_sigma"]))
         assert np.abs(pull - expected).max() < digits * np.abs(expected).max()
         if "hessian" in one:
             hessians += 1
