@@ -55,6 +55,10 @@ def cement(
         how many share the work
 
     """
+    if files and (particles is not None or packings is not None or full):
+        raise ValueError(
+            "particles, packings and full must be left out where files are given: these are what is cemented"
+        )
     sizes, samples, draws = ([64, 128, 256, 512, 1024, 2048], 25, 50) if full else ([64, 128, 256], 10, 20)
     sizes = sizes if particles is None else particles
     samples = samples if packings is None else packings

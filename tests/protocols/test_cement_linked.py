@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.cli import execute
 from packmech.protocols.cement import backbone_of, drawn_order
 
 
@@ -130,3 +131,13 @@ def test_curves_of_ones_own_packings_are_resumed_and_told_apart(tmp_path):
         pm.cementing_curve(scenes=[scenes[0], loose], orders=1)
     with pytest.raises(ValueError, match=r"scenes\[0\].effects must hold nothing"):
         pm.cementing_curve(scenes=[scenes[0].replace(effects=(pm.Repulsion(), pm.Friction()))], orders=1)
+
+
+def test_the_command_takes_packings_of_ones_own_and_refuses_to_draw_others_beside_them(tmp_path):
+    path = tmp_path / "mine.npz"
+    pm.write_packing(monomers(1).packing, path, law=pm.Hertz())
+    out = ["--orders", "1", "--step", "0.3", "--out", str(tmp_path / "out")]
+    assert execute(["cement", str(path), *out]) == 0
+    assert "mine.npz" in (tmp_path / "out" / "cementing.md").read_text(encoding="utf-8")
+    with pytest.raises(ValueError, match="must be left out where files are given"):
+        execute(["cement", str(path), "--packings", "2", *out])
