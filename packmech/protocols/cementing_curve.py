@@ -85,7 +85,9 @@ def _fingerprint(scene: Scene) -> str:
     packing, found = scene.packing, hashlib.sha256()
     parts: list[NDArray[Any]] = [packing.position_nd, packing.radius_n, packing.box.lattice_dd]
     if packing.links is not None:
+        assert packing.links.shape_l is not None
         parts += [packing.links.i_l, packing.links.j_l, packing.links.image_ld, packing.links.length_l]
+        parts.append(packing.links.shape_l)
     for part in parts:
         found.update(np.ascontiguousarray(part).tobytes())
     return f"{found.hexdigest()} {scene.effects!r}"
@@ -100,7 +102,7 @@ class Trials:
     packing
         The jammed packing.
     attempts
-        Packings drawn until one jammed with one state of self stress.
+        Packings drawn until one jammed with one state of self stress; 0 for a packing of one's own.
     bearing
         Particles that bear force.
     cemented_k
@@ -185,7 +187,7 @@ def run_trials(
             packing = Packing(kept["position"], kept["radius"], Box(kept["lattice"]))
         else:
             began = time.process_time()
-            packing, attempts = _start(settings) if scene is None else (scene.packing, 1)
+            packing, attempts = _start(settings) if scene is None else (scene.packing, 0)
             kept = {
                 "position": packing.position_nd,
                 "radius": packing.radius_n,
@@ -519,7 +521,7 @@ def cementing_curve(
             for count, packing in itertools.product(counts, range(number))
         ]
     else:
-        tasks = _own_tasks(scenes, Settings(0, 0, seed, step, freeze, 0.0, dimension, sizes, order))
+        tasks = _own_tasks(scenes, Settings(0, 0, seed, step, freeze, 0.0, dimension, sizes, order), folder)
     if processes == 1:
         found = list(_in_turn(tasks, orders, folder, progress))
     else:
@@ -530,8 +532,8 @@ def cementing_curve(
     return tuple(gathered(count, trials) for count, trials in sized.items())
 
 
-def _own_tasks(scenes: Sequence[Scene], settings: Settings) -> list[Settings]:
-    """Return the settings of one's own scenes, after a look at whether these can be cemented."""
+def _own_tasks(scenes: Sequence[Scene], settings: Settings, folder: Path | None) -> list[Settings]:
+    """Return the settings of one's own scenes, after a look at whether those that are new can be cemented."""
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not len(scenes):
         raise TypeError(f"scenes must be a list of scenes, at least one, got {scenes!r:.60}")
     count: dict[int, int] = {}
@@ -542,11 +544,13 @@ def _own_tasks(scenes: Sequence[Scene], settings: Settings) -> list[Settings]:
         CALLS["cement"].check(f"scenes[{k}]", scene)
         n, d = scene.packing.position_nd.shape
         dimensions.add(d)
-        try:
-            backbone_of(scene, "unstressed", None)
-        except ValueError as error:
-            raise ValueError(f"scenes[{k}]: {error}") from error
-        tasks.append(replace(settings, particles=n, packing=count.get(n, 0), dimension=d, scene=scene))
+        task = replace(settings, particles=n, packing=count.get(n, 0), dimension=d, scene=scene)
+        if folder is None or not path_of(folder, task).exists():
+            try:
+                backbone_of(scene, "unstressed", None)
+            except ValueError as error:
+                raise ValueError(f"scenes[{k}]: {error}") from error
+        tasks.append(task)
         count[n] = count.get(n, 0) + 1
     if len(dimensions) > 1:
         raise ValueError(f"scenes must be of one dimension, got {sorted(dimensions)}")

@@ -98,7 +98,9 @@ def cementing_markdown(curves: Sequence[CementingCurve], made_by: str) -> str:
     kept = sum(len(curve.trials) for curve in curves)
     lines += [
         "",
-        f"{drawn} packings were drawn for {kept} with one state of self stress.",
+        f"{drawn} packings were drawn for {kept} with one state of self stress."
+        if drawn
+        else "Packings are one's own, with the states of self stress that they have.",
         f"Links taken for independent have {least.min():.1e} or more of their gradient across the others, redundant "
         f"ones {largest.max():.1e} or less; in no trial are the two nearer than by a factor of {apart:.0f}.",
         f"No bound of any trial falls from one step to the next by more than {largest_fall(curves):.1e} of itself, and "

@@ -126,8 +126,22 @@ def test_aggregation_grows_one_cluster():
         cluster |= ends
     again = pm.cement(scene, order="aggregate", seed=4, freeze="nothing")
     assert np.array_equal(found.contact_l, again.contact_l)
-    drawn = pm.cement(scene, seed=4, freeze="nothing")
-    assert set(found.contact_l.tolist()) != set(drawn.contact_l.tolist()) or len(found.contact_l) == len(contacts)
+
+
+def test_links_of_the_packing_belong_to_the_cluster_that_grows():
+    scene = linked(seed=2)
+    backbone = backbone_of(scene, "unstressed", None)
+    contacts, body = backbone.contacts, scene.packing.links.clusters(scene.packing.particles)
+    order = drawn_order("aggregate", backbone, np.random.default_rng(7))
+    assert np.array_equal(np.sort(order), np.arange(len(contacts)))
+    cluster, beyond = set(), 0
+    for k, c in enumerate(order.tolist()):
+        ends = {int(contacts.i_c[c]), int(contacts.j_c[c])}
+        bodies = {int(body[n]) for n in ends}
+        assert k == 0 or bodies & {int(body[n]) for n in cluster}
+        beyond += k > 0 and not ends & cluster
+        cluster |= ends
+    assert beyond > 0
 
 
 def test_the_next_contact_of_a_cluster_is_each_with_equal_chances():
@@ -160,3 +174,26 @@ def test_curves_of_ones_own_packings_are_resumed_and_told_apart(tmp_path):
         pm.cementing_curve(scenes=[scenes[0], loose], orders=1)
     with pytest.raises(ValueError, match=r"scenes\[0\].effects must hold nothing"):
         pm.cementing_curve(scenes=[scenes[0].replace(effects=(pm.Repulsion(), pm.Friction()))], orders=1)
+
+
+def test_the_command_takes_packings_and_scene_files_and_names_the_file_that_is_not_jammed(tmp_path):
+    from packmech.cli import execute
+
+    scene = monomers(1)
+    pm.write_packing(scene.packing, tmp_path / "hertz.npz", law=pm.Hertz())
+    pm.write_scene(scene, tmp_path / "hertz.toml")
+    words = ["--out", str(tmp_path / "out"), "--orders", "1", "--step", "0.3", "--order", "aggregate"]
+    files = [str(tmp_path / name) for name in ("hertz.npz", "hertz.toml")]
+    assert execute(["cement", *files, *words]) == 0
+    first, second = (tmp_path / "out" / "thresholds.csv").read_text().splitlines()[1:]
+    assert first.startswith("32,0,0,") and second.startswith("32,1,0,")
+    head, start = (line.split(",") for line in (tmp_path / "out" / "curve.csv").read_text().splitlines()[:2])
+    found, expected = dict(zip(head, start, strict=True)), pm.cement(scene, step=2.0)
+    assert float(found["K Hill"]) == pytest.approx(expected.hill(0).bulk_modulus, rel=1e-8)
+    assert float(found["anisotropy"]) == pytest.approx(expected.anisotropy(0), rel=1e-8)
+    loose = pm.random_packing(16, dimension=2, packing_fraction=0.3, seed=1)
+    pm.write_packing(loose, tmp_path / "loose.npz")
+    with pytest.raises(ValueError, match=r"loose.npz: scene.packing must be jammed"):
+        execute(["cement", files[0], str(tmp_path / "loose.npz"), "--out", str(tmp_path / "none")])
+    with pytest.raises(ValueError, match=r"^particles must be left out where files name the packings, got \[64\]"):
+        execute(["cement", files[0], "--particles", "64"])
