@@ -25,6 +25,7 @@ from packmech.links import Links
 from packmech.mechanics.elasticity import Average, inverse_across, universal_anisotropy, voigt_average
 from packmech.mechanics.hessian import Prestressed, bond_sums, bordered, closed_terms, joined, prestressed
 from packmech.mechanics.rattling import Network, held_network
+from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -177,6 +178,8 @@ class Backbone:
         For every contact of the packing its place among these, -1 for those of rattlers.
     bearing
         Number of particles that bear force.
+    self_stress
+        States of self stress, the box free to change its shape but not its volume.
     own
         Pairs that the packing's own links hold among them.
     inverse_xm
@@ -194,6 +197,7 @@ class Backbone:
     contacts: Contacts
     place_c: NDArray[np.int64]
     bearing: int
+    self_stress: int
     own: list[HeldPair]
     inverse_xm: NDArray[np.float64]
     zero_xz: NDArray[np.float64] | None
@@ -206,11 +210,6 @@ class Backbone:
         d = self.contacts.dimension
         columns: NDArray[np.float64] = self.inverse_xm[-(d * (d + 1) // 2) :] / self.length
         return columns
-
-    @property
-    def zero_modes(self) -> int:
-        """Number of motions that cost nothing."""
-        return 0 if self.zero_xz is None else self.zero_xz.shape[1]
 
     def rows(self, pairs: list[HeldPair], motion_xm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B, M) changes of the pairs' distances by each of the motions."""
@@ -228,6 +227,10 @@ class Backbone:
         return rows
 
 
+# of the springs in place of links, over the mean contact's: the first that lets no motion lower the energy
+LINK_STIFFNESS = (1.0, 1e2, 1e4)
+
+
 def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbone:
     """Return the factored backbone of a packing.
 
@@ -242,16 +245,30 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     contacts, d = held.contacts, packing.dimension
     if not len(contacts):
         raise ValueError("scene.packing must be jammed, got one whose particles all rattle")
-    sums = bond_sums(*_stiffened(held, closed_terms(scene, contacts), kind))
+    terms = closed_terms(scene, contacts)
     free = np.ones(contacts.particles, dtype=bool)
     free[np.argmax(contacts.count_n())] = False
     volume = packing.box.volume
     length = float(volume ** (1.0 / d))
     strains = d * (d + 1) // 2
-    whole = bordered(sums.position_matrix(free), sums.coupling_nde[free].reshape(-1, strains), sums.strain_ee).toarray()
-    whole[-strains:] /= length
-    whole[:, -strains:] /= length
-    inverse, zero = _inverted(whole, strains)
+
+    def parts(stiffness: float) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        sums = bond_sums(*_stiffened(held, terms, kind, stiffness))
+        coupling = sums.coupling_nde[free].reshape(-1, strains)
+        whole = bordered(sums.position_matrix(free), coupling, sums.strain_ee).toarray()
+        whole[-strains:] /= length
+        whole[:, -strains:] /= length
+        return _inverted(whole, strains)
+
+    # compressed links make room for motions that lower the energy where they are not stiff enough (Finsler's lemma)
+    last = LINK_STIFFNESS[0] if held.links is None or kind == "unstressed" else LINK_STIFFNESS[-1]
+    for stiffness in LINK_STIFFNESS:
+        try:
+            inverse, zero = parts(stiffness)
+            break
+        except ValueError:
+            if stiffness == last:
+                raise
     moving = (held.index_n[free][:, None] * d + np.arange(d)).ravel()
 
     def spread(motion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -267,7 +284,13 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     own = [pair for pair in own_pairs(packing) if bears[pair.i] and bears[pair.j]]
     kept = bears[found.i_c] & bears[found.j_c]
     place = np.where(kept, np.cumsum(kept) - 1, -1)
-    return Backbone(scene, found.select(kept), place, len(held.index_n), own, wide, still, length, volume)
+    if packing.links is None:
+        motions = d * (contacts.particles - 1) + strains - 1
+        self_stress = len(contacts) - motions + (0 if zero is None else zero.shape[1])
+    else:
+        # motions that only the links' tension resists count as well
+        self_stress = states_of_self_stress(packing, strain="isochoric", gap_tolerance=gap_tolerance).count
+    return Backbone(scene, found.select(kept), place, len(held.index_n), self_stress, own, wide, still, length, volume)
 
 
 def _inverted(whole: NDArray[np.float64], strains: int) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
@@ -292,15 +315,15 @@ def _inverted(whole: NDArray[np.float64], strains: int) -> tuple[NDArray[np.floa
     return vector[:, firm] / np.sqrt(value[firm]), zero
 
 
-def _stiffened(held: Network, terms: ContactTerms, kind: str) -> Prestressed:
-    """Return the pairs of the Hessian, links among them as stiff as a contact: what they hold later is not changed."""
+def _stiffened(held: Network, terms: ContactTerms, kind: str, stiffness: float) -> Prestressed:
+    """Return the pairs of the Hessian, links among them as stiff springs: what they hold later is not changed."""
     contacts, links = held.contacts, held.links
     if links is None:
         return prestressed(contacts, terms, kind, None)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     tension = links.tension(contacts, terms.first_c) if kind == "exact" else np.zeros(len(links.pairs))
     pairs, order = joined(contacts, links.pairs)
-    stiff = np.full(len(tension), float(terms.second_c.mean()))
+    stiff = np.full(len(tension), stiffness * float(terms.second_c.mean()))
     return Prestressed(pairs, np.concatenate([first, tension])[order], np.concatenate([terms.second_c, stiff])[order])
 
 
@@ -758,7 +781,6 @@ def cement_backbone(
     glue = Cement(contacts, packing)
     course = _Course(HeldCompliance(backbone), [], [])
     course.begin(backbone.own)
-    linked = course.compliance.rank
     cemented, compliance, stiff = [0], [course.compliance.compliance()], [course.stiff]
     while cemented[-1] < len(sequence_l) and course.whole is None:
         last = cemented[-1]
@@ -787,7 +809,7 @@ def cement_backbone(
         first_direction_ke=np.zeros((0, s)) if course.direction is None else course.direction,
         links=links,
         added_l=_sorted_like(links, course),
-        self_stress=len(contacts) + linked - (d * backbone.bearing + s - d - backbone.zero_modes) + 1,
+        self_stress=backbone.self_stress,
         bearing=backbone.bearing,
         freeze=freeze,
         kind=kind,

@@ -85,6 +85,23 @@ def test_ends_that_turn_at_no_cost_resist_nothing_before_they_are_held(dimension
     assert (again.first_stiff, again.all_stiff) == (found.first_stiff, found.all_stiff)
 
 
+def test_links_that_are_strongly_compressed_are_held_however_soft_the_springs_of_contacts():
+    scene = linked(seed=1, pressure=3e-3)
+    assert pm.elastic_moduli(scene).stable
+    found = pm.cement(scene, kind="exact", seed=2, step=0.1)
+    far = far_from_moduli(found, scene, "exact")
+    assert len(far) > 2 and far.max() < 1e-10
+
+
+@pytest.mark.parametrize("kind", ["exact", "unstressed"])
+def test_a_linked_packing_that_yields_to_a_strain_is_refused(kind):
+    square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=1e-3)
+    contacts = pm.find_contacts(square)
+    link = pm.Links(contacts.i_c[:1], contacts.j_c[:1], contacts.image_cd[:1], contacts.distance_c[:1])
+    with pytest.raises(ValueError, match="^scene.packing must resist every strain"):
+        pm.cement(pm.Scene(square.replace(links=link), (pm.Repulsion(),)), kind=kind)
+
+
 def test_bounds_never_fall_and_hill_lies_between_them():
     found = pm.cement(linked(seed=3), seed=1)
     assert found.all_stiff is not None
