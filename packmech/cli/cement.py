@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +15,32 @@ from packmech.effects import Harmonic, Repulsion
 from packmech.files.packings import read_law, read_packing
 from packmech.protocols.cementing_curve import cementing_curve
 from packmech.scene import Scene
+from packmech.scenes.scene_file import read_scene
 from packmech.view.cementing import cementing_markdown, curve_csv, thresholds, thresholds_csv
 from packmech.view.figures import draw_cementing
 
 
+def _scene(file: Path) -> Scene:
+    """Return what a scene file holds, or a packing with its file's own law, else harmonic repulsion."""
+    if file.suffix == ".toml":
+        return read_scene(file)
+    return Scene(read_packing(file), (Repulsion(law=read_law(file) or Harmonic()),))
+
+
+@contextmanager
+def _named(files: tuple[Path, ...]) -> Iterator[None]:
+    """Call scenes by their files' names in errors."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        said = re.sub(r"scenes\[(\d+)\]", lambda place: str(files[int(place[1])]), str(error))
+        raise (TypeError if isinstance(error, TypeError) else ValueError)(said) from error
+
+
 def cement(
-    *files: Annotated[Path, Parameter(help="jammed packings of one's own: .npz, .gsd, or text tables")],
+    *files: Annotated[
+        Path, Parameter(help="jammed packings of one's own: .npz, .gsd, text tables, or scene files (.toml)")
+    ],
     out: Path = Path("cementing"),
     particles: Annotated[list[int] | None, Parameter(consume_multiple=True)] = None,
     packings: int | None = None,
@@ -55,17 +78,16 @@ def cement(
         how many share the work
 
     """
-    if files and (particles is not None or packings is not None or full):
-        raise ValueError(
-            "particles, packings and full must be left out where files are given: these are what is cemented"
-        )
+    for name, given in (("particles", particles), ("packings", packings), ("full", full or None)):
+        if files and given is not None:
+            raise ValueError(f"{name} must be left out where files name the packings, got {given}")
     sizes, samples, draws = ([64, 128, 256, 512, 1024, 2048], 25, 50) if full else ([64, 128, 256], 10, 20)
     sizes = sizes if particles is None else particles
     samples = samples if packings is None else packings
     draws = draws if orders is None else orders
-    scenes = [Scene(read_packing(file), (Repulsion(law=read_law(file) or Harmonic()),)) for file in files] or None
+    scenes = [_scene(file) for file in files] or None
     samples = len(files) or samples
-    with working("cementing") as say:
+    with working("cementing") as say, _named(files):
         curves = cementing_curve(
             out / "trials",
             scenes=scenes,

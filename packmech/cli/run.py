@@ -275,14 +275,17 @@ def _labeled(done: Any) -> list[tuple[Run, str]]:
 
 def _show_cementing(means: dict[str, Any]) -> None:
     """Print the table of a scene that was cemented, and its thresholds."""
-    names = ("bulk_modulus_reuss", "bulk_modulus_voigt", "shear_modulus_reuss", "shear_modulus_voigt", "poisson_ratio")
+    averages = ("Reuss", "Hill", "Voigt")
+    names = [f"{modulus}_modulus_{name.lower()}" for modulus in ("bulk", "shear") for name in averages]
+    names += ["poisson_ratio", "anisotropy"]
+    headings = [f"{letter} {name}" for letter in "KG" for name in averages]
     rows = [
         (f"{fraction:.3f}", *(f"{means[name][k]:.4g}" for name in names))
         for k, fraction in enumerate(means["link_fraction"])
     ]
     orders = len(means["first_stiff"])
     title = f"cementing, mean of {orders} order{'' if orders == 1 else 's'}"
-    show(table(title, ("n_l/N", "K Reuss", "K Voigt", "G Reuss", "G Voigt", "Poisson ratio"), rows))
+    show(table(title, ("n_l/N", *headings, "Poisson ratio", "anisotropy"), rows))
     if means["states_of_self_stress"] != 1:
         show(f"cemented from {means['states_of_self_stress']} states of self stress, not from one")
     for words, name in (("first infinitely stiff direction", "first_stiff"), ("complete rigidity", "all_stiff")):

@@ -25,11 +25,14 @@ from packmech.links import Links
 from packmech.mechanics.elasticity import Average, inverse_across, universal_anisotropy, voigt_average
 from packmech.mechanics.hessian import Prestressed, bond_sums, bordered, closed_terms, joined, prestressed
 from packmech.mechanics.rattling import Network, held_network
+from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 FREEZE = ("angles", "clusters", "nothing")
 ORDERS = ("random", "aggregate")
+MODULI = ("bulk", "shear")
+AVERAGES = ("reuss", "hill", "voigt")
 
 
 class HeldPair(NamedTuple):
@@ -159,6 +162,8 @@ DEPENDENT = 1e-8
 # strains that stresses make, over those before cementing (both in the metric of the Hessian), below which none is left
 STIFF = 1e-7
 _SOFT = 1e-12
+# motions of length 1 that cost nothing carry no strain where they strain by less than this; most do by 1e-14
+_CARRIES = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -173,10 +178,16 @@ class Backbone:
         For every contact of the packing its place among these, -1 for those of rattlers.
     bearing
         Number of particles that bear force.
+    self_stress
+        States of self stress, the box free to change its shape but not its volume.
     own
         Pairs that the packing's own links hold among them.
     inverse_xm
-        (N d + s, M) transposed inverse of the Hessian's Cholesky factor; zero rows for what does not move.
+        (N d + s, M) columns with inverse_xm inverse_xm^T the inverse of the Hessian, on what costs energy; zero rows
+        for what does not move.
+    zero_xz
+        (N d + s, Z) orthonormal motions that cost nothing and strain nothing, such as turns of a chain's end; None
+        where there are none.
     length, volume
         Scale of the strains, and volume of the box.
 
@@ -186,8 +197,10 @@ class Backbone:
     contacts: Contacts
     place_c: NDArray[np.int64]
     bearing: int
+    self_stress: int
     own: list[HeldPair]
     inverse_xm: NDArray[np.float64]
+    zero_xz: NDArray[np.float64] | None
     length: float
     volume: float
 
@@ -198,21 +211,24 @@ class Backbone:
         columns: NDArray[np.float64] = self.inverse_xm[-(d * (d + 1) // 2) :] / self.length
         return columns
 
-    def rows(self, pairs: list[HeldPair]) -> NDArray[np.float64]:
-        """Return the (B, M) gradients of the pairs' distances in the metric of the Hessian, of length 1."""
-        d, inverse = self.contacts.dimension, self.inverse_xm
+    def rows(self, pairs: list[HeldPair], motion_xm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B, M) changes of the pairs' distances by each of the motions."""
+        d = self.contacts.dimension
         i, j = (d * np.array([pair[k] for pair in pairs], dtype=np.int64) for k in (0, 1))
         vector = np.array([pair.vector for pair in pairs])
         distance = np.sqrt((vector**2).sum(axis=1))
         normal = vector / distance[:, None]
-        rows = np.zeros((len(pairs), inverse.shape[1]))
+        rows = np.zeros((len(pairs), motion_xm.shape[1]))
         for a in range(d):
-            rows += normal[:, a, None] * (inverse[j + a] - inverse[i + a])
-        for strain, columns in zip(mandel_basis(d), inverse[self.scene.packing.particles * d :], strict=True):
+            rows += normal[:, a, None] * (motion_xm[j + a] - motion_xm[i + a])
+        for strain, columns in zip(mandel_basis(d), motion_xm[self.scene.packing.particles * d :], strict=True):
             stretch = distance * ((normal @ strain) * normal).sum(axis=1) / self.length
             rows += stretch[:, None] * columns
-        rows /= np.sqrt((rows**2).sum(axis=1))[:, None]
         return rows
+
+
+# of the springs in place of links, over the mean contact's: the first that lets no motion lower the energy
+LINK_STIFFNESS = (1.0, 1e2, 1e4)
 
 
 def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbone:
@@ -221,7 +237,7 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     Raises
     ------
     ValueError
-        If no contacts bear force, or some motion or strain costs nothing or lowers the energy.
+        If no contacts bear force, some strain costs nothing, or some motion or strain lowers the energy.
 
     """
     packing = scene.packing
@@ -229,48 +245,134 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     contacts, d = held.contacts, packing.dimension
     if not len(contacts):
         raise ValueError("scene.packing must be jammed, got one whose particles all rattle")
-    sums = bond_sums(*_stiffened(held, closed_terms(scene, contacts), kind))
+    terms = closed_terms(scene, contacts)
     free = np.ones(contacts.particles, dtype=bool)
     free[np.argmax(contacts.count_n())] = False
     volume = packing.box.volume
     length = float(volume ** (1.0 / d))
     strains = d * (d + 1) // 2
-    whole = bordered(sums.position_matrix(free), sums.coupling_nde[free].reshape(-1, strains), sums.strain_ee).toarray()
-    whole[-strains:] /= length
-    whole[:, -strains:] /= length
-    try:
-        factor = sl.cholesky(whole, lower=True, overwrite_a=False, check_finite=False)
-    except sl.LinAlgError:
-        factor = None
-    if factor is None or (np.diag(factor) ** 2).min() <= _SOFT * np.diag(whole).max():
-        raise ValueError(
-            "scene.packing must resist every motion and strain (shear-stabilized: jam with strain='free'), got one "
-            "with a direction that costs nothing or lowers the energy"
-        )
-    inverse = sl.solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False, overwrite_b=True)
-    spread = np.zeros((packing.particles * d + strains, len(factor)))
+
+    def parts(stiffness: float) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        sums = bond_sums(*_stiffened(held, terms, kind, stiffness))
+        coupling = sums.coupling_nde[free].reshape(-1, strains)
+        whole = bordered(sums.position_matrix(free), coupling, sums.strain_ee).toarray()
+        whole[-strains:] /= length
+        whole[:, -strains:] /= length
+        return _inverted(whole, strains)
+
+    # compressed links make room for motions that lower the energy where they are not stiff enough (Finsler's lemma)
+    last = LINK_STIFFNESS[0] if held.links is None or kind == "unstressed" else LINK_STIFFNESS[-1]
+    for stiffness in LINK_STIFFNESS:
+        try:
+            inverse, zero = parts(stiffness)
+            break
+        except ValueError:
+            if stiffness == last:
+                raise
     moving = (held.index_n[free][:, None] * d + np.arange(d)).ravel()
-    spread[moving] = inverse.T[:-strains]
-    spread[-strains:] = inverse.T[-strains:]
+
+    def spread(motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        rows = np.zeros((packing.particles * d + strains, motion.shape[1]))
+        rows[moving] = motion[:-strains]
+        rows[-strains:] = motion[-strains:]
+        return rows
+
+    wide, still = spread(inverse), None if zero is None else spread(zero)
     found = find_contacts(packing, gap_tolerance=gap_tolerance)
     bears = np.zeros(packing.particles, dtype=bool)
     bears[held.index_n] = True
     own = [pair for pair in own_pairs(packing) if bears[pair.i] and bears[pair.j]]
     kept = bears[found.i_c] & bears[found.j_c]
     place = np.where(kept, np.cumsum(kept) - 1, -1)
-    return Backbone(scene, found.select(kept), place, len(held.index_n), own, spread, length, volume)
+    if packing.links is None:
+        motions = d * (contacts.particles - 1) + strains - 1
+        self_stress = len(contacts) - motions + (0 if zero is None else zero.shape[1])
+    else:
+        # motions that only the links' tension resists count as well
+        self_stress = states_of_self_stress(packing, strain="isochoric", gap_tolerance=gap_tolerance).count
+    return Backbone(scene, found.select(kept), place, len(held.index_n), self_stress, own, wide, still, length, volume)
 
 
-def _stiffened(held: Network, terms: ContactTerms, kind: str) -> Prestressed:
-    """Return the pairs of the Hessian, links among them as stiff as a contact: what they hold later is not changed."""
+def _inverted(whole: NDArray[np.float64], strains: int) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return columns that make up the inverse of a Hessian with its strains last, and motions that cost nothing."""
+    try:
+        factor = sl.cholesky(whole, lower=True, overwrite_a=False, check_finite=False)
+    except sl.LinAlgError:
+        factor = None
+    if factor is not None and (np.diag(factor) ** 2).min() > _SOFT * np.diag(whole).max():
+        inverse = sl.solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False, overwrite_b=True)
+        return inverse.T, None
+    value, vector = np.linalg.eigh(whole)
+    small = _SOFT * value[-1]
+    firm = value > small
+    zero = vector[:, ~firm]
+    if value[0] < -small or np.linalg.norm(zero[-strains:], 2) > _CARRIES:
+        raise ValueError(
+            "scene.packing must resist every strain (shear-stabilized: jam with strain='free'), got one with a strain "
+            "that costs nothing or a direction that lowers the energy"
+        )
+    zero[-strains:] = 0.0
+    return vector[:, firm] / np.sqrt(value[firm]), zero
+
+
+def _stiffened(held: Network, terms: ContactTerms, kind: str, stiffness: float) -> Prestressed:
+    """Return the pairs of the Hessian, links among them as stiff springs: what they hold later is not changed."""
     contacts, links = held.contacts, held.links
     if links is None:
         return prestressed(contacts, terms, kind, None)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     tension = links.tension(contacts, terms.first_c) if kind == "exact" else np.zeros(len(links.pairs))
     pairs, order = joined(contacts, links.pairs)
-    stiff = np.full(len(tension), float(terms.second_c.mean()))
+    stiff = np.full(len(tension), stiffness * float(terms.second_c.mean()))
     return Prestressed(pairs, np.concatenate([first, tension])[order], np.concatenate([terms.second_c, stiff])[order])
+
+
+class _ZeroModes:
+    """Motions that cost nothing, of which pairs take one after another before they hold anything else.
+
+    A pair that changes with a motion not taken so far fixes how far that goes and resists no strain. Where its part in
+    such motions is a sum of earlier pairs', the same sum taken from it is left for what costs energy.
+    """
+
+    def __init__(self, backbone: Backbone, zero_xz: NDArray[np.float64]) -> None:
+        self._backbone, self._zero = backbone, zero_xz
+        inverse = backbone.inverse_xm
+        # no gradient of length 1 is shorter than this where all of it costs energy
+        self._shortest = float(np.sqrt((inverse**2).sum(axis=0).min()))
+        # orthonormal parts taken, and the rows that go with them
+        self.taken = np.zeros((0, zero_xz.shape[1])), np.zeros((0, inverse.shape[1]))
+
+    def take(self, pairs: list[HeldPair]) -> tuple[list[int], list[int], NDArray[np.float64]]:
+        """Return which pairs take a motion, which do not, and the rows that these leave, of length about 1."""
+        zero, rows = self._backbone.rows(pairs, self._zero), self._backbone.rows(pairs, self._backbone.inverse_xm)
+        size = np.sqrt((rows**2).sum(axis=1)) + self._shortest
+        part, going = self.taken
+        for _ in range(2):
+            share = zero @ part.T
+            zero, rows = zero - share @ part, rows - share @ going
+            size = size + np.abs(share) @ np.sqrt((going**2).sum(axis=1))
+        q, triangle, order = sl.qr(zero.T, mode="economic", pivoting=True, check_finite=False)
+        count = int(np.count_nonzero(np.abs(np.diag(triangle)) > DEPENDENT))
+        first, rest = order[:count], order[count:]
+        # zero[order] = triangle^T q^T: rows of the new parts, and their share in the other pairs
+        if not count:
+            return [], list(range(len(pairs))), rows / size[:, None]
+        new = sl.solve_triangular(triangle[:count, :count], rows[first], trans=1, check_finite=False)
+        share = triangle[:count, count:].T
+        size = size[rest] + np.abs(share) @ np.sqrt((new**2).sum(axis=1))
+        left = (rows[rest] - share @ new) / size[:, None]
+        self.taken = np.concatenate([part, q[:, :count].T]), np.concatenate([going, new])
+        return first.tolist(), rest.tolist(), left
+
+
+class _State(NamedTuple):
+    """What has been held at some time."""
+
+    rank: int
+    strain_em: NDArray[np.float64]
+    smallest_new: float
+    largest_old: float
+    taken: tuple[NDArray[np.float64], NDArray[np.float64]] | None
 
 
 class HeldCompliance:
@@ -282,23 +384,35 @@ class HeldCompliance:
         self._strain = backbone.strain_em
         self._scale = float(np.sqrt((self._strain**2).sum(axis=1).max()))
         self.rank = 0
+        self._free = None if backbone.zero_xz is None else _ZeroModes(backbone, backbone.zero_xz)
         # parts of rows across those before: the smallest that counted, and the largest that did not
         self.smallest_new, self.largest_old = 1.0, 0.0
 
-    def saved(self) -> tuple[int, NDArray[np.float64], float, float]:
+    def saved(self) -> _State:
         """Return what `restore` needs to come back here."""
-        return self.rank, self._strain, self.smallest_new, self.largest_old
+        taken = None if self._free is None else self._free.taken
+        return _State(self.rank, self._strain, self.smallest_new, self.largest_old, taken)
 
-    def restore(self, state: tuple[int, NDArray[np.float64], float, float]) -> None:
+    def restore(self, state: _State) -> None:
         """Take back what was held since."""
-        self.rank, self._strain, self.smallest_new, self.largest_old = state
+        self.rank, self._strain, self.smallest_new, self.largest_old, taken = state
+        if self._free is not None and taken is not None:
+            self._free.taken = taken
 
     def hold(self, pairs: list[HeldPair]) -> list[int]:
         """Hold the pairs; return which of them are independent of each other and of those before, in order."""
         room = len(self._basis) - self.rank
         if not pairs or not room:
             return []
-        rows = self._backbone.rows(pairs)
+        if self._free is None:
+            taking: list[int] = []
+            number = list(range(len(pairs)))
+            rows = self._backbone.rows(pairs, self._backbone.inverse_xm)
+            rows /= np.sqrt((rows**2).sum(axis=1))[:, None]
+        else:
+            taking, number, rows = self._free.take(pairs)
+            if not number:
+                return sorted(taking)
         basis = self._basis[: self.rank]
         for _ in range(2):
             rows -= (rows @ basis.T) @ basis
@@ -308,7 +422,7 @@ class HeldCompliance:
         if count < len(part):
             self.largest_old = max(self.largest_old, float(part[count]))
         if not count:
-            return []
+            return sorted(taking)
         self.smallest_new = min(self.smallest_new, float(part[count - 1]))
         # parts that are small lose their right angle to the basis in proportion
         new = q[:, :count].T
@@ -317,7 +431,7 @@ class HeldCompliance:
         self._basis[self.rank : self.rank + count] = new
         self.rank += count
         self._strain = self._strain - (self._strain @ new.T) @ new
-        return sorted(int(k) for k in order[:count])
+        return sorted(taking + [number[k] for k in order[:count]])
 
     def stiff_directions(self) -> NDArray[np.float64]:
         """Return the (k, s) orthonormal strains that the held pairs forbid."""
@@ -397,6 +511,24 @@ class Cementing:
     smallest_new: float
     largest_old: float
     seconds: float
+
+    @property
+    def curves(self) -> dict[str, NDArray[np.float64]]:
+        """(K,) arrays by name, what the calls below return at each step.
+
+        bulk_reuss, bulk_hill, bulk_voigt, shear_reuss, shear_hill, shear_voigt [energy/length^d], infinite where a
+        strain is forbidden; anisotropy [1], infinite once a Voigt average is; poisson [1].
+        """
+        steps = range(len(self.cemented_k))
+        averages = {name: [getattr(self, name)(k) for k in steps] for name in AVERAGES}
+        found = {
+            f"{modulus}_{name}": np.array([getattr(one, f"{modulus}_modulus") for one in averages[name]])
+            for modulus in MODULI
+            for name in averages
+        }
+        found["anisotropy"] = np.array([self.anisotropy(k) for k in steps])
+        found["poisson"] = np.array([self.poisson_ratio(k) for k in steps])
+        return found
 
     @property
     def link_fraction_k(self) -> NDArray[np.float64]:
@@ -479,7 +611,9 @@ def cement(
     Parameters
     ----------
     scene
-        A scene whose packing resists every strain: jammed with `strain="free"`, at a low pressure.
+        A scene whose packing resists every strain: jammed with `strain="free"`, at a low pressure. Links that it has
+        are held from the start. Particles may move where that costs nothing and strains nothing, such as the end of a
+        chain that touches nothing.
     seed
         Draws the order of cementing, in which contacts that links hold already have their turn, too.
     order
@@ -502,7 +636,7 @@ def cement(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or the packing is not rigid under every strain before it is cemented.
+        If an argument is not what it must be, or the packing does not resist every strain before it is cemented.
 
     Examples
     --------
@@ -647,7 +781,6 @@ def cement_backbone(
     glue = Cement(contacts, packing)
     course = _Course(HeldCompliance(backbone), [], [])
     course.begin(backbone.own)
-    linked = course.compliance.rank
     cemented, compliance, stiff = [0], [course.compliance.compliance()], [course.stiff]
     while cemented[-1] < len(sequence_l) and course.whole is None:
         last = cemented[-1]
@@ -676,7 +809,7 @@ def cement_backbone(
         first_direction_ke=np.zeros((0, s)) if course.direction is None else course.direction,
         links=links,
         added_l=_sorted_like(links, course),
-        self_stress=len(contacts) + linked - (d * backbone.bearing + s - d) + 1,
+        self_stress=backbone.self_stress,
         bearing=backbone.bearing,
         freeze=freeze,
         kind=kind,

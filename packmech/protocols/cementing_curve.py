@@ -22,8 +22,19 @@ from packmech.generate.random import Monodisperse, Sizes, sizes_of
 from packmech.honors import CALLS
 from packmech.jit.blas import single_thread
 from packmech.loop.checkpoint import read_results, write_checkpoint
+from packmech.mechanics.elasticity import Average, universal_anisotropy
 from packmech.packing import Packing
-from packmech.protocols.cement import FREEZE, ORDERS, Cementing, backbone_of, cement_backbone, drawn_order, step_end
+from packmech.protocols.cement import (
+    AVERAGES,
+    FREEZE,
+    MODULI,
+    ORDERS,
+    Cementing,
+    backbone_of,
+    cement_backbone,
+    drawn_order,
+    step_end,
+)
 from packmech.protocols.jam import jam
 from packmech.result import NotConverged
 from packmech.scene import Scene
@@ -33,6 +44,7 @@ KIND = "trials of cementing"
 _ATTEMPTS = 50
 _START_FRACTION = 0.5
 
+# what is kept; Hill averages and anisotropy follow from it
 CURVES = ("bulk_reuss", "bulk_voigt", "shear_reuss", "shear_voigt", "poisson")
 
 
@@ -73,7 +85,9 @@ def _fingerprint(scene: Scene) -> str:
     packing, found = scene.packing, hashlib.sha256()
     parts: list[NDArray[Any]] = [packing.position_nd, packing.radius_n, packing.box.lattice_dd]
     if packing.links is not None:
+        assert packing.links.shape_l is not None
         parts += [packing.links.i_l, packing.links.j_l, packing.links.image_ld, packing.links.length_l]
+        parts.append(packing.links.shape_l)
     for part in parts:
         found.update(np.ascontiguousarray(part).tobytes())
     return f"{found.hexdigest()} {scene.effects!r}"
@@ -88,7 +102,7 @@ class Trials:
     packing
         The jammed packing.
     attempts
-        Packings drawn until one jammed with one state of self stress.
+        Packings drawn until one jammed with one state of self stress; 0 for a packing of one's own.
     bearing
         Particles that bear force.
     cemented_k
@@ -96,8 +110,7 @@ class Trials:
     stiff_ok
         (orders, K) number of stiff directions; all of them after complete rigidity.
     curves
-        (orders, K) arrays by name: bulk_reuss, bulk_voigt, shear_reuss, shear_voigt [energy/length^d], infinite where
-        they are, and poisson [1].
+        (orders, K) arrays by name, as in `Cementing`.
     first_o, all_o
         (orders,) n_l at the first stiff direction, and at complete rigidity; -1 where it did not come.
     smallest_new_o, largest_old_o
@@ -147,16 +160,10 @@ def _row(cementing: Cementing, step: float) -> dict[str, NDArray[Any]]:
     count = len(cemented)
     if count > 1 and step_end(count - 1, cemented[-2], step, cementing.packing.particles) != cemented[-1]:
         count -= 1
-    steps = range(count)
-    low, high = [cementing.reuss(k) for k in steps], [cementing.voigt(k) for k in steps]
-    return {
+    curves = cementing.curves
+    return {name: curves[name][:count] for name in CURVES} | {
         "cemented": cemented[:count],
         "stiff": cementing.stiff_k[:count],
-        "bulk_reuss": np.array([x.bulk_modulus for x in low]),
-        "bulk_voigt": np.array([x.bulk_modulus for x in high]),
-        "shear_reuss": np.array([x.shear_modulus for x in low]),
-        "shear_voigt": np.array([x.shear_modulus for x in high]),
-        "poisson": np.array([cementing.poisson_ratio(k) for k in steps]),
         "first": np.array(-1 if cementing.first_stiff is None else cementing.first_stiff),
         "all": np.array(-1 if cementing.all_stiff is None else cementing.all_stiff),
         "parts": np.array([cementing.smallest_new, cementing.largest_old]),
@@ -180,7 +187,7 @@ def run_trials(
             packing = Packing(kept["position"], kept["radius"], Box(kept["lattice"]))
         else:
             began = time.process_time()
-            packing, attempts = _start(settings) if scene is None else (scene.packing, 1)
+            packing, attempts = _start(settings) if scene is None else (scene.packing, 0)
             kept = {
                 "position": packing.position_nd,
                 "radius": packing.radius_n,
@@ -219,6 +226,14 @@ def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> T
         stiff[order, :steps] = kept[f"stiff_{order}"]
         for name, table in curves.items():
             table[order, :steps] = kept[f"{name}_{order}"]
+    for modulus in MODULI:
+        curves[f"{modulus}_hill"] = (curves[f"{modulus}_reuss"] + curves[f"{modulus}_voigt"]) / 2.0
+    low, high = (
+        [Average(*pair, d) for pair in zip(curves[f"bulk_{bound}"].flat, curves[f"shear_{bound}"].flat, strict=True)]
+        for bound in ("reuss", "voigt")
+    )
+    between = [universal_anisotropy(*pair) for pair in zip(high, low, strict=True)]
+    curves["anisotropy"] = np.array(between).reshape(orders, size)
     part = np.array([kept[f"parts_{order}"] for order in range(orders)])
     return Trials(
         packing=packing,
@@ -237,7 +252,6 @@ def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> T
 
 # called as (particles, packing, orders finished)
 Progress = Callable[[int, int, int], None]
-MODULI = ("bulk", "shear")
 # bounds nearer than this, relative to their mean, weigh as if they were this far apart
 _NARROWEST = 1e-6
 
@@ -278,7 +292,8 @@ class CementingCurve:
     poisson_ratio, anisotropy
         Means with equal weights [1], over trials with finite bounds; `universal_anisotropy` of each trial's bounds.
     bound_means
-        (K,) means with equal weights over the same trials by name: bulk_reuss, bulk_voigt, shear_reuss, shear_voigt.
+        (K,) means with equal weights over the same trials by name: bulk_reuss, bulk_hill, bulk_voigt, shear_reuss,
+        shear_hill, shear_voigt; nan where no trial is finite.
     some_stiff_k, all_stiff_k
         (K,) fraction of trials with an infinitely stiff direction, and with all of them [1].
     first_stiff_po, all_stiff_po
@@ -346,21 +361,20 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
         return np.pad(table_ok.astype(float), ((0, 0), (0, size - table_ok.shape[1])), constant_values=fill)
 
     stiff = np.array([padded(one.stiff_ok, d * (d + 1) // 2) for one in trials])
-    names = [f"{modulus}_{bound}" for modulus in MODULI for bound in ("reuss", "voigt")]
+    names = [f"{modulus}_{average}" for modulus in MODULI for average in AVERAGES] + ["anisotropy"]
     curve = {name: np.array([padded(one.curves[name], np.inf) for one in trials]) for name in names}
     poisson = np.array([padded(one.curves["poisson"], np.nan) for one in trials])
     means, bounds = {}, {}
     for modulus in MODULI:
         low, high = curve[f"{modulus}_reuss"], curve[f"{modulus}_voigt"]
         finite = np.isfinite(high)
-        middle = np.where(finite, (low + np.where(finite, high, 0.0)) / 2.0, 1.0)
+        middle = np.where(finite, curve[f"{modulus}_hill"], 1.0)
         width = np.where(finite, np.maximum(np.where(finite, high, 0.0) - low, _NARROWEST * middle), 1.0)
         means[modulus] = weighted_mean(middle, np.where(finite, 12.0 / width**2, 0.0))
-        for bound, table in (("reuss", low), ("voigt", high)):
-            bounds[f"{modulus}_{bound}"] = weighted_mean(table, finite.astype(float)).mean_k
+        for average in AVERAGES:
+            name = f"{modulus}_{average}"
+            bounds[name] = weighted_mean(curve[name], finite.astype(float)).mean_k
     both = np.isfinite(curve["bulk_voigt"]) & np.isfinite(curve["shear_voigt"])
-    ratio = {name: np.where(both, curve[f"{name}_voigt"], 1.0) / curve[f"{name}_reuss"] for name in MODULI}
-    anisotropy = ratio["bulk"] + (d - 1) * (d + 2) / 2.0 * ratio["shear"] - d * (d + 1) / 2.0
     first, whole = (
         np.array([np.where(one >= 0, one / particles, np.nan) for one in found])
         for found in ([one.first_o for one in trials], [one.all_o for one in trials])
@@ -371,7 +385,7 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
         bulk=means["bulk"],
         shear=means["shear"],
         poisson_ratio=weighted_mean(poisson, both.astype(float)),
-        anisotropy=weighted_mean(anisotropy, both.astype(float)),
+        anisotropy=weighted_mean(curve["anisotropy"], both.astype(float)),
         bound_means=bounds,
         some_stiff_k=(stiff > 0).mean(axis=(0, 1)),
         all_stiff_k=(stiff == d * (d + 1) // 2).mean(axis=(0, 1)),
@@ -507,7 +521,7 @@ def cementing_curve(
             for count, packing in itertools.product(counts, range(number))
         ]
     else:
-        tasks = _own_tasks(scenes, Settings(0, 0, seed, step, freeze, 0.0, dimension, sizes, order))
+        tasks = _own_tasks(scenes, Settings(0, 0, seed, step, freeze, 0.0, dimension, sizes, order), folder)
     if processes == 1:
         found = list(_in_turn(tasks, orders, folder, progress))
     else:
@@ -518,8 +532,8 @@ def cementing_curve(
     return tuple(gathered(count, trials) for count, trials in sized.items())
 
 
-def _own_tasks(scenes: Sequence[Scene], settings: Settings) -> list[Settings]:
-    """Return the settings of one's own scenes, after a look at whether these can be cemented."""
+def _own_tasks(scenes: Sequence[Scene], settings: Settings, folder: Path | None) -> list[Settings]:
+    """Return the settings of one's own scenes, after a look at whether those that are new can be cemented."""
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not len(scenes):
         raise TypeError(f"scenes must be a list of scenes, at least one, got {scenes!r:.60}")
     count: dict[int, int] = {}
@@ -530,11 +544,13 @@ def _own_tasks(scenes: Sequence[Scene], settings: Settings) -> list[Settings]:
         CALLS["cement"].check(f"scenes[{k}]", scene)
         n, d = scene.packing.position_nd.shape
         dimensions.add(d)
-        try:
-            backbone_of(scene, "unstressed", None)
-        except ValueError as error:
-            raise ValueError(f"scenes[{k}]: {error}") from error
-        tasks.append(replace(settings, particles=n, packing=count.get(n, 0), dimension=d, scene=scene))
+        task = replace(settings, particles=n, packing=count.get(n, 0), dimension=d, scene=scene)
+        if folder is None or not path_of(folder, task).exists():
+            try:
+                backbone_of(scene, "unstressed", None)
+            except ValueError as error:
+                raise ValueError(f"scenes[{k}]: {error}") from error
+        tasks.append(task)
         count[n] = count.get(n, 0) + 1
     if len(dimensions) > 1:
         raise ValueError(f"scenes must be of one dimension, got {sorted(dimensions)}")

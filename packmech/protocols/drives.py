@@ -11,7 +11,7 @@ import numpy as np
 
 from packmech.minimize.minimizers import registered_minimizers
 from packmech.minimize.quench import quench
-from packmech.protocols.cement import cement
+from packmech.protocols.cement import AVERAGES, MODULI, cement
 from packmech.protocols.jam import JamMethod, jam
 from packmech.protocols.shear_stabilize import shear_stabilize
 from packmech.result import Run
@@ -47,8 +47,8 @@ def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Prog
 def _cement(drive: CementDrive, scene: Scene, *, progress: Progress | None) -> Run:
     """Jam, then cement in several orders; their means at each step are in the report under "cementing".
 
-    Moduli are the middle of the Reuss and Voigt bounds, None from the step on at which a direction of strain has become
-    infinitely stiff in some order.
+    Reuss, Hill and Voigt averages, anisotropy and Poisson ratio end before the step at which a direction of strain has
+    become infinitely stiff in some order.
     """
     run = jam(scene, pressure=drive.pressure, progress=progress, check=False)
     if not run.ok:
@@ -73,12 +73,10 @@ def _cement(drive: CementDrive, scene: Scene, *, progress: Progress | None) -> R
         "freeze": drive.freeze,
         "seconds": sum(one.seconds for one in orders),
     }
-    for name in ("bulk_modulus", "shear_modulus"):
-        for bound in ("reuss", "voigt"):
-            means[f"{name}_{bound}"] = [
-                float(np.mean([getattr(getattr(one, bound)(k), name) for one in orders])) for k in range(steps)
-            ]
-    means["poisson_ratio"] = [float(np.mean([one.poisson_ratio(k) for one in orders])) for k in range(steps)]
+    curves = [one.curves for one in orders]
+    names = {f"{modulus}_{name}": f"{modulus}_modulus_{name}" for modulus in MODULI for name in AVERAGES}
+    for name, called in (names | {"anisotropy": "anisotropy", "poisson": "poisson_ratio"}).items():
+        means[called] = [float(np.mean([one[name][k] for one in curves])) for k in range(steps)]
     return replace(run, report={**run.report, "cementing": means})
 
 

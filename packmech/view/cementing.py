@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from packmech.protocols.cement import AVERAGES
 from packmech.protocols.cementing_curve import CementingCurve, error_of_mean
 from packmech.result import csv_text, markdown_table
 
@@ -21,7 +22,8 @@ STIFF_SHARE = 0.5
 
 def curve_csv(curves: Sequence[CementingCurve]) -> str:
     """Return the curves as CSV, a line for each N and step."""
-    head = ["N", "nl/N", "trials", "K", "K error", "K Reuss", "K Voigt", "G", "G error", "G Reuss", "G Voigt"]
+    head = ["N", "nl/N", "trials", "K", "K error", "K Reuss", "K Hill", "K Voigt"]
+    head += ["G", "G error", "G Reuss", "G Hill", "G Voigt"]
     head += ["Poisson ratio", "Poisson ratio error", "anisotropy", "anisotropy error", "some stiff", "all stiff"]
     lines = []
     for curve in curves:
@@ -30,7 +32,7 @@ def curve_csv(curves: Sequence[CementingCurve]) -> str:
             for name in ("bulk", "shear"):
                 means = getattr(curve, name)
                 numbers += [means.mean_k[k], means.error_k[k]]
-                numbers += [curve.bound_means[f"{name}_{bound}"][k] for bound in ("reuss", "voigt")]
+                numbers += [curve.bound_means[f"{name}_{bound}"][k] for bound in AVERAGES]
             for means in (curve.poisson_ratio, curve.anisotropy):
                 numbers += [means.mean_k[k], means.error_k[k]]
             numbers += [curve.some_stiff_k[k], curve.all_stiff_k[k]]
@@ -96,7 +98,9 @@ def cementing_markdown(curves: Sequence[CementingCurve], made_by: str) -> str:
     kept = sum(len(curve.trials) for curve in curves)
     lines += [
         "",
-        f"{drawn} packings were drawn for {kept} with one state of self stress.",
+        f"{drawn} packings were drawn for {kept} with one state of self stress."
+        if drawn
+        else "Packings are one's own, with the states of self stress that they have.",
         f"Links taken for independent have {least.min():.1e} or more of their gradient across the others, redundant "
         f"ones {largest.max():.1e} or less; in no trial are the two nearer than by a factor of {apart:.0f}.",
         f"No bound of any trial falls from one step to the next by more than {largest_fall(curves):.1e} of itself, and "

@@ -191,7 +191,7 @@ def test_order_given_by_hand_repeats_the_drawn_one(scenes):
 
 def test_a_packing_that_yields_to_a_strain_is_refused():
     square = pm.Scene(pm.lattice_packing("square", repeats=(3, 3)), (pm.Repulsion(),))
-    with pytest.raises(ValueError, match="^scene.packing must resist every motion and strain"):
+    with pytest.raises(ValueError, match="^scene.packing must resist every strain"):
         pm.cement(square)
     loose = pm.random_packing(20, dimension=2, packing_fraction=0.1, seed=0)
     with pytest.raises(ValueError, match=r"^scene.packing must be jammed"):

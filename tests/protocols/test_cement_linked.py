@@ -43,18 +43,64 @@ def first_contacts(scene, count):
     return np.flatnonzero(~rattling[contacts.i_c] & ~rattling[contacts.j_c])[:count]
 
 
-@pytest.mark.parametrize("freeze", ["angles", "nothing"])
-def test_each_step_is_the_packing_with_its_own_and_the_cemented_links(freeze):
+@functools.cache
+def with_free_ends(dimension):
+    """Dimers of which some can turn at no cost about the bead that presses on others."""
+    shape = pm.Dimer(length=0.8, radii=(0.5, 0.35))
+    start = pm.cluster_packing(16, shape, dimension=dimension, packing_fraction=0.3, largest_overlap=0.1, seed=1)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    return scene.replace(packing=pm.jam(scene, pressure=1e-6).packing)
+
+
+def far_from_moduli(found, scene, kind):
+    """Return by how much each step without stiff strains differs from the moduli of the packing with all its links."""
+    far = []
+    for step in np.flatnonzero(found.stiff_k == 0):
+        energy = pm.elastic_moduli(scene.replace(packing=found.packing_at(step)), kind=kind).energy
+        far.append(np.abs(np.linalg.inv(found.compliance_kee[step]) - energy).max() / np.abs(energy).max())
+    return np.array(far)
+
+
+@pytest.mark.parametrize("freeze", ["angles", "clusters", "nothing"])
+@pytest.mark.parametrize("kind", ["exact", "unstressed"])
+def test_each_step_is_the_packing_with_its_own_and_the_cemented_links(freeze, kind):
     scene = linked(seed=2)
-    found = pm.cement(scene, kind="unstressed", freeze=freeze, seed=3, step=0.06)
-    assert not found.stiff_k[:3].any()
-    for step in (1, 2):
-        there = scene.replace(packing=found.packing_at(step))
-        assert len(there.packing.links) > len(scene.packing.links)
-        energy = pm.elastic_moduli(there, kind="unstressed", gap_tolerance=1e-9).energy
-        inverse = np.linalg.inv(found.compliance_kee[step])
-        # cemented pairs are no contacts any more, and what they press on is kept
-        assert np.abs(inverse - energy).max() < 1e-6 * np.abs(energy).max()
+    found = pm.cement(scene, kind=kind, freeze=freeze, seed=3, step=0.06)
+    assert len(found.packing_at(1).links) > len(scene.packing.links)
+    far = far_from_moduli(found, scene, kind)
+    assert len(far) > 3 and far.max() < 1e-10
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("kind", ["exact", "unstressed"])
+def test_ends_that_turn_at_no_cost_resist_nothing_before_they_are_held(dimension, kind):
+    scene = with_free_ends(dimension)
+    moduli = pm.elastic_moduli(scene, kind=kind)
+    assert moduli.floppy_positions > 0 and moduli.stable
+    found = pm.cement(scene, kind=kind, seed=1)
+    far = far_from_moduli(found, scene, kind)
+    assert len(far) > 5 and far.max() < 1e-10
+    assert found.self_stress == pm.states_of_self_stress(scene.packing, strain="isochoric").count
+    assert found.stiff_k[-1] == dimension * (dimension + 1) // 2
+    again = pm.cement(scene, kind=kind, order=found.contact_l, step=2.0)
+    assert (again.first_stiff, again.all_stiff) == (found.first_stiff, found.all_stiff)
+
+
+def test_links_that_are_strongly_compressed_are_held_however_soft_the_springs_of_contacts():
+    scene = linked(seed=1, pressure=3e-3)
+    assert pm.elastic_moduli(scene).stable
+    found = pm.cement(scene, kind="exact", seed=2, step=0.1)
+    far = far_from_moduli(found, scene, "exact")
+    assert len(far) > 2 and far.max() < 1e-10
+
+
+@pytest.mark.parametrize("kind", ["exact", "unstressed"])
+def test_a_linked_packing_that_yields_to_a_strain_is_refused(kind):
+    square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=1e-3)
+    contacts = pm.find_contacts(square)
+    link = pm.Links(contacts.i_c[:1], contacts.j_c[:1], contacts.image_cd[:1], contacts.distance_c[:1])
+    with pytest.raises(ValueError, match="^scene.packing must resist every strain"):
+        pm.cement(pm.Scene(square.replace(links=link), (pm.Repulsion(),)), kind=kind)
 
 
 def test_bounds_never_fall_and_hill_lies_between_them():
@@ -69,6 +115,7 @@ def test_bounds_never_fall_and_hill_lies_between_them():
                 assert getattr(found.reuss(step - 1), name) <= getattr(low, name) * (1 + 1e-9)
         anisotropy = found.anisotropy(step)
         assert anisotropy > -1e-9 and (np.isfinite(anisotropy) == np.isfinite(high.bulk_modulus + high.shear_modulus))
+    assert found.curves["bulk_hill"][-1] == found.curves["shear_hill"][-1] == found.curves["anisotropy"][-1] == np.inf
 
 
 def test_anisotropy_and_hill_are_those_of_the_moduli():
@@ -97,8 +144,22 @@ def test_aggregation_grows_one_cluster():
         cluster |= ends
     again = pm.cement(scene, order="aggregate", seed=4, freeze="nothing")
     assert np.array_equal(found.contact_l, again.contact_l)
-    drawn = pm.cement(scene, seed=4, freeze="nothing")
-    assert set(found.contact_l.tolist()) != set(drawn.contact_l.tolist()) or len(found.contact_l) == len(contacts)
+
+
+def test_links_of_the_packing_belong_to_the_cluster_that_grows():
+    scene = linked(seed=2)
+    backbone = backbone_of(scene, "unstressed", None)
+    contacts, body = backbone.contacts, scene.packing.links.clusters(scene.packing.particles)
+    order = drawn_order("aggregate", backbone, np.random.default_rng(7))
+    assert np.array_equal(np.sort(order), np.arange(len(contacts)))
+    cluster, beyond = set(), 0
+    for k, c in enumerate(order.tolist()):
+        ends = {int(contacts.i_c[c]), int(contacts.j_c[c])}
+        bodies = {int(body[n]) for n in ends}
+        assert k == 0 or bodies & {int(body[n]) for n in cluster}
+        beyond += k > 0 and not ends & cluster
+        cluster |= ends
+    assert beyond > 0
 
 
 def test_the_next_contact_of_a_cluster_is_each_with_equal_chances():
@@ -133,11 +194,22 @@ def test_curves_of_ones_own_packings_are_resumed_and_told_apart(tmp_path):
         pm.cementing_curve(scenes=[scenes[0].replace(effects=(pm.Repulsion(), pm.Friction()))], orders=1)
 
 
-def test_the_command_takes_packings_of_ones_own_and_refuses_to_draw_others_beside_them(tmp_path):
-    path = tmp_path / "mine.npz"
-    pm.write_packing(monomers(1).packing, path, law=pm.Hertz())
-    out = ["--orders", "1", "--step", "0.3", "--out", str(tmp_path / "out")]
-    assert execute(["cement", str(path), *out]) == 0
-    assert "mine.npz" in (tmp_path / "out" / "cementing.md").read_text(encoding="utf-8")
-    with pytest.raises(ValueError, match="must be left out where files are given"):
-        execute(["cement", str(path), "--packings", "2", *out])
+def test_the_command_takes_packings_and_scene_files_and_names_the_file_that_is_not_jammed(tmp_path):
+    scene = monomers(1)
+    pm.write_packing(scene.packing, tmp_path / "hertz.npz", law=pm.Hertz())
+    pm.write_scene(scene, tmp_path / "hertz.toml")
+    words = ["--out", str(tmp_path / "out"), "--orders", "1", "--step", "0.3", "--order", "aggregate"]
+    files = [str(tmp_path / name) for name in ("hertz.npz", "hertz.toml")]
+    assert execute(["cement", *files, *words]) == 0
+    first, second = (tmp_path / "out" / "thresholds.csv").read_text().splitlines()[1:]
+    assert first.startswith("32,0,0,") and second.startswith("32,1,0,")
+    head, start = (line.split(",") for line in (tmp_path / "out" / "curve.csv").read_text().splitlines()[:2])
+    found, expected = dict(zip(head, start, strict=True)), pm.cement(scene, step=2.0)
+    assert float(found["K Hill"]) == pytest.approx(expected.hill(0).bulk_modulus, rel=1e-8)
+    assert float(found["anisotropy"]) == pytest.approx(expected.anisotropy(0), rel=1e-8)
+    loose = pm.random_packing(16, dimension=2, packing_fraction=0.3, seed=1)
+    pm.write_packing(loose, tmp_path / "loose.npz")
+    with pytest.raises(ValueError, match=r"loose.npz: scene.packing must be jammed"):
+        execute(["cement", files[0], str(tmp_path / "loose.npz"), "--out", str(tmp_path / "none")])
+    with pytest.raises(ValueError, match=r"^particles must be left out where files name the packings, got \[64\]"):
+        execute(["cement", files[0], "--particles", "64"])
