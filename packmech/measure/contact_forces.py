@@ -15,7 +15,7 @@ from packmech.contacts.friction_cones import FrictionCones
 from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
-from packmech.measure.shaped import shaped_contacts
+from packmech.measure.shaped import shape_forces
 from packmech.measure.stress import sum_forces
 from packmech.measure.walls import rattlers_of_scene
 from packmech.scene import Scene
@@ -249,7 +249,7 @@ def torques(scene: Scene) -> NDArray[np.float64]:
     """
     instance("scene", scene, Scene)
     if scene.packing.shapes is not None:
-        found = shaped_contacts(scene).torques()
+        found = shape_forces(scene).torques()
     else:
         found = contact_forces(scene).torque_nk
     return found[:, 0] if found.shape[1] == 1 else found

@@ -12,7 +12,7 @@ from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
-from packmech.measure.shaped import shaped_contacts
+from packmech.measure.shaped import shape_forces
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
@@ -72,7 +72,7 @@ def energy(scene: Scene) -> float:
 
     """
     if _shaped(scene):
-        return float(np.add.reduce(shaped_contacts(scene).energy_c))
+        return float(np.add.reduce(shape_forces(scene).terms.energy_c))
     contacts, energy_c, first = _terms(scene)
     whole = float(np.add.reduce(energy_c))
     if friction_of(scene) is not None:
@@ -101,7 +101,7 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
     """
     if _shaped(scene):
-        return shaped_contacts(scene).forces()
+        return shape_forces(scene).forces()
     contacts, _, first = _terms(scene)
     return _net(scene, contacts, first)
 
@@ -152,7 +152,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """
     one_of("parts", parts, PARTS)
     if _shaped(scene):
-        whole = shaped_contacts(scene).stress(scene.packing.box.volume)
+        whole = shape_forces(scene).stress(scene.packing.box.volume)
         return whole if parts != "links" else np.zeros_like(whole)
     contacts, _, first = _terms(scene)
     packing = scene.packing

@@ -191,10 +191,23 @@ class SoftNetwork:
         """Return the pairs that touch or may soon."""
         return candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + REACH)
 
+    def near(self, packing: Packing) -> Any:
+        """Return the pairs of the list, touching or not, as they are in a packing."""
+        return pair_contacts(packing, *self.pairs)
+
+    def energy_change(self, near: Any) -> float:
+        """Return the energy less that of the packing whose pairs of the list are given."""
+        change = self.near(self.packing).vector_cd - near.vector_cd
+        return energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
+
+    def first_at(self, distance_c: Array, sigma_c: Array) -> Array:
+        """Return du/dr at given distances."""
+        return self.units.derivatives(distance_c, sigma_c)[0]
+
     def measure(self, packing: Packing) -> None:
         """Take the packing in: its contacts, forces and errors."""
         self.packing = packing
-        contacts = pair_contacts(packing, *self.pairs)
+        contacts = self.near(packing)
         if self.width > 0.0:
             touching = contacts.distance_c - contacts.contact_distance_c < _FAR * self.width
             self.contacts = near = contacts.select(touching)
@@ -214,34 +227,47 @@ class SoftNetwork:
 
     def balance(self) -> None:
         """Set the slopes of the enthalpy and how far from balance they are."""
-        contacts, packing = self.contacts, self.packing
-        self.stretch_ck = np.einsum("ca,kab,cb->ck", contacts.normal_cd, self.basis_kdd, contacts.vector_cd)
+        packing = self.packing
         self.uphill_nd, energy_k, virial = self.slopes()
         volume = packing.box.volume
         if self.volume is not None:
             self.pressure = -virial / (packing.dimension * volume)
         self.uphill_k = energy_k + self.pressure * volume * self.load_k
         mean = self.mean_force
-        self.residual = float(np.sqrt((self.uphill_nd**2).sum(axis=1)).max()) / mean if mean > 0 else np.inf
+        self.residual = self.largest_force() / mean if mean > 0 else np.inf
         scale = self.pressure * volume
         self.stress_error = float(np.abs(self.uphill_k).max()) / scale if len(self.basis_kdd) and scale > 0.0 else 0.0
         # one figure to judge steps by: net forces and stress in units of what they balance
         self.merit = max(self.residual, self.stress_error)
+
+    def largest_force(self) -> float:
+        """Return the largest net force on a particle."""
+        return float(np.sqrt((self.uphill_nd**2).sum(axis=1)).max())
 
     @property
     def mean_force(self) -> float:
         """Mean contact force; where overlaps are smoothed and no pair need touch, that which bears the pressure."""
         if self.width > 0.0:
             return self.pressure * float(self.packing.diameter_n.mean()) ** (self.packing.dimension - 1)
+        return self.mean_contact_force()
+
+    def mean_contact_force(self) -> float:
+        """Return the mean size of the contacts' forces; none where nothing touches."""
         return float(np.abs(self.first_c).mean()) if len(self.contacts) else 0.0
+
+    @property
+    def largest_stiffness(self) -> float:
+        """Largest stiffness of a contact."""
+        return float(self.second_c.max())
 
     def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the energy's slopes along positions and strains, and the virial sum of du/dr r."""
         contacts = self.contacts
+        self.stretch_ck = np.einsum("ca,kab,cb->ck", contacts.normal_cd, self.basis_kdd, contacts.vector_cd)
         out = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, self.first_c, contacts.particles)
         return out, self.stretch_ck.T @ self.first_c, float((self.first_c * contacts.distance_c).sum())
 
-    def close(self, contacts: Contacts) -> None:
+    def close(self, contacts: Any) -> None:
         """Take the contacts as touching, those that just part with the stiffness of the closed side."""
         self.contacts = contacts
         self.first_c, self.second_c = self.units.terms(contacts, closing=True)
@@ -449,6 +475,13 @@ def energy_change(
     before, after, sigma = before[either], after[either], sigma_c[either]
     vector, change = vector_cd[either], change_cd[either]
     exact = (2.0 * (vector * change).sum(axis=1) + (change**2).sum(axis=1)) / (before + after)
+    return energy_between(before, after, exact, sigma, first, width)
+
+
+def energy_between(
+    before: Array, after: Array, exact: Array, sigma: Array, first: Callable[[Array, Array], Array], width: float = 0.0
+) -> float:
+    """Return the energy of pairs at distances `after` less that at `before`, whose exact change is given."""
     if width > 0.0:
         low = sigma - smoothed_overlap(before, sigma, width)
         inside, deeper = sigma - before, sigma - after

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.contacts.network import Contacts, pair_contacts
-from packmech.minimize.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units, energy_change
+from packmech.minimize.shape_network import ShapeNetwork
+from packmech.minimize.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units
 from packmech.packing import Packing
 from packmech.result import Outcome
 
@@ -76,6 +76,8 @@ def network_of(
     packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None, width: float = 0.0
 ) -> SoftNetwork:
     """Return what Newton's method sees of the packing, with or without links; overlaps smoothed over the width."""
+    if packing.shapes is not None:
+        return ShapeNetwork(packing, units, basis_kdd, pressure, width)
     if packing.links is None:
         return SoftNetwork(packing, units, basis_kdd, pressure, width)
     return LinkedNetwork(packing, units, basis_kdd, pressure, width)
@@ -151,7 +153,7 @@ def newton(
         # the last step's count may belong to another set of contacts: some flicker where they just touch
         negative = _unstable_directions(best[0], units, network.basis_kdd, network.pressure)
     network.measure(best[0])
-    mean = float(np.abs(network.first_c).mean()) if len(network.contacts) else 0.0
+    mean = network.mean_contact_force()
     return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, evaluations)
 
 
@@ -161,13 +163,13 @@ def rounding_floor(network: SoftNetwork) -> float:
         return 0.0
     packing = network.packing
     mean = network.mean_force
-    return float(np.finfo(float).eps * _extent(packing) * float(network.second_c.max()) / mean)
+    return float(np.finfo(float).eps * _extent(packing) * network.largest_stiffness / mean)
 
 
 def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
     """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
     network = network_of(packing, units, basis_kdd, pressure)
-    contacts = pair_contacts(packing, *network.pairs)
+    contacts = network.near(packing)
     network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)))
     return _negative(network)
 
@@ -198,7 +200,7 @@ class _Step(NamedTuple):
     slope: float
 
 
-def enthalpy_change(network: SoftNetwork, near: Contacts, before: Box) -> float:
+def enthalpy_change(network: SoftNetwork, near: Any, before: Box) -> float:
     """Return the enthalpy of the network's packing less that of the one in which `near` lists touching and near pairs.
 
     Parameters
@@ -211,15 +213,7 @@ def enthalpy_change(network: SoftNetwork, near: Contacts, before: Box) -> float:
         The box where it started.
 
     """
-    after = pair_contacts(network.packing, *network.pairs)
-    total = energy_change(
-        near.vector_cd,
-        after.vector_cd - near.vector_cd,
-        near.contact_distance_c,
-        lambda distance, sigma: network.units.derivatives(distance, sigma)[0],
-        network.width,
-    )
-    return total + network.work(before)
+    return network.energy_change(near) + network.work(before)
 
 
 def descend(
@@ -339,7 +333,7 @@ def _go_down(
         if travelled > 0.8 * REACH:
             network = network_of(start, network.units, basis_kdd, pressure, network.width)
             travelled = size * longest
-        near = pair_contacts(start, *network.pairs)
+        near = network.near(start)
         for halving in range(_HALVINGS):
             network.packing = start
             network.measure(network.moved(size * step.u_nd, size * step.strain_k))

@@ -1,0 +1,174 @@
+"""Contacts of particles with shapes: one distance each, with its slopes and curvatures along the pair's coordinates.
+
+Every law is taken at rho = s (r_i + r_j), s the scale at which the two shapes touch, with the contact distance r_i +
+r_j: they overlap where rho is smaller. Coordinates of a pair are the vector from center i to center j and the rotations
+of i and of j, angles in a plane and rotation vectors in space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.contacts.network import Candidates, candidate_pairs
+from packmech.contacts.scaled_contact import scaled_contacts
+from packmech.packing import Packing
+from packmech.shapes import Spheroids
+
+# changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows
+_SMALL = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeContacts:
+    """Pairs of particles with shapes, each physical pair once, sorted by (i, j, image).
+
+    Attributes
+    ----------
+    i_c, j_c, image_cd, distance_c, contact_distance_c, particles, dimension
+        As in `Contacts`, distances those at which laws are taken.
+    vector_cd
+        (C, d) vectors from center i to center j [length].
+    slope_cx
+        (C, X) slopes of the distance along the vector and the rotations of i and j [1], [length]; X = 4 in a plane and
+        9 in space.
+    curvature_cxx
+        (C, X, X) second derivatives of the distance; none where they were not asked for.
+    shapes
+        The shapes, as they are turned.
+
+    """
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    image_cd: NDArray[np.int64]
+    vector_cd: NDArray[np.float64]
+    distance_c: NDArray[np.float64]
+    contact_distance_c: NDArray[np.float64]
+    slope_cx: NDArray[np.float64]
+    curvature_cxx: NDArray[np.float64]
+    particles: int
+    dimension: int
+    shapes: Spheroids
+
+    def __len__(self) -> int:
+        return len(self.i_c)
+
+    @property
+    def gap_c(self) -> NDArray[np.float64]:
+        """The (C,) distances less contact distances, negative where particles overlap [length]."""
+        return self.distance_c - self.contact_distance_c
+
+    @property
+    def overlap_c(self) -> NDArray[np.float64]:
+        """The (C,) relative overlaps 1 - s [1]."""
+        return 1.0 - self.distance_c / self.contact_distance_c
+
+    @property
+    def push_c(self) -> NDArray[np.float64]:
+        """The (C,) sizes of a force of a contact over du/drho [1]."""
+        return np.asarray(np.sqrt((self.slope_cx[:, : self.dimension] ** 2).sum(axis=1)))
+
+    def select(self, keep_c: ArrayLike) -> ShapeContacts:
+        """Return the contacts that a boolean mask or an index array names, in their order."""
+        keep = np.asarray(keep_c)
+        names = ("i_c", "j_c", "image_cd", "vector_cd", "distance_c", "contact_distance_c", "slope_cx")
+        parts = {name: getattr(self, name)[keep] for name in names}
+        curvature = self.curvature_cxx[keep] if len(self.curvature_cxx) else self.curvature_cxx
+        return replace(self, **parts, curvature_cxx=curvature)
+
+    def count_n(self) -> NDArray[np.int64]:
+        """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
+        return np.bincount(np.concatenate([self.i_c, self.j_c]), minlength=self.particles)
+
+    def gather(self, weight_c: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (N, d) and (N, t) sums of the slopes times weights: along positions and along rotations."""
+        d, pull = self.dimension, weight_c[:, None] * self.slope_cx
+        turns = (pull.shape[1] - d) // 2
+        return self._sum(-pull[:, :d], pull[:, :d]), self._sum(pull[:, d : d + turns], pull[:, d + turns :])
+
+    def _sum(self, on_i_ck: NDArray[np.float64], on_j_ck: NDArray[np.float64]) -> NDArray[np.float64]:
+        net = np.empty((self.particles, on_i_ck.shape[1]))
+        for k in range(on_i_ck.shape[1]):
+            net[:, k] = np.bincount(self.i_c, on_i_ck[:, k], self.particles)
+            net[:, k] += np.bincount(self.j_c, on_j_ck[:, k], self.particles)
+        return net
+
+    def distance_change(self, start: ShapeContacts) -> NDArray[np.float64]:
+        """Return the (C,) changes of the distances of the same pairs since the start.
+
+        Where coordinates changed by little, from the slopes at both ends: in the difference of the distances they would
+        be lost to rounding.
+        """
+        rotation_nt = self.shapes.rotation_since(start.shapes)
+        moved = np.hstack([self.vector_cd - start.vector_cd, rotation_nt[self.i_c], rotation_nt[self.j_c]])
+        scaled = moved.copy()
+        scaled[:, : self.dimension] /= self.contact_distance_c[:, None]
+        along = 0.5 * ((start.slope_cx + self.slope_cx) * moved).sum(axis=1)
+        return np.where(np.abs(scaled).max(axis=1) < _SMALL, along, self.distance_c - start.distance_c)
+
+
+def candidate_shapes(packing: Packing, scale: float = 1.0) -> Candidates:
+    """Return the pairs of particles with shapes whose surrounding discs or spheres, grown by the scale, overlap."""
+    assert packing.shapes is not None
+    return candidate_pairs(packing.position_nd, packing.shapes.reach(packing.radius_n), packing.box, scale=scale)
+
+
+def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False) -> ShapeContacts:
+    """Return the geometry of the given pairs, touching or not.
+
+    Parameters
+    ----------
+    packing
+        The packing, with shapes.
+    pairs
+        Pairs and images.
+    second
+        Whether curvatures are asked for.
+
+    Raises
+    ------
+    ValueError
+        If two centers coincide: which way shapes part there is not defined.
+
+    """
+    shapes = packing.shapes
+    assert shapes is not None
+    i, j = pairs.i_c, pairs.j_c
+    vector = packing.position_nd[j] - packing.position_nd[i] + pairs.image_cd @ packing.box.lattice_dd.T
+    same = ~vector.any(axis=1)
+    if same.any():
+        c = int(np.argmax(same))
+        raise ValueError(f"packing must have no coincident centers, got particles {i[c]} and {j[c]} at one place")
+
+    def both(array: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.stack([array[i], array[j]], axis=1)
+
+    radius, aspect, director = both(packing.radius_n), both(shapes.aspect_n), both(shapes.director_nd)
+    found = scaled_contacts(vector, radius, aspect, director, second=second)
+    sigma = packing.radius_n[i] + packing.radius_n[j]
+    return ShapeContacts(
+        i,
+        j,
+        pairs.image_cd,
+        vector,
+        found.scale_p * sigma,
+        sigma,
+        found.first_px * sigma[:, None],
+        found.second_pxx * sigma[: len(found.second_pxx), None, None],
+        packing.particles,
+        packing.dimension,
+        shapes,
+    )
+
+
+def find_shape_contacts(packing: Packing, *, gap_tolerance: float = 0.0, second: bool = False) -> ShapeContacts:
+    """Return all touching pairs of a packing with shapes: gap <= gap_tolerance * (radius_i + radius_j)."""
+    pairs = candidate_shapes(packing, (1.0 + gap_tolerance) * (1.0 + 1e-9))
+    near = shape_contacts(packing, pairs)
+    touching = near.gap_c <= gap_tolerance * near.contact_distance_c
+    if not second:
+        return near.select(touching)
+    return shape_contacts(packing, Candidates(*(part[touching] for part in pairs)), second=True)

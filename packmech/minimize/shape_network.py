@@ -1,0 +1,103 @@
+"""What Newton's method needs of a soft packing of shapes, their turns among the unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.contacts.network import Candidates
+from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
+from packmech.linalg.factor import factorize
+from packmech.linalg.mandel import mandel_basis
+from packmech.mechanics.shape_sums import shape_sums, turning
+from packmech.minimize.soft_network import REACH, SoftNetwork, energy_between
+from packmech.packing import Packing
+
+
+class ShapeNetwork(SoftNetwork):
+    """Contacts of a packing of shapes; `uphill_nd` is (N, q), slopes along positions and turns, measured in lengths."""
+
+    contacts: ShapeContacts
+
+    def search(self, packing: Packing) -> Candidates:
+        """Return the pairs that touch or may soon."""
+        return candidate_shapes(packing, 1.0 + REACH)
+
+    def near(self, packing: Packing) -> ShapeContacts:
+        """Return the pairs of the list, touching or not, as they are in a packing."""
+        return shape_contacts(packing, self.pairs)
+
+    def energy_change(self, near: ShapeContacts) -> float:
+        """Return the energy less that of the packing whose pairs of the list are given."""
+        now = self.near(self.packing)
+        sigma = near.contact_distance_c
+        either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
+        now, near = now.select(either), near.select(either)
+        exact = now.distance_change(near)
+        return energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
+
+    def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return the energy's slopes along positions and turns, along strains, and the virial sum."""
+        one, packing = self.contacts, self.packing
+        assert packing.shapes is not None
+        self._turn_nkt = packing.shapes.turn_basis(packing.radius_n)
+        position, rotation = one.gather(self.first_c)
+        turn = np.einsum("nkt,nt->nk", self._turn_nkt, rotation)
+        pull = self.first_c[:, None] * one.slope_cx[:, : one.dimension]
+        along = np.einsum("kab,ca,cb->k", self.basis_kdd, pull, one.vector_cd)
+        return np.hstack([position, turn]), along, float((pull * one.vector_cd).sum())
+
+    def largest_force(self) -> float:
+        """Return the largest net force, or torque over the radius of gyration, on a particle."""
+        d = self.packing.dimension
+        square = self.uphill_nd**2
+        return float(np.sqrt(max(square[:, :d].sum(axis=1).max(), square[:, d:].sum(axis=1).max())))
+
+    def mean_contact_force(self) -> float:
+        """Return the mean size of the contacts' forces; none where nothing touches."""
+        return float((np.abs(self.first_c) * self.contacts.push_c).mean()) if len(self.contacts) else 0.0
+
+    @property
+    def largest_stiffness(self) -> float:
+        """Largest stiffness of a contact along a particle's motion."""
+        return float((self.second_c * self.contacts.push_c**2).max())
+
+    def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Return the Newton step and the number of negative pivots."""
+        one, packing = self.contacts, self.packing
+        curved = shape_contacts(packing, Candidates(one.i_c, one.j_c, one.image_cd), second=True)
+        sums = shape_sums(curved, self._turn_nkt, self.first_c, self.second_c)
+        count, n, d = one.count_n(), packing.particles, packing.dimension
+        free = np.hstack([np.ones((n, d), dtype=bool), turning(self._turn_nkt)])
+        free[int(np.argmax(count)), :d] = False
+        extra = np.where(count == 0, 1.0, regularization)
+        free_f, added = free.ravel(), np.repeat(extra, free.shape[1])
+        factor = factorize(sums.matrix(free_f) + sp.diags_array(added[free_f]), kind="symmetric")
+        right = -self.uphill_nd.ravel()[free_f]
+        rough = factor.solve(right)
+        strains = len(self.basis_kdd)
+        strain_k, negative, step = np.zeros(strains), factor.inertia.negative, rough
+        if strains:
+            # the free strains in Mandel components
+            share = np.einsum("kab,mab->km", self.basis_kdd, mandel_basis(d))
+            coupling = sums.coupling(free_f) @ share.T
+            corner = share @ sums.strain_ee @ share.T + regularization * n * np.eye(strains)
+            twice = np.outer(self.trace_k, self.trace_k) - np.einsum("kab,lab->kl", self.basis_kdd, self.basis_kdd)
+            corner += self.pressure * packing.box.volume * twice
+            relaxed = factor.solve(coupling)
+            schur = corner - coupling.T @ relaxed
+            strain_k = np.linalg.solve(schur, -self.uphill_k - coupling.T @ rough)
+            negative += int((np.linalg.eigvalsh(0.5 * (schur + schur.T)) < 0).sum())
+            step = rough - relaxed @ strain_k
+        whole = np.zeros(free.size)
+        whole[free_f] = step
+        return whole.reshape(free.shape), strain_k, negative
+
+    def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
+        """Return the packing after displacements, turns and strains, at the volume that is held."""
+        packing = self.packing
+        shapes, d = packing.shapes, packing.dimension
+        assert shapes is not None
+        turned = shapes.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], shapes.turn_basis(packing.radius_n)))
+        return super().moved(u_nd[:, :d], strain_k).replace(shapes=turned)
