@@ -122,7 +122,7 @@ def rest_scene():
         relaxed = build_program(pm.Scene(packing, (pm.Repulsion(law=LAWS["harmonic"]),))).relax(
             force_tolerance=1e-7, method=pm.Fire()
         )
-        scene = pm.Scene(packing.replace(position_nd=relaxed.position_nd), (pm.Repulsion(law=LAWS[law]),))
+        scene = pm.Scene(packing.replace(position_nd=relaxed.packing.position_nd), (pm.Repulsion(law=LAWS[law]),))
         return scene.replace(packing=newton(scene, force_tolerance=1e-11, step_limit=200).packing)
 
     return make

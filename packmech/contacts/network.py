@@ -291,13 +291,27 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
 
     """
     instance("packing", packing, Packing)
-    tolerance = _ROUNDING if gap_tolerance is None else real("gap_tolerance", gap_tolerance, above=-1.0)
+    tolerance = gap_limit(gap_tolerance)
     scale = (1.0 + tolerance) * (1.0 + 1e-9)
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
     if packing.links is not None:
         touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
-    if gap_tolerance is None and (touching & (contacts.gap_c < -_ROUNDING * contacts.contact_distance_c)).any():
-        touching &= contacts.gap_c <= _DIGITS * packing.rounding * packing.radius_n.min()
+    if gap_tolerance is None:
+        touching = overlapping_or_all(packing, contacts.gap_c, contacts.contact_distance_c, touching)
     return contacts.select(touching)
+
+
+def gap_limit(gap_tolerance: float | None) -> float:
+    """Return the largest gap, relative to the contact distance, at which a pair counts; see `find_contacts`."""
+    return _ROUNDING if gap_tolerance is None else real("gap_tolerance", gap_tolerance, above=-1.0)
+
+
+def overlapping_or_all(
+    packing: Packing, gap_c: NDArray[np.float64], sigma_c: NDArray[np.float64], touching_c: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which touching pairs count where no tolerance is given: those that overlap to rounding, if any do."""
+    if not (touching_c & (gap_c < -_ROUNDING * sigma_c)).any():
+        return touching_c
+    return np.asarray(touching_c & (gap_c <= _DIGITS * packing.rounding * packing.radius_n.min()))

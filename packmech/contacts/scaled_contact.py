@@ -73,6 +73,14 @@ def touch(x, y, z, one, other, d, guess):
 
 
 @device
+def near(x, y, z, one, other, d):
+    """Return whether a pair may overlap: at no l in 0 to 1 is F larger than at the root, so that F >= 1 says no."""
+    square = x * x + y * y + z * z
+    r = math.sqrt(square)
+    return square * height(pair_of(x / r, y / r, z / r, one, other, d), 0.5) < 1.0
+
+
+@device
 def _shape_matrix(one):
     """Return b^2 1 + (a^2 - b^2) mu mu^T."""
     a, b, x, y, z = one

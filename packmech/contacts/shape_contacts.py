@@ -12,8 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.contacts.network import Candidates, candidate_pairs
+from packmech.check import instance
+from packmech.contacts.network import (
+    Candidates,
+    Contacts,
+    candidate_pairs,
+    find_contacts,
+    gap_limit,
+    overlapping_or_all,
+)
 from packmech.contacts.scaled_contact import scaled_contacts
+from packmech.honors import honors
 from packmech.packing import Packing
 from packmech.shapes import Spheroids
 
@@ -79,6 +88,12 @@ class ShapeContacts:
         curvature = self.curvature_cxx[keep] if len(self.curvature_cxx) else self.curvature_cxx
         return replace(self, **parts, curvature_cxx=curvature)
 
+    def numbered(self, number_n: NDArray[np.int64], packing: Packing) -> ShapeContacts:
+        """Return the contacts between the particles of another packing, by their new numbers."""
+        assert packing.shapes is not None
+        i, j = number_n[self.i_c], number_n[self.j_c]
+        return replace(self, i_c=i, j_c=j, particles=packing.particles, shapes=packing.shapes)
+
     def count_n(self) -> NDArray[np.int64]:
         """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
         return np.bincount(np.concatenate([self.i_c, self.j_c]), minlength=self.particles)
@@ -108,6 +123,16 @@ class ShapeContacts:
         scaled[:, : self.dimension] /= self.contact_distance_c[:, None]
         along = 0.5 * ((start.slope_cx + self.slope_cx) * moved).sum(axis=1)
         return np.where(np.abs(scaled).max(axis=1) < _SMALL, along, self.distance_c - start.distance_c)
+
+
+def slopes_of_ends(contacts: ShapeContacts, turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (2, C, q) slopes of the distances along the coordinates of i and of j: positions, turns as lengths."""
+    d, t = contacts.dimension, turn_nkt.shape[2]
+    ends = []
+    for place, n, sign in ((d, contacts.i_c, -1.0), (d + t, contacts.j_c, 1.0)):
+        turned = np.einsum("ckt,ct->ck", turn_nkt[n], contacts.slope_cx[:, place : place + t])
+        ends.append(np.hstack([sign * contacts.slope_cx[:, :d], turned]))
+    return np.array(ends)
 
 
 def candidate_shapes(packing: Packing, scale: float = 1.0) -> Candidates:
@@ -164,11 +189,48 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
     )
 
 
-def find_shape_contacts(packing: Packing, *, gap_tolerance: float = 0.0, second: bool = False) -> ShapeContacts:
-    """Return all touching pairs of a packing with shapes: gap <= gap_tolerance * (radius_i + radius_j)."""
-    pairs = candidate_shapes(packing, (1.0 + gap_tolerance) * (1.0 + 1e-9))
+@honors("shapes", packing_only=True)
+def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, second: bool = False) -> ShapeContacts:
+    """Return all touching pairs of a packing with shapes, over every periodic image, their own among them.
+
+    Parameters
+    ----------
+    packing
+        The packing, with shapes.
+    gap_tolerance
+        As in `find_contacts`, for gaps 1 - s between shapes: relative to the sum of radii [1].
+    second
+        Whether the curvatures of the distances are asked for, too.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the packing is none, has no shapes, or the tolerance is not what it must be.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> shapes = pm.Spheroids([4.0, 4.0], [[1.0, 0.0], [0.0, 1.0]])
+    >>> packing = pm.Packing([[0.0, 0.0], [1.2, 0.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2), shapes=shapes)
+    >>> contacts = pm.find_shape_contacts(packing)
+    >>> len(contacts), round(float(contacts.distance_c[0]), 12)
+    (1, 0.96)
+
+    """
+    instance("packing", packing, Packing)
+    if packing.shapes is None:
+        raise ValueError("packing must have shapes, got one of discs or spheres: ask pm.find_contacts")
+    tolerance = gap_limit(gap_tolerance)
+    pairs = candidate_shapes(packing, (1.0 + tolerance) * (1.0 + 1e-9))
     near = shape_contacts(packing, pairs)
-    touching = near.gap_c <= gap_tolerance * near.contact_distance_c
+    touching = near.gap_c <= tolerance * near.contact_distance_c
+    if gap_tolerance is None:
+        touching = overlapping_or_all(packing, near.gap_c, near.contact_distance_c, touching)
     if not second:
         return near.select(touching)
     return shape_contacts(packing, Candidates(*(part[touching] for part in pairs)), second=True)
+
+
+def touching_pairs(packing: Packing) -> Contacts | ShapeContacts:
+    """Return the touching pairs of a packing with shapes or without."""
+    return find_contacts(packing) if packing.shapes is None else find_shape_contacts(packing)

@@ -38,13 +38,33 @@ class ShapeForces:
         """The (C,) sizes of the contact forces."""
         return np.asarray(np.abs(self.terms.first_c) * self.contacts.push_c)
 
-    def residual(self, radius_n: NDArray[np.float64], basis_nkt: NDArray[np.float64]) -> float:
-        """Return the largest net force, or torque over radius of gyration, over the mean contact force."""
+    def balance(self, turn_nkt: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the largest net force, or torque over radius of gyration, and the mean contact force."""
+        if not len(self.contacts):
+            return 0.0, 0.0
         force, torque = self.contacts.gather(self.terms.first_c)
-        turning = np.einsum("nkt,nt->nk", basis_nkt, torque)
+        turning = np.einsum("nkt,nt->nk", turn_nkt, torque)
         largest = max(float((force**2).sum(axis=1).max()), float((turning**2).sum(axis=1).max()))
-        mean = float(self.force_c.mean()) if len(self.contacts) else 0.0
-        return float(np.sqrt(largest)) / mean if mean > 0.0 else 0.0
+        return float(np.sqrt(largest)), float(self.force_c.mean())
+
+
+def check_pairs_only(scene: Scene) -> None:
+    """Refuse effects that are none of pairs of particles and their distance.
+
+    Raises
+    ------
+    ValueError
+        Naming the effect.
+
+    """
+    shapes = scene.packing.shapes
+    for k, one in enumerate(scene.effects):
+        if any(hasattr(type(one), hook) for hook in ("body_energy", "tangential_force")) or hasattr(one, "particles"):
+            kind = type(one).__qualname__
+            raise ValueError(
+                f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it would take for discs or "
+                f"spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
+            )
 
 
 def shape_forces(scene: Scene) -> ShapeForces:
@@ -56,14 +76,7 @@ def shape_forces(scene: Scene) -> ShapeForces:
         If an effect is none of pairs of particles and their distance, or two centers coincide.
 
     """
-    shapes = scene.packing.shapes
-    for k, one in enumerate(scene.effects):
-        if any(hasattr(type(one), hook) for hook in ("body_energy", "tangential_force")) or hasattr(one, "particles"):
-            kind = type(one).__qualname__
-            raise ValueError(
-                f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it would take for discs or "
-                f"spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
-            )
+    check_pairs_only(scene)
     contacts = find_shape_contacts(scene.packing)
     contacts = contacts.select(contacts.gap_c < 0.0)
     return ShapeForces(contacts, contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c))

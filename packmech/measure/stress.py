@@ -228,8 +228,11 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     """Return the largest net force and the mean contact force [force]; both 0 when nothing touches.
 
     Their ratio is the residual of a run. Rigid links bear what they can of the net forces. Forces on single particles
-    that are free count with those of contacts.
+    that are free count with those of contacts, and torques over radii of gyration on particles with shapes.
     """
+    packing = scene.packing
+    if packing.shapes is not None:
+        return shape_forces(scene).balance(packing.shapes.turn_basis(packing.radius_n))
     contacts, _, first = _terms(scene)
     single = np.sqrt((single_terms(scene.effects, scene.packing).force_nd ** 2).sum(axis=1))
     held = held_particles(scene.effects, scene.packing.particles)

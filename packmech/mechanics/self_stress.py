@@ -19,13 +19,15 @@ from packmech.check import one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
-from packmech.linalg.mandel import strain_directions
+from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import contacts_of, strain_columns
+from packmech.mechanics.shape_sums import slope_rows, turning
 from packmech.packing import Packing
 
 # what the box may do; with isotropic strains alone nobody counts
@@ -100,7 +102,8 @@ class FloppyModes:
         Number of uniform translations, d; they are in no mode.
     motion_xk
         (N d + s, count) modes in columns: displacements with zero mean, then Mandel strains, zero where none are
-        admitted. None if they would not fit the limit.
+        admitted; with shapes each particle's turns, as lengths, follow its displacement. None if they would not fit the
+        limit.
     residual
         Largest change of contact distance of a mode of unit size [1].
     certain, method, seconds
@@ -121,30 +124,49 @@ class FloppyModes:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The rigidity matrix with admitted strains as columns of average size, one particle pinned; link rows last."""
+    """The rigidity matrix with admitted strains as columns of average size, one particle pinned; link rows last.
 
-    contacts: Contacts
+    Columns of turns that there are not, those of discs among ellipses, are `absent`.
+    """
+
+    contacts: Contacts | ShapeContacts
     matrix: sp.csr_array
     links: int
     strain_map: NDArray[np.float64]  # (s, k): Mandel strain of a unit of each strain column
-    pinned: int
+    pinned: NDArray[np.int64]
     largest: float  # bound on the singular values
+    absent: NDArray[np.int64]
 
     @property
     def kept(self) -> NDArray[np.int64]:
-        d = self.contacts.dimension
-        return np.delete(np.arange(self.matrix.shape[1]), np.arange(self.pinned * d, self.pinned * d + d))
+        return np.delete(np.arange(self.matrix.shape[1]), np.concatenate([self.pinned, self.absent]))
+
+    @property
+    def motions(self) -> int:
+        """Number of coordinates, links counted."""
+        return int(self.matrix.shape[1]) - len(self.absent)
 
     @property
     def reduced(self) -> sp.csc_array:
         return sp.csc_array(self.matrix.tocsc()[:, self.kept])
 
 
-def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
+def _problem(packing: Packing, strain: str, contacts: Contacts | ShapeContacts) -> _Problem:
     dimension = packing.dimension
-    position = distance_gradients(contacts)
     admitted = strain_directions(dimension, strain)
-    side = strain_columns(contacts) @ admitted
+    absent = np.zeros(0, dtype=np.int64)
+    if isinstance(contacts, ShapeContacts):
+        turn = contacts.shapes.turn_basis(packing.radius_n)
+        width = dimension + turn.shape[1]
+        position = slope_rows(contacts, turn, np.ones(packing.particles * width, dtype=bool))
+        there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), turning(turn)])
+        absent = np.flatnonzero(~there.ravel())
+        pull = np.einsum("mab,ca,cb->cm", mandel_basis(dimension), contacts.slope_cx[:, :dimension], contacts.vector_cd)
+        side = pull @ admitted
+    else:
+        width = dimension
+        position = distance_gradients(contacts)
+        side = strain_columns(contacts) @ admitted
     # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
     mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
     size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
@@ -155,10 +177,10 @@ def _problem(packing: Packing, strain: str, contacts: Contacts) -> _Problem:
         rows = weighted_rows(ConstraintFactor(packing), np.ones(position.shape[1]), admitted, 1.0 / scale)
         links = rows.shape[0]
         matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
-    pinned = int(np.argmax(contacts.count_n()))
+    pinned = width * int(np.argmax(contacts.count_n())) + np.arange(dimension)
     normal = abs(matrix.T @ matrix)
     largest = float(np.sqrt(normal.sum(axis=0).max())) if matrix.shape[0] else 0.0
-    return _Problem(contacts, matrix, links, admitted * scale, pinned, largest)
+    return _Problem(contacts, matrix, links, admitted * scale, pinned, largest, absent)
 
 
 def _dense_rank(problem: _Problem, tolerance: float) -> tuple[int, bool, NDArray[np.float64], NDArray[np.float64]]:
@@ -217,7 +239,7 @@ def _sparse_right(problem: _Problem, tolerance: float, count: int) -> NDArray[np
 def _prepare(
     packing: Packing,
     strain: str,
-    contacts: Contacts | None,
+    contacts: Contacts | ShapeContacts | None,
     gap_tolerance: float | None,
     tolerance: float,
     method: str,
@@ -227,7 +249,15 @@ def _prepare(
     one_of("method", method, METHODS)
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
     positive("basis_limit", limit)
-    found = contacts_of(packing, contacts, gap_tolerance)
+    found: Contacts | ShapeContacts
+    if packing.shapes is None:
+        if isinstance(contacts, ShapeContacts):
+            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
+        found = contacts_of(packing, contacts, gap_tolerance)
+    else:
+        if contacts is not None and not isinstance(contacts, ShapeContacts):
+            raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {contacts!r:.60}")
+        found = find_shape_contacts(packing, gap_tolerance=gap_tolerance) if contacts is None else contacts
     problem = _problem(packing, strain, found)
     if method == "auto":
         method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
@@ -238,7 +268,7 @@ def _null_space(
     problem: _Problem, method: str, tolerance: float, limit: float, *, left: bool
 ) -> tuple[int, bool, int, NDArray[np.float64] | None]:
     """Return rank, its certainty, and number and columns of the left or right null space; None beyond the limit."""
-    rows, columns = problem.matrix.shape
+    rows, columns = problem.matrix.shape[0], problem.matrix.shape[1] - len(problem.absent)
     # the motions of the particle that is held are the translations
     size, held = (rows, 0) if left else (columns, problem.contacts.dimension)
     basis: NDArray[np.float64] | None = None
@@ -257,12 +287,12 @@ def _null_space(
     return rank, certain, count, basis
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def states_of_self_stress(
     packing: Packing,
     strain: str = "none",
     *,
-    contacts: Contacts | None = None,
+    contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
     method: str = "auto",
@@ -314,17 +344,17 @@ def states_of_self_stress(
     found = len(problem.contacts)
     force = None if basis is None else np.ascontiguousarray(signed_columns(basis[:found]))
     return SelfStress(
-        count, found, rank - problem.links, problem.matrix.shape[1] - problem.links, packing.dimension, force, residual,
+        count, found, rank - problem.links, problem.motions - problem.links, packing.dimension, force, residual,
         certain, method, time.process_time() - start,
     )  # fmt: skip
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def floppy_modes(
     packing: Packing,
     strain: str = "none",
     *,
-    contacts: Contacts | None = None,
+    contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
     method: str = "auto",
@@ -365,12 +395,13 @@ def floppy_modes(
         if basis is not None:
             motion = np.zeros((columns, count))
             motion[problem.kept] = basis
-            free = motion[: particles * dimension].reshape(particles, dimension, count)
+            positions = columns - len(problem.strain_map.T)
+            free = motion[:positions].reshape(particles, -1, count)[:, :dimension]
             free -= free.mean(axis=0)
             motion = signed_columns(_orthonormal(motion))
             residual = float(np.abs(problem.matrix @ motion).max(initial=0.0))
-            strain_ek = problem.strain_map @ motion[particles * dimension :]
-            motion_xk = np.concatenate([motion[: particles * dimension], strain_ek])
+            strain_ek = problem.strain_map @ motion[positions:]
+            motion_xk = np.concatenate([motion[:positions], strain_ek])
     seconds = time.process_time() - start
-    columns, rank = columns - problem.links, rank - problem.links
+    columns, rank = problem.motions - problem.links, rank - problem.links
     return FloppyModes(count, columns, rank, dimension, motion_xk, residual, certain, method, seconds)

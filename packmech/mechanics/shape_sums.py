@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.contacts.network import distinct_pairs
-from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.contacts.shape_contacts import ShapeContacts, slopes_of_ends
 from packmech.jit.compiled import kernel
 from packmech.linalg.mandel import mandel_basis
 
@@ -161,18 +161,11 @@ def shape_sums(
 
 def slope_rows(contacts: ShapeContacts, turn_nkt: NDArray[np.float64], free_f: NDArray[np.bool_]) -> sp.csr_array:
     """Return the (C, F) slopes of the distances along the free ones of the (N q,) coordinates."""
-    d, turns, t = contacts.dimension, turn_nkt.shape[1], turn_nkt.shape[2]
-    q, count = d + turns, len(contacts)
-    slope = contacts.slope_cx
-    ends = []
-    for place, n, sign in ((d, contacts.i_c, -1.0), (d + t, contacts.j_c, 1.0)):
-        turned = np.einsum("ckt,ct->ck", turn_nkt[n], slope[:, place : place + t])
-        ends.append(np.hstack([sign * slope[:, :d], turned]))
+    q, count = contacts.dimension + turn_nkt.shape[1], len(contacts)
+    ends = slopes_of_ends(contacts, turn_nkt)
     column = np.concatenate([contacts.i_c, contacts.j_c])[:, None] * q + np.arange(q)
     row = np.repeat(np.tile(np.arange(count), 2), q)
-    whole = sp.csr_array(
-        (np.concatenate(ends).ravel(), (row, column.ravel())), shape=(count, contacts.particles * q)
-    )  # fmt: skip
+    whole = sp.coo_array((ends.ravel(), (row, column.ravel())), shape=(count, contacts.particles * q)).tocsr()
     return sp.csr_array(whole[:, np.flatnonzero(free_f)])
 
 

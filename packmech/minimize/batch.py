@@ -86,7 +86,7 @@ def relax_deep_overlaps(program: Program) -> None:
     if not program.diverges or program.evaluate().deepest_overlap < _DEEP:
         return
     harmonic = program.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=program.scene.energy_scale)),))
-    program.place(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).position_nd)
+    program.place(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).packing.position_nd)
 
 
 _HONORS = declare("QuenchBatch", "repulsion links", at_rest=True)

@@ -20,6 +20,7 @@ from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import compiled_form, device, inner_kernel, kernel
 from packmech.minimize.pair_list import BLOCK, follow, is_stale
+from packmech.minimize.shape_rows import flat_spin, has_shapes, meet, shapes_of, spin_of, turn_rows
 from packmech.minimize.single_rows import push_rows, survey_rows
 
 # how a chunk of steps ended
@@ -70,8 +71,8 @@ class Sums(NamedTuple):
 
 
 @device
-def _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
-    """Add the forces of a touching pair, and return their size."""
+def _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
     r = math.sqrt(square)
     inverse = 1.0 / r
     if square == 0.0:
@@ -92,14 +93,95 @@ def _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, squa
     if len(axes) == 3:
         force_nd[i, 2] += push * dz
         force_nd[j, 2] -= push * dz
-    return abs(first)
+    return abs(first), 1
+
+
+def _push_pair(
+    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: int, j: int,
+    dx: float, dy: float, dz: float, square: float, sigma: float,
+) -> Any:  # fmt: skip
+    push = _push_shapes if has_shapes(effects) else _push_round
+    return push(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+
+
+@compiled_form(_push_pair)
+def _choose_push_pair(
+    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: Any, j: Any,
+    dx: Any, dy: Any, dz: Any, square: Any, sigma: Any,
+) -> Any:  # fmt: skip
+    push = _push_shapes if has_shapes(effects) else _push_round
+    return lambda effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma: push(
+        effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma
+    )
+
+
+@device
+def _slope(effects, rho, sigma, rate):
+    first = 0.0
+    for one in literal_unroll(effects):
+        first += pair_first(one, rho, sigma, rate)
+    return first
+
+
+@device
+def _law(effects, rho, sigma):
+    energy = first = second = 0.0
+    for one in literal_unroll(effects):
+        energy += pair_energy(one, rho, sigma)
+        first += pair_first(one, rho, sigma, 0.0)
+        second += pair_second(one, rho, sigma)
+    return energy, first, second
+
+
+@device
+def _push_shapes(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Add forces and torques of a pair of shapes whose surrounding discs overlap; return the force, 0 if apart, and 1.
+
+    Torques go to the rows of the directors, where `turn_rows` makes forces of them.
+    """
+    if square == 0.0:
+        nx, ny, nz = coincident_direction(i, j, len(axes))
+        dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
+    shapes = shapes_of(effects)
+    met = meet(shapes, row, i, j, dx, dy, dz, len(axes))
+    if not met.touching:
+        return 0.0, 0
+    n = shapes.radius_n.shape[0]
+    rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * met.x + (velocity_nd[j, 1] - velocity_nd[i, 1]) * met.y
+    if len(axes) == 3:
+        rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * met.z
+        ax, ay, az = spin_of(row, velocity_nd, n + i)
+        bx, by, bz = spin_of(row, velocity_nd, n + j)
+        rate += met.ix * ax + met.iy * ay + met.iz * az + met.jx * bx + met.jy * by + met.jz * bz
+    else:
+        rate += met.iz * flat_spin(row, velocity_nd, n + i) + met.jz * flat_spin(row, velocity_nd, n + j)
+    first = _slope(effects, met.rho, met.sigma, rate)
+    force_nd[i, 0] += first * met.x
+    force_nd[i, 1] += first * met.y
+    force_nd[j, 0] -= first * met.x
+    force_nd[j, 1] -= first * met.y
+    if len(axes) == 3:
+        force_nd[i, 2] += first * met.z
+        force_nd[j, 2] -= first * met.z
+        force_nd[n + i, 0] -= first * met.ix
+        force_nd[n + i, 1] -= first * met.iy
+        force_nd[n + i, 2] -= first * met.iz
+        force_nd[n + j, 0] -= first * met.jx
+        force_nd[n + j, 1] -= first * met.jy
+        force_nd[n + j, 2] -= first * met.jz
+        size = math.sqrt(met.x * met.x + met.y * met.y + met.z * met.z)
+    else:
+        force_nd[n + i, 0] -= first * met.iz
+        force_nd[n + j, 0] -= first * met.jz
+        size = math.sqrt(met.x * met.x + met.y * met.y)
+    return abs(first) * size, 1
 
 
 @kernel
 def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     shift_kd = pairs.shift_kd
-    n = row.shape[0]
+    n = pairs.anchor_nd.shape[0]
     total = 0.0
     touching = 0
     power = 0.0
@@ -118,8 +200,9 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
             square += dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
-            total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
-            touching += 1
+            more, one = _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+            total += more
+            touching += one
     i_p = pairs.i_p
     j_p = pairs.j_p
     for b in range(pairs.block_b.shape[0] - 1):
@@ -135,8 +218,9 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 square += dz * dz
             sigma = row[i, 3] + row[j, 3]
             if square < sigma * sigma:
-                total += _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
-                touching += 1
+                more, one = _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+                total += more
+                touching += one
         # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
         more, pushed = push_rows(effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
         total += more
@@ -152,7 +236,8 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 power += fz * velocity_nd[i, 2]
             whole += own
             largest = max(largest, own)
-    return Sums(total, touching, power, whole, largest)
+    more, square, own = turn_rows(effects, axes, row, force_nd, velocity_nd)
+    return Sums(total, touching, power + more, whole + square, max(largest, own))
 
 
 @device
@@ -222,8 +307,7 @@ class Survey(NamedTuple):
 
 
 @inner_kernel
-def survey(effects, row, pairs):
-    """Return the Survey of the touching pairs."""
+def _survey_round(effects, row, pairs):
     stiffness_n = np.zeros(row.shape[0])
     energy = 0.0
     virial = np.zeros((3, 3))
@@ -273,6 +357,74 @@ def survey(effects, row, pairs):
     for i in range(row.shape[0]):
         stiffness = max(stiffness, stiffness_n[i])
     return Survey(energy, virial, stiffness, deepest, contacts)
+
+
+@inner_kernel
+def _survey_shapes(effects, row, pairs):
+    shapes = shapes_of(effects)
+    stiffness_n = np.zeros(row.shape[0])
+    n = shapes.radius_n.shape[0]
+    energy = 0.0
+    virial = np.zeros((3, 3))
+    deepest = 0.0
+    contacts = 0
+    within = pairs.count_b[0]
+    for p in range(within + pairs.count_b[1]):
+        if p < within:
+            i = pairs.i_p[p]
+            j = pairs.j_p[p]
+            sx = sy = sz = 0.0
+        else:
+            i = pairs.crossing_i_p[p - within]
+            j = pairs.crossing_j_p[p - within]
+            k = pairs.crossing_k_p[p - within]
+            sx, sy, sz = pairs.shift_kd[k, 0], pairs.shift_kd[k, 1], pairs.shift_kd[k, 2]
+        dx = row[j, 0] - row[i, 0] + sx
+        dy = row[j, 1] - row[i, 1] + sy
+        dz = row[j, 2] - row[i, 2] + sz
+        square = dx * dx + dy * dy + dz * dz
+        sigma = row[i, 3] + row[j, 3]
+        if square < sigma * sigma:
+            if square == 0.0:
+                dx = 1e-9 * sigma
+            met = meet(shapes, row, i, j, dx, dy, dz, shapes.dimension)
+            if not met.touching:
+                continue
+            contacts += 1
+            deepest = max(deepest, (met.sigma - met.rho) / met.sigma)
+            own, first, second = _law(effects, met.rho, met.sigma)
+            energy += own
+            turn_i = (met.ix * met.ix + met.iy * met.iy + met.iz * met.iz) / shapes.gyration_n[i] ** 2
+            turn_j = (met.jx * met.jx + met.jy * met.jy + met.jz * met.jz) / shapes.gyration_n[j] ** 2
+            steep = abs(second) * (met.x * met.x + met.y * met.y + met.z * met.z)
+            stiffness_n[i] += steep + abs(second) * turn_i
+            stiffness_n[j] += steep + abs(second) * turn_j
+            # symmetric in all where torques balance
+            virial[0, 0] += first * met.x * dx
+            virial[0, 1] += 0.5 * first * (met.x * dy + met.y * dx)
+            virial[1, 1] += first * met.y * dy
+            virial[0, 2] += 0.5 * first * (met.x * dz + met.z * dx)
+            virial[1, 2] += 0.5 * first * (met.y * dz + met.z * dy)
+            virial[2, 2] += first * met.z * dz
+    virial[1, 0] = virial[0, 1]
+    virial[2, 0] = virial[0, 2]
+    virial[2, 1] = virial[1, 2]
+    stiffness = 0.0
+    for i in range(n):
+        stiffness = max(stiffness, stiffness_n[i])
+    return Survey(energy, virial, stiffness, deepest, contacts)
+
+
+def survey(effects: Any, row: Any, pairs: Any) -> Survey:
+    """Return the Survey of the touching pairs."""
+    found: Survey = (_survey_shapes if has_shapes(effects) else _survey_round)(effects, row, pairs)
+    return found
+
+
+@compiled_form(survey)
+def _choose_survey(effects: Any, row: Any, pairs: Any) -> Any:
+    own = _survey_shapes if has_shapes(effects) else _survey_round
+    return lambda effects, row, pairs: own(effects, row, pairs)
 
 
 @kernel

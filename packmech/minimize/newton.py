@@ -46,8 +46,8 @@ class Polished(NamedTuple):
     negative: int
 
 
-def polish_linked(packing: Packing, effects: tuple[Any, ...], *, force_tolerance: float, step_limit: int) -> Polished:
-    """Return the packing with links after Newton steps in its box; `outcome` tells a failure to converge.
+def polish_downhill(packing: Packing, effects: tuple[Any, ...], *, force_tolerance: float, step_limit: int) -> Polished:
+    """Return the packing with links or shapes after Newton steps in its box; `outcome` tells a failure to converge.
 
     Parameters
     ----------
@@ -296,10 +296,10 @@ def polish(
     limit = integer("step_limit", step_limit, at_least=0)
     method = Newton() if method is None else method
     instance("method", method, Newton)
-    if packing.links is not None:
-        refuse_single(effects, "Newton's method on packings with links")
+    if packing.links is not None or packing.shapes is not None:
+        refuse_single(effects, "Newton's method on packings with links or shapes")
         with single_thread():
-            return polish_linked(packing, effects, force_tolerance=tolerance, step_limit=limit)
+            return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit)
     smallest = float(packing.diameter_n.min())
     landscape = _Landscape(packing, effects, positive("method.skin", method.skin) * smallest)
     longest = positive("method.largest_step", method.largest_step) * smallest

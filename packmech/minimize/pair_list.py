@@ -88,7 +88,7 @@ def empty_list(particles: int, skin: float) -> PairList:
 @device
 def _farthest(row, anchor_nd):
     largest = 0.0
-    for i in range(row.shape[0]):
+    for i in range(anchor_nd.shape[0]):
         x = row[i, 0] - anchor_nd[i, 0]
         y = row[i, 1] - anchor_nd[i, 1]
         z = row[i, 2] - anchor_nd[i, 2]
@@ -99,7 +99,7 @@ def _farthest(row, anchor_nd):
 @device
 def anchor(row, anchor_nd):
     """Note where everybody is."""
-    for i in range(row.shape[0]):
+    for i in range(anchor_nd.shape[0]):
         for a in range(3):
             anchor_nd[i, a] = row[i, a]
 
@@ -222,7 +222,7 @@ def follow(axes, row, space, pairs):
             return pairs
         adapt_skin(number)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
-        found = find_pairs(axes, row, space.sizes, space.frame, 1.0, number[SKIN_FULL])
+        found = find_pairs(axes, row[: pairs.anchor_nd.shape[0]], space.sizes, space.frame, 1.0, number[SKIN_FULL])
         pairs = rebuilt(without_linked(space.links, found), row, pairs)
     place_images(space.frame, pairs)
     pick(axes, row, pairs, number[SKIN_INNER])

@@ -34,10 +34,12 @@ from packmech.minimize.kernels import (
     judge,
 )
 from packmech.minimize.pair_list import SKIN_FULL, PairList, empty_list, strain_list
+from packmech.minimize.shape_rows import shape_rows
 from packmech.minimize.single_rows import acting_on_rows
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
+from packmech.shapes import Spheroids
 
 
 class Progress(NamedTuple):
@@ -74,8 +76,8 @@ class Evaluation(NamedTuple):
 
     energy [energy]; pressure [energy/length^d]; stress_dd, Cauchy, tension positive; contacts touching pairs;
     max_force the largest net force on a particle and mean_force the mean contact force [force]; residual their ratio,
-    0 when nothing touches; force_nd (N, d) net forces; force_floor the net force that rounding of positions alone can
-    cause [force]; deepest_overlap the largest relative overlap [1].
+    0 when nothing touches; force_nd (R, d) net forces on the coordinates; force_floor the net force that rounding of
+    positions alone can cause [force]; deepest_overlap the largest relative overlap [1].
     """
 
     energy: float
@@ -91,9 +93,9 @@ class Evaluation(NamedTuple):
 
 
 class Relaxation(NamedTuple):
-    """What a minimization of arrays arrived at: the positions in the caller's order, and figures as in Evaluation."""
+    """What a minimization of arrays arrived at: the packing, and figures as in Evaluation."""
 
-    position_nd: NDArray[np.float64]
+    packing: Packing
     outcome: Outcome
     residual: float
     max_force: float
@@ -126,6 +128,9 @@ class Program:
     go through the same arithmetic. Build one with `build_program`; one program serves many positions and boxes of the
     same particles, one at a time.
 
+    Coordinates are the positions, and below them for particles with shapes their directors times their radii of
+    gyration: a minimizer that walks over all of them turns particles, too.
+
     Attributes
     ----------
     scene
@@ -133,7 +138,7 @@ class Program:
     effects
         Those of its effects that have an energy.
     order_n
-        (N,) particle of each row.
+        (N,) particle of each row of a position.
     diverges
         Whether the energy of two particles grows beyond measure as their centers meet.
     row_links
@@ -163,7 +168,7 @@ class Program:
     @property
     def step_unit(self) -> float:
         """Unit of a method's largest step [length]: the largest diameter; the smallest under a law that diverges."""
-        radius = self.row[:, 3]
+        radius = self.scene.packing.radius_n
         return 2.0 * float(radius.min() if self.diverges else radius.max())
 
     @property
@@ -171,28 +176,55 @@ class Program:
         """Steps of some tens of milliseconds: compiled loops come back as often, so that an interrupt is seen."""
         return max(1, 1_000_000 // self.velocity_nd.size)
 
-    def place(self, position_nd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
-        """Put the particles at the given positions, in the given box, at rest.
+    @property
+    def _order_r(self) -> NDArray[np.int64]:
+        """The (R,) coordinates that rows hold, those of directors after those of positions."""
+        n = len(self.order_n)
+        return self.order_n if len(self.row) == n else np.concatenate([self.order_n, n + self.order_n])
+
+    def put(self, packing: Packing) -> None:
+        """Put the particles where a packing has them, in its box and turned as there, at rest."""
+        self.place(coordinates_of(packing), packing.box.lattice_dd)
+
+    def packing(self) -> Packing:
+        """Return the packing as its particles are now."""
+        return self.packing_at(self.coordinates(), self.box)
+
+    def packing_at(self, coordinate_rd: NDArray[np.float64], box: Box) -> Packing:
+        """Return the packing with given coordinates in a box."""
+        packing, n = self.scene.packing, len(self.order_n)
+        shapes = packing.shapes
+        if shapes is not None:
+            shapes = Spheroids(shapes.aspect_n, coordinate_rd[n:])
+        return packing.replace(position_nd=coordinate_rd[:n], box=box, shapes=shapes)
+
+    def place(self, coordinate_rd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
+        """Put the particles at the given coordinates, in the given box, at rest.
 
         Pair lists are kept as far as they still hold: they follow an affine change of the box and are checked against
         what is left of the displacements.
 
         Parameters
         ----------
-        position_nd
-            (N, d) positions in the order of the scene's packing [length].
+        coordinate_rd
+            (R, d) positions, and directors below them, in the order of the scene's packing [length]; with N of them
+            directors stay as they are.
         lattice_dd
             (d, d) lattice vectors as columns [length]; the present box when left out.
 
         """
-        d = len(self.axes)
-        position = finite_array("position_nd", position_nd, shape=(len(self.order_n), d))
+        d, n = len(self.axes), len(self.order_n)
+        given = np.shape(coordinate_rd)[:1]
+        rows = len(self.row) if given == (len(self.row),) else n
+        coordinate = finite_array("coordinate_rd", coordinate_rd, shape=(rows, d))
         affine = np.eye(d)
         if lattice_dd is not None and not np.array_equal(lattice_dd, self.box.lattice_dd):
             box = lattice_dd if isinstance(lattice_dd, Box) else Box(np.asarray(lattice_dd, dtype=np.float64))
             affine = box.lattice_dd @ self.box.inverse_dd
             self._set_box(box)
-        self.row[:, :d] = (position - self.wrap_nd @ self.box.lattice_dd.T)[self.order_n]
+        self.row[:n, :d] = (coordinate[:n] - self.wrap_nd @ self.box.lattice_dd.T)[self.order_n]
+        if rows > n:
+            self.row[n:, :d] = coordinate[n:][self.order_n]
         self.velocity_nd[:] = 0.0
         extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
         self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
@@ -227,24 +259,29 @@ class Program:
         distance = np.sqrt((vector**2).sum(axis=1))
         return np.asarray(np.einsum("l,la,lb->ab", links.multiplier_l / distance, vector, vector))
 
+    def coordinates(self) -> NDArray[np.float64]:
+        """Return the (R, d) positions, and directors below them, in the order of the scene's packing [length]."""
+        d, n = len(self.axes), len(self.order_n)
+        coordinate = np.empty((len(self.row), d))
+        coordinate[self._order_r] = self.row[:, :d]
+        coordinate[:n] += self.wrap_nd @ self.box.lattice_dd.T
+        return coordinate
+
     def positions(self) -> NDArray[np.float64]:
         """Return the (N, d) positions in the order of the scene's packing [length]."""
-        d = len(self.axes)
-        position = np.empty((len(self.order_n), d))
-        position[self.order_n] = self.row[:, :d]
-        return position + self.wrap_nd @ self.box.lattice_dd.T
+        return self.coordinates()[: len(self.order_n)]
 
-    def evaluate(self, position_nd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None) -> Evaluation:
-        """Return energy, stress, forces and contacts at the given, or else the present, positions.
+    def evaluate(self, coordinate_rd: ArrayLike | None = None, lattice_dd: ArrayLike | None = None) -> Evaluation:
+        """Return energy, stress, forces and contacts at the given, or else the present, coordinates.
 
         Parameters
         ----------
-        position_nd, lattice_dd
+        coordinate_rd, lattice_dd
             As in `place`.
 
         """
-        if position_nd is not None:
-            self.place(position_nd, lattice_dd)
+        if coordinate_rd is not None:
+            self.place(coordinate_rd, lattice_dd)
         sums, totals, self.pairs = evaluate(
             self.effects, self.axes, self.row, self.force_nd, self.velocity_nd, self.space, self.pairs
         )
@@ -252,8 +289,8 @@ class Program:
 
     def _evaluation(self, sums: Sums, totals: Survey) -> Evaluation:
         d = len(self.axes)
-        force = np.empty((len(self.order_n), d))
-        force[self.order_n] = self.force_nd
+        force = np.empty((len(self.row), d))
+        force[self._order_r] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
         if self.row_links is not None:
             stress += self._link_virial() / self.box.volume
@@ -329,7 +366,7 @@ class Program:
 
     def relax(
         self,
-        position_nd: ArrayLike | None = None,
+        coordinate_rd: ArrayLike | None = None,
         lattice_dd: ArrayLike | None = None,
         *,
         force_tolerance: float,
@@ -341,8 +378,8 @@ class Program:
 
         Parameters
         ----------
-        position_nd, lattice_dd
-            As in `place`; the present positions when left out.
+        coordinate_rd, lattice_dd
+            As in `place`; the present coordinates when left out.
         force_tolerance
             Stop when the largest net force falls to this times the mean contact force [1].
         method
@@ -355,10 +392,10 @@ class Program:
         """
         goal = Goal(positive("force_tolerance", force_tolerance), real("force_floor", force_floor, at_least=0.0))
         limit = integer("step_limit", step_limit, at_least=0)
-        if position_nd is None:
+        if coordinate_rd is None:
             self.velocity_nd[:] = 0.0
         else:
-            self.place(position_nd, lattice_dd)
+            self.place(coordinate_rd, lattice_dd)
         task = Minimization(self, method, goal, limit)
         return task.relaxation(RunLoop(RunSettings()).advance(task))
 
@@ -446,7 +483,7 @@ class Minimization:
         """Return what was arrived at."""
         end = self.program.evaluate()
         return Relaxation(
-            position_nd=self.program.positions(),
+            packing=self.program.packing(),
             outcome=outcome,
             residual=end.residual,
             max_force=end.max_force,
@@ -457,6 +494,14 @@ class Minimization:
             steps=self.steps,
             force_evaluations=self.force_evaluations + 1,
         )
+
+
+def coordinates_of(packing: Packing) -> NDArray[np.float64]:
+    """Return the (R, d) coordinates of a packing: its positions, and below them directors times radii of gyration."""
+    shapes = packing.shapes
+    if shapes is None:
+        return packing.position_nd
+    return np.concatenate([packing.position_nd, shapes.director_nd * shapes.gyration(packing.radius_n)[:, None]])
 
 
 def space_order(packing: Packing) -> NDArray[np.int64]:
@@ -520,10 +565,14 @@ def build_program(scene: Scene) -> Program:
         # what acts on single particles sees those in the cell
         wrap = np.floor(fraction)
         effects = (*effects, *single)
-    row = np.zeros((packing.particles, 4))
-    row[:, 3] = packing.radius_n[order]
+    shapes = packing.shapes
+    rows = packing.particles * (1 if shapes is None else 2)
+    effects = (*effects, *shape_rows(packing, order))
+    row = np.zeros((rows, 4))
+    reach = packing.radius_n if shapes is None else shapes.reach(packing.radius_n)
+    row[: packing.particles, 3] = reach[order]
     small, change = packing.box.reduced()
-    sizes = size_levels(row[:, 3].copy())
+    sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     program = Program(
         scene=scene,
@@ -531,8 +580,8 @@ def build_program(scene: Scene) -> Program:
         order_n=order,
         axes=tuple(range(d)),
         row=row,
-        force_nd=np.zeros((packing.particles, d)),
-        velocity_nd=np.zeros((packing.particles, d)),
+        force_nd=np.zeros((rows, d)),
+        velocity_nd=np.zeros((rows, d)),
         sizes=sizes,
         wrap_nd=wrap,
         box=packing.box,
@@ -542,7 +591,7 @@ def build_program(scene: Scene) -> Program:
         diverges=_diverges(scene),
     )
     program.link_rows()
-    program.place(packing.position_nd)
+    program.put(packing)
     program.build_seconds = time.process_time() - started
     return program
 

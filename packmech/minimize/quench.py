@@ -14,6 +14,7 @@ from packmech.effects import FixedParticles, Harmonic, Repulsion, held_particles
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.measure.shaped import check_pairs_only
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.lbfgs import LBFGS
@@ -39,7 +40,7 @@ _IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
 _FLOORS = 8.0
 
 
-@honors("repulsion gravity walls held links", at_rest=True)
+@honors("repulsion gravity walls held links shapes", at_rest=True)
 def quench(
     scene: Scene,
     *,
@@ -147,7 +148,7 @@ def _default_route(descent: _Descent, tolerance: float) -> Outcome:
     if descent.to_the_end:
         return descent.follow(f"{name}, to the end", method, tolerance)
     for _ in range(_KICKS):
-        before = descent.program.positions()
+        before = descent.program.coordinates()
         polished = descent.polish(tolerance)
         if polished.ok or outcome is Outcome.STEP_LIMIT:
             return polished if polished.ok else outcome
@@ -168,6 +169,8 @@ class _Descent:
         self.loop = RunLoop(settings)
         self.began = time.process_time()
         self.scene = scene
+        if scene.packing.shapes is not None:
+            check_pairs_only(scene)
         self.program = build_program(scene)
         self.build_seconds = time.process_time() - self.began
         self.step_limit = settings.step_limit
@@ -191,7 +194,7 @@ class _Descent:
             self.program, self.packing(), step_limit=self.step_limit, look=self.loop.check_time
         )
         if steps:
-            self.program.place(packing.position_nd)
+            self.program.put(packing)
             self.steps += steps
             self.evaluations += steps
             self._keep("deep overlaps of links", self.program.evaluate(), steps, steps, began)
@@ -205,9 +208,9 @@ class _Descent:
         own, self.program = self.program, build_program(harmonic)
         keep, self._trace = self._trace, None
         outcome = self.follow("harmonic law first", Fire(), 1e-2)
-        position = self.program.positions()
+        reached = self.program.coordinates()
         self.program, self._trace = own, keep
-        self.program.place(position)
+        self.program.place(reached)
         return None if outcome.ok or outcome is Outcome.STEP_LIMIT else outcome
 
     def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:
@@ -242,7 +245,7 @@ class _Descent:
             method=method,
             deadline=self.loop.deadline,
         )
-        self.program.place(done.packing.position_nd)
+        self.program.put(done.packing)
         self.steps += done.steps
         self.newton_steps += done.steps
         self.evaluations += done.force_evaluations
@@ -262,7 +265,7 @@ class _Descent:
 
     def packing(self) -> Packing:
         """Return the packing as it is now."""
-        return self.scene.packing.replace(position_nd=self.program.positions())
+        return self.program.packing()
 
     def _now(self) -> tuple[float, float]:
         """Return the CPU time, and how much time went into compiling so far [s]."""
@@ -280,7 +283,8 @@ class _Descent:
     def finish(self, outcome: Outcome, tolerance: float) -> Run:
         """Return the run; its figures are those of the positions that are returned."""
         packing = self.packing()
-        end = self.program.evaluate(packing.position_nd)
+        self.program.put(packing)
+        end = self.program.evaluate()
         if outcome is Outcome.CONVERGED and end.residual > tolerance:
             near = end.max_force <= _FLOORS * end.force_floor
             outcome = Outcome.ROUNDING_FLOOR if near else Outcome.STALLED
@@ -347,8 +351,7 @@ class _TraceBuilder:
             return
         now = program.evaluate()
         measured = {name: getattr(now, name) for name in ("energy", "pressure", "contacts", "max_force")}
-        packing = self.scene.packing
-        added = measure_added(lambda: State(packing.replace(position_nd=program.positions()), self.scene.effects, step))
+        added = measure_added(lambda: State(program.packing(), self.scene.effects, step))
         self.rows.append({"step": step, **measured, **added})
         if self.position_t is not None:
             self.position_t.append(program.positions())

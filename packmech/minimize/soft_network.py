@@ -54,7 +54,7 @@ class Units:
     def restored(self, packing: Packing, like: Packing) -> Packing:
         """Return a packing of reduced lengths in true ones, with radii, links and masses exactly those of another."""
         box = Box(packing.box.lattice_dd * self.length)
-        return like.replace(position_nd=packing.position_nd * self.length, box=box)
+        return like.replace(position_nd=packing.position_nd * self.length, box=box, shapes=packing.shapes)
 
     def terms(self, contacts: Contacts, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.minimize.fire import Fire, steer
-from packmech.minimize.program import Evaluation, Program
+from packmech.minimize.program import Evaluation, Program, coordinates_of
 from packmech.minimize.soft_network import Load, isochoric_part
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -88,11 +88,13 @@ class StrainedFire:
         self.pressure, self._load_dd = pressure, np.eye(packing.dimension) + rest_dd
         self.step_limit, self.watch = step_limit, watch
         self.basis_kdd = isochoric_part(basis_kdd, packing.dimension) if pressure is None else basis_kdd
-        self.position_nd, self.box = packing.position_nd.copy(), packing.box
         self.constraints = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
         if self.constraints is not None:
-            self.position_nd = self.constraints.projected(packing).position_nd
-        self._velocity_nd, self._rate_dd = np.zeros_like(self.position_nd), np.zeros((packing.dimension,) * 2)
+            packing = self.constraints.projected(packing)
+        # what is strained with the box: directors are not
+        self._centers = slice(packing.particles)
+        self.coordinate_rd, self.box = coordinates_of(packing).copy(), packing.box
+        self._velocity_nd, self._rate_dd = np.zeros_like(self.coordinate_rd), np.zeros((packing.dimension,) * 2)
         self._dt, self._mixing, self._downhill, self._mobility = _FIRE.dt, _FIRE.mixing, 0.0, 1.0
         # length that a unit strain counts as
         self._scale = float(np.sqrt(packing.particles) * packing.diameter_n.mean())
@@ -103,7 +105,7 @@ class StrainedFire:
     @property
     def packing(self) -> Packing:
         """The packing as it is now."""
-        return self.start.replace(position_nd=self.position_nd, box=self.box)
+        return self.program.packing_at(self.coordinate_rd, self.box)
 
     def relaxation(self) -> StrainRelaxation:
         """Return what was arrived at."""
@@ -141,11 +143,11 @@ class StrainedFire:
         return None
 
     def _evaluate(self) -> None:
-        self.now = self.program.evaluate(self.position_nd, self.box.lattice_dd)
+        self.now = self.program.evaluate(self.coordinate_rd, self.box.lattice_dd)
         self.errors = _errors(self.now, self.basis_kdd, self.pressure, self._load_dd)
 
     def _step(self) -> None:
-        now, position, velocity, rate = self.now, self.position_nd, self._velocity_nd, self._rate_dd
+        now, velocity, rate, centers = self.now, self._velocity_nd, self._rate_dd, self._centers
         if self.steps % 64 == 0:
             stiffness = now.force_floor / self.program.space.resolution
             self._mobility = 5.0 / stiffness if stiffness > 0.0 else self._mobility
@@ -169,17 +171,19 @@ class StrainedFire:
         if reach > self._farthest:
             velocity, rate = velocity * (self._farthest / reach), rate * (self._farthest / reach)
         strain = dt * rate / self._scale
-        position = position + dt * velocity + position @ strain.T
+        coordinate = self.coordinate_rd + dt * velocity
+        coordinate[centers] += self.coordinate_rd[centers] @ strain.T
         box = self.box.strained(strain)
         if self.pressure is None:
             factor = (self.start.box.volume / box.volume) ** (1.0 / self.start.dimension)
-            position, box = position * factor, box.scaled(factor)
+            coordinate[centers] *= factor
+            box = box.scaled(factor)
         if self.constraints is not None:
-            moved = self.start.replace(position_nd=position, box=box)
+            moved = self.start.replace(position_nd=coordinate, box=box)
             self.constraints = self.constraints.at(self.constraints.projected(moved))
-            position = self.constraints.packing.position_nd
+            coordinate = self.constraints.packing.position_nd.copy()
             velocity, _, _ = self.constraints.project(velocity)
-        self.position_nd, self.box, self._velocity_nd, self._rate_dd = position, box, velocity, rate
+        self.coordinate_rd, self.box, self._velocity_nd, self._rate_dd = coordinate, box, velocity, rate
         self._evaluate()
 
 

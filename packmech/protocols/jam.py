@@ -13,6 +13,7 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.friction import friction_of
+from packmech.measure.shaped import check_pairs_only
 from packmech.measure.stress import force_balance
 from packmech.measure.stress import pressure as pressure_of
 from packmech.protocols.decompression import Decompression, StepHalving
@@ -50,7 +51,7 @@ def is_jammed(scene: Scene) -> bool:
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
 
-@honors("repulsion friction links", at_rest=True)
+@honors("repulsion friction links shapes", at_rest=True)
 def jam(
     scene: Scene,
     *,
@@ -144,7 +145,11 @@ def jam(
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
-    linked, frictional = scene.packing.links is not None, friction_of(scene) is not None
+    frictional = friction_of(scene) is not None
+    # what only protocols that go down from pressure to pressure know
+    linked = scene.packing.links is not None or scene.packing.shapes is not None
+    if scene.packing.shapes is not None:
+        check_pairs_only(scene)
     if linked and frictional:
         raise ValueError(
             "scene must have no friction for a packing with links, which cannot be pressed, got Friction: leave it out "
@@ -165,7 +170,7 @@ def jam(
         isinstance(method, Decompression) or (isinstance(method, StepHalving) and strain == "isotropic")
     ):
         raise ValueError(
-            "method must be Decompression, or StepHalving in a box of fixed shape, for a packing with links, "
+            "method must be Decompression, or StepHalving in a box of fixed shape, for a packing with links or shapes, "
             f"got {method!r}"
         )
     began = time.process_time()

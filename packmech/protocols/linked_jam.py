@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packmech.contacts import find_contacts
 from packmech.contacts.network import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.minimize.links_apart import separate_links
@@ -31,7 +31,7 @@ class Onset(NamedTuple):
     fraction: float
     state: SoftState
     depth: float
-    contacts: Contacts
+    contacts: Contacts | ShapeContacts
 
 
 def find_onset(protocol: Protocol, distance: float) -> Onset | None:
@@ -68,7 +68,7 @@ def find_onset(protocol: Protocol, distance: float) -> Onset | None:
         # on the line balance is enough: a contact that bears nothing may part and leave a motion that it held
         goal = protocol.reduced_pressure(_SECOND * low)
         last = descend(first.packing, protocol.units, protocol.basis_kdd, goal)
-        depths = [find_contacts(state.packing).overlap_c.mean() for state in (last, first)]
+        depths = [touching_pairs(state.packing).overlap_c.mean() for state in (last, first)]
         fractions = [packing_fraction(state.packing) for state in (last, first)]
         if not last.balanced(max(protocol.force_tolerance, 8.0 * last.floor)) or not depths[0] < depths[1]:
             figures.note = "not accepted: no balance with smaller overlaps at half the pressure"
@@ -80,7 +80,7 @@ def find_onset(protocol: Protocol, distance: float) -> Onset | None:
         protocol.last = protocol.restored(first.packing)
     onset = fractions[1] - depth
     protocol.report["jamming_packing_fraction"] = onset
-    return Onset(onset, first, depth, find_contacts(protocol.last))
+    return Onset(onset, first, depth, touching_pairs(protocol.last))
 
 
 def _onset_at(protocol: Protocol, packing: Packing, at: float) -> SoftState | None:
@@ -266,7 +266,7 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
             protocol.loop.report(name, pressure=now, packing=protocol.last, residual=state.residual)
         figures.note = f"{taken} pressures, {searched} of them searched by FIRE with the box"
         if state is not None and now > goal:
-            contacts = len(find_contacts(protocol.last))
+            contacts = len(touching_pairs(protocol.last))
             figures.note += (
                 f"; given up in a valley that Newton's method follows too slowly between {contacts} contacts, "
                 f"which is common in crystals; in balance at pressure {now:.2e}"
@@ -320,7 +320,7 @@ def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stag
 
 def _depth(packing: Packing) -> tuple[float, float]:
     """Return packing fraction and mean relative overlap."""
-    overlap = find_contacts(packing).overlap_c
+    overlap = touching_pairs(packing).overlap_c
     return packing_fraction(packing), float(overlap.mean()) if len(overlap) else 0.0
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts import find_contacts
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
 from packmech.minimize.soft_network import Load
@@ -46,7 +46,7 @@ class PressurePath:
         self.rest_dd = Load.of(stress_tensor(scene)).rest_dd if shears else None
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
-        self.pairs = pairs_of(find_contacts(scene.packing))
+        self.pairs = pairs_of(touching_pairs(scene.packing))
 
     def go(self, pressure: float, rest_dd: NDArray[np.float64] | None = None) -> Outcome:
         """Go on to a load, its pressure in units of [energy_scale / diameter^d]; return how that ended."""
@@ -95,7 +95,7 @@ class PressurePath:
         if self.before is not None:
             start = extrapolated(*self.before, start, place, further)
         units, basis = self.protocol.units, self.protocol.basis_kdd
-        if start.links is not None:
+        if start.links is not None or start.shapes is not None:
             return descend(start, units, basis, load)
         return newton(start, units, basis, load, iterations=_ITERATIONS)
 

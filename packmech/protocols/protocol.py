@@ -21,6 +21,7 @@ from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import contact_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -28,9 +29,10 @@ from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
-from packmech.measure.stress import stress_tensor, sum_forces
+from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
+from packmech.mechanics.shaped import shaped_network
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
@@ -188,11 +190,11 @@ class Protocol:
         """
         program = self.program
         goal = Goal(force_tolerance, floor * self.scene.energy_scale / packing.reference_diameter)
-        program.place(packing.position_nd, packing.box.lattice_dd)
+        program.put(packing)
 
         def keep(steps: int) -> None:
             if steps:
-                self.last = packing.replace(position_nd=program.positions())
+                self.last = program.packing()
 
         stop_every = max(1, _PORTION // packing.particles)
         task = Minimization(
@@ -205,7 +207,7 @@ class Protocol:
             describe=lambda steps: ("relaxation", {"steps": steps, "packing": self.last}),
         )
         done = task.relaxation(self.loop.advance(task))
-        self.last = packing.replace(position_nd=done.position_nd)
+        self.last = done.packing
         if done.outcome is Outcome.INTERRUPTED:
             raise TimeUp
         return self.last, done
@@ -251,7 +253,7 @@ class Protocol:
         return task.relaxation()
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def at_packing_fraction(packing: Packing, value: float) -> Packing:
     """Return the packing with its box, and the centers of particles or linked clusters, scaled to a packing fraction.
 
@@ -283,7 +285,7 @@ def at_packing_fraction(packing: Packing, value: float) -> Packing:
     return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
 
 
-def pairs_of(contacts: Contacts) -> set[tuple[int, ...]]:
+def pairs_of(contacts: Contacts | ShapeContacts) -> set[tuple[int, ...]]:
     """Return the pairs that touch as (i, j, image)."""
     return {tuple(row) for row in np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd]).tolist()}
 
@@ -391,6 +393,8 @@ def finish(
 
     """
     scene = protocol.scene.replace(packing=packing)
+    if packing.shapes is not None:
+        return _finish_shaped(protocol, scene, outcome, asked, method, began)
     contacts = find_contacts(packing)
     first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
     stress = stress_tensor(scene)
@@ -423,6 +427,61 @@ def finish(
         carried = report["contacts"] > 0
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
+    return _run_of(protocol, packing, outcome, residual, report, began)
+
+
+def shaped_count(packing: Packing, strain: str) -> dict[str, Any]:
+    """Return the counts of a packing with shapes, its turns among the degrees of freedom.
+
+    Contacts and rattlers as they are in balance, the isostatic number of one state of self stress, and from the rank of
+    the contacts' slopes the states of self stress and the floppy modes of the stiffness: of ellipses those are quartic.
+
+    Parameters
+    ----------
+    packing
+        The packing, at rest.
+    strain
+        "isotropic" or "free".
+
+    """
+    network = shaped_network(packing, second=False)
+    none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
+    if not len(network.contacts):
+        return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
+    states = states_of_self_stress(
+        network.packing, "none" if strain == "isotropic" else "isochoric", contacts=network.contacts, basis_limit=1.0
+    )
+    isostatic = states.isostatic_contact_count
+    return {
+        **none,
+        "contacts": states.contacts,
+        "isostatic_contacts": isostatic,
+        "excess_contacts": states.contacts - isostatic,
+        "floppy_modes": states.motions - states.trivial - states.rank,
+        "states_of_self_stress": states.count,
+        "rank_certain": states.certain,
+    }
+
+
+def _finish_shaped(
+    protocol: Protocol, scene: Scene, outcome: Outcome, asked: float | None, method: str, began: float
+) -> Run:
+    """Return the run of a protocol that ended with the packing of a scene, whose particles have shapes."""
+    packing, stress = scene.packing, stress_tensor(scene)
+    d = packing.dimension
+    pressure = (0.0 - float(np.trace(stress))) / d
+    largest, mean = force_balance(scene)
+    report = {
+        "method": method,
+        "strain": protocol.strain,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure / scene.pressure_unit,
+        "pressure_asked": asked,
+        **shaped_count(packing, protocol.strain),
+        "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
+        **protocol.report,
+    }
+    residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
     return _run_of(protocol, packing, outcome, residual, report, began)
 
 
@@ -473,7 +532,7 @@ def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float6
 
 def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Report which contacts closed and opened since there were these pairs; return those of the packing now."""
-    now = pairs_of(find_contacts(protocol.last))
+    now = pairs_of(touching_pairs(protocol.last))
     protocol.report.update(
         rearrangements=rearrangements, contacts_closed=len(now - pairs), contacts_opened=len(pairs - now)
     )

@@ -28,7 +28,7 @@ def nearly_at_rest(particles: int, dimension: int, packing_fraction: float, seed
     )
     scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
     relaxed = build_program(scene).relax(force_tolerance=1e-6, method=pm.Fire())
-    return scene.replace(packing=packing.replace(position_nd=relaxed.position_nd))
+    return scene.replace(packing=packing.replace(position_nd=relaxed.packing.position_nd))
 
 
 def factorizations() -> None:

@@ -199,7 +199,7 @@ def damped_pair_error(dt):
     program = build_program(pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring(stiffness=1.0)),)))
     damping, time = 2.0, 3.0
     run = program.relax(force_tolerance=1e-300, step_limit=round(time / dt), method=pm.DampedDynamics(damping, dt))
-    distance = run.position_nd[1, 0] - run.position_nd[0, 0]
+    distance = run.packing.position_nd[1, 0] - run.packing.position_nd[0, 0]
     root = math.sqrt(damping**2 - 2.0)
     slow, fast = -damping + root, -damping - root
     overlap = 0.1 * (slow * math.exp(fast * time) - fast * math.exp(slow * time)) / (slow - fast)

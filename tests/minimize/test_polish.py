@@ -20,7 +20,7 @@ def nearly_at_rest(particles, dimension, fraction, seed, tolerance=1e-6):
     )
     scene = pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),))
     relaxed = build_program(scene).relax(force_tolerance=tolerance, method=pm.Fire())
-    return scene.replace(packing=packing.replace(position_nd=relaxed.position_nd))
+    return scene.replace(packing=packing.replace(position_nd=relaxed.packing.position_nd))
 
 
 def rounding_floor(scene):

@@ -131,7 +131,7 @@ def test_the_skin_of_the_lists_changes_no_bit_of_a_run(skin):
     usual, run = relaxed(scene)
     other, same = relaxed(scene, skin=skin)
     assert usual.pairs.number[SKIN_FULL] != other.pairs.number[SKIN_FULL]
-    assert np.array_equal(run.position_nd, same.position_nd)
+    assert np.array_equal(run.packing.position_nd, same.packing.position_nd)
     assert run.steps == same.steps
 
 
@@ -141,7 +141,7 @@ def test_relabelled_particles_take_the_same_way_to_the_last_bit():
     shuffled = packing.replace(position_nd=packing.position_nd[order], radius_n=packing.radius_n[order])
     _, run = relaxed(pm.Scene(packing, REPULSION))
     _, same = relaxed(pm.Scene(shuffled, REPULSION))
-    assert np.array_equal(run.position_nd[order], same.position_nd)
+    assert np.array_equal(run.packing.position_nd[order], same.packing.position_nd)
 
 
 def test_a_program_used_before_gives_the_same_bits_as_a_new_one():
@@ -149,7 +149,7 @@ def test_a_program_used_before_gives_the_same_bits_as_a_new_one():
     scene = pm.Scene(packing, REPULSION)
     program, run = relaxed(scene)
     again = program.relax(packing.position_nd, force_tolerance=1e-11, method=pm.Fire())
-    assert np.array_equal(run.position_nd, again.position_nd)
+    assert np.array_equal(run.packing.position_nd, again.packing.position_nd)
 
 
 def test_a_thousand_times_smaller_box_than_particle_is_refused_with_a_reason():

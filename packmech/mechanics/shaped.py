@@ -1,0 +1,89 @@
+"""What mechanics takes of a packing with shapes: the particles that are held, their contacts, turns and Hessian."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts.shape_rattlers import shape_rattlers
+from packmech.effects import ContactTerms, contact_terms
+from packmech.linalg.mandel import trace_vector
+from packmech.measure.shaped import check_pairs_only
+from packmech.mechanics.shape_sums import ShapeSums, shape_sums, turning
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+
+class ShapedNetwork(NamedTuple):
+    """Contacts among the particles that are held, numbered anew, with what turns make of them; q coordinates each.
+
+    `index_n` are the particles, `turn_nkt` their turns (`Spheroids.turn_basis`) and `free_nq` which of their
+    coordinates there are: a disc has no turns.
+    """
+
+    packing: Packing
+    contacts: ShapeContacts
+    index_n: NDArray[np.int64]
+    turn_nkt: NDArray[np.float64]
+    free_nq: NDArray[np.bool_]
+
+    @property
+    def pinned(self) -> NDArray[np.bool_]:
+        """The (N', q) coordinates but for the translations of the best connected particle."""
+        pinned = self.free_nq.copy()
+        if len(pinned):
+            pinned[int(np.argmax(self.contacts.count_n())), : self.contacts.dimension] = False
+        return pinned
+
+
+def shaped_network(
+    packing: Packing, *, gap_tolerance: float | None = None, rattlers: str = "remove", second: bool = True
+) -> ShapedNetwork:
+    """Return the contacts among the particles that do not rattle, or among all where rattlers are kept."""
+    index = np.arange(packing.particles)
+    contacts = find_shape_contacts(packing, gap_tolerance=gap_tolerance, second=second)
+    if rattlers == "remove":
+        rattling = shape_rattlers(packing, contacts)
+        if rattling.any():
+            index = np.flatnonzero(~rattling)
+            packing = packing.select(index)
+            number = np.cumsum(~rattling) - 1
+            kept = contacts.select(~(rattling[contacts.i_c] | rattling[contacts.j_c]))
+            contacts = kept.numbered(number, packing)
+    shapes = packing.shapes
+    assert shapes is not None
+    turn = shapes.turn_basis(packing.radius_n)
+    free = np.hstack([np.ones((len(index), packing.dimension), dtype=bool), turning(turn)])
+    return ShapedNetwork(packing, contacts, index, turn, free)
+
+
+class ShapedHessian(NamedTuple):
+    """A network with the energies of its contacts and their second derivatives."""
+
+    network: ShapedNetwork
+    terms: ContactTerms
+    sums: ShapeSums
+
+
+def shaped_hessian(
+    scene: Scene, kind: str, *, gap_tolerance: float | None = None, rattlers: str = "remove"
+) -> ShapedHessian:
+    """Return the second derivatives of a scene whose packing has shapes; "unstressed" leaves out the forces."""
+    check_pairs_only(scene)
+    network = shaped_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    one = network.contacts
+    terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c, closing=True)
+    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
+    return ShapedHessian(network, terms, shape_sums(one, network.turn_nkt, first, terms.second_c))
+
+
+def shaped_volume_curvature(found: ShapedHessian) -> NDArray[np.float64]:
+    """Return the (s, s) curvature P V d2(det) of a volume held by pressure: P V (tr E tr F - tr E F)."""
+    one = found.network.contacts
+    pull = found.terms.first_c[:, None] * one.slope_cx[:, : one.dimension]
+    pressure_volume = -float((pull * one.vector_cd).sum()) / one.dimension
+    trace = trace_vector(one.dimension)
+    return np.asarray(pressure_volume * (np.outer(trace, trace) - np.eye(len(trace))))
