@@ -81,75 +81,91 @@ def near(x, y, z, one, other, d):
 
 
 @device
-def _shape_matrix(one):
-    """Return b^2 1 + (a^2 - b^2) mu mu^T."""
-    a, b, x, y, z = one
-    axis = np.array([x, y, z])
-    return b * b * np.eye(3) + (a - b) * (a + b) * np.outer(axis, axis)
+def _curvature(x, y, z, one, other, at, d, turned, solved_turned, first, mixed, second):
+    """Write the first derivatives of F, and the second ones at the largest F, by r and the turns of i and of j.
 
-
-@device
-def _generator(axis):
-    """Return K with K v = e x v."""
-    found = np.zeros((3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    found[j, i], found[i, j] = 1.0, -1.0
-    return found
-
-
-@device
-def _curvature(x, y, z, one, other, at):
-    """Return the (9, 9) second derivatives of F by r and by the turns of i and j, and the (9,) first ones."""
+    With w = C^-1 r and p = e x mu, a turn about e changes A by (a^2 - b^2)(p mu^T + mu p^T).
+    """
     m = 1.0 - at
-    r = np.array([x, y, z])
-    shape_i, shape_j = _shape_matrix(one), _shape_matrix(other)
-    inverse = np.linalg.inv(m * shape_i + at * shape_j)
-    w = inverse @ r
-    change = shape_j - shape_i
-    first, mixed, second = np.zeros(9), np.zeros(9), np.zeros((9, 9))
-    # of l: F_l = 0 here
-    pull = inverse @ (change @ w)
-    bend = -2.0 * (r @ w) - 2.0 * (1.0 - 2.0 * at) * (w @ (change @ w)) + 2.0 * at * m * ((change @ w) @ pull)
-    first[:3] = 2.0 * at * m * w
-    mixed[:3] = 2.0 * (1.0 - 2.0 * at) * w - 2.0 * at * m * pull
-    second[:3, :3] = 2.0 * at * m * inverse
-    turned = np.zeros((6, 3))
-    weight = np.array([at * m * m, at * at * m])
-    steep = np.array([m * m - 2.0 * at * m, 2.0 * at * m - at * at])
-    share = np.array([m, at])
-    for t in range(6):
-        k = t // 3
-        shape = shape_i if k == 0 else shape_j
-        turn = _generator(t % 3)
-        rate = turn @ shape - shape @ turn
-        turned[t] = rate @ w
-        first[3 + t] = -weight[k] * (w @ turned[t])
-        mixed[3 + t] = -steep[k] * (w @ turned[t]) + 2.0 * weight[k] * (turned[t] @ pull)
-        second[3 + t, :3] = -2.0 * weight[k] * (inverse @ turned[t])
-        second[:3, 3 + t] = second[3 + t, :3]
-    for t in range(6):
-        for u in range(6):
-            k, n = t // 3, u // 3
-            value = 2.0 * at * m * share[k] * share[n] * (turned[t] @ (inverse @ turned[u]))
-            if k == n:
-                shape = shape_i if k == 0 else shape_j
-                one_turn, other_turn = _generator(t % 3), _generator(u % 3)
-                inner = other_turn @ shape - shape @ other_turn
-                outer = one_turn @ shape - shape @ one_turn
-                twice = one_turn @ inner - inner @ one_turn + other_turn @ outer - outer @ other_turn
-                value -= 0.5 * weight[k] * (w @ (twice @ w))
-            second[3 + t, 3 + u] = value
-    return second - np.outer(mixed, mixed) / bend, first
+    turns = 1 if d == 2 else 3
+    wx, wy, wz = solved(at, one, other, x, y, z)
+    w = (wx, wy, wz)
+    ai, bi, xi, yi, zi = one
+    aj, bj, xj, yj, zj = other
+    ei, ej = (ai - bi) * (ai + bi), (aj - bj) * (aj + bj)
+    along_i, along_j = xi * wx + yi * wy + zi * wz, xj * wx + yj * wy + zj * wz
+    # (A_j - A_i) w and what C^-1 makes of it
+    base = (bj - bi) * (bj + bi)
+    cx = base * wx + ej * along_j * xj - ei * along_i * xi
+    cy = base * wy + ej * along_j * yj - ei * along_i * yi
+    cz = base * wz + ej * along_j * zj - ei * along_i * zi
+    px, py, pz = solved(at, one, other, cx, cy, cz)
+    pull = (px, py, pz)
+    bend = (
+        -2.0 * (x * wx + y * wy + z * wz)
+        - 2.0 * (1.0 - 2.0 * at) * (wx * cx + wy * cy + wz * cz)
+        + 2.0 * at * m * (cx * px + cy * py + cz * pz)
+    )
+    for a in range(d):
+        first[a] = 2.0 * at * m * w[a]
+        mixed[a] = 2.0 * (1.0 - 2.0 * at) * w[a] - 2.0 * at * m * pull[a]
+        unit = (1.0 if a == 0 else 0.0, 1.0 if a == 1 else 0.0, 1.0 if a == 2 else 0.0)
+        column = solved(at, one, other, unit[0], unit[1], unit[2])
+        for b in range(d):
+            second[b, a] = 2.0 * at * m * column[b]
+    for t in range(2 * turns):
+        side = t // turns
+        axis = 2 if turns == 1 else t % 3
+        e, along, weight = (ei, along_i, at * m * m) if side == 0 else (ej, along_j, at * at * m)
+        steep = m * m - 2.0 * at * m if side == 0 else 2.0 * at * m - at * at
+        director = (xi, yi, zi) if side == 0 else (xj, yj, zj)
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        # the axis times the director: -director[v] along u, director[u] along v
+        across = director[u] * w[v] - director[v] * w[u]
+        for a in range(3):
+            turned[t, a] = e * across * director[a]
+        turned[t, u] -= e * along * director[v]
+        turned[t, v] += e * along * director[u]
+        gx, gy, gz = solved(at, one, other, turned[t, 0], turned[t, 1], turned[t, 2])
+        solved_turned[t, 0], solved_turned[t, 1], solved_turned[t, 2] = gx, gy, gz
+        change = 2.0 * e * along * across
+        first[d + t] = -weight * change
+        mixed[d + t] = -steep * change
+        for a in range(3):
+            mixed[d + t] += 2.0 * weight * turned[t, a] * pull[a]
+        for a in range(d):
+            second[a, d + t] = second[d + t, a] = -2.0 * weight * solved_turned[t, a]
+        for k in range(t + 1):
+            other_side = k // turns
+            share = (m if side == 0 else at) * (m if other_side == 0 else at)
+            value = 0.0
+            for a in range(3):
+                value += turned[t, a] * solved_turned[k, a]
+            value *= 2.0 * at * m * share
+            if side == other_side:
+                own = 2 if turns == 1 else k % 3
+                g, h = (own + 1) % 3, (own + 2) % 3
+                other_across = director[g] * w[h] - director[h] * w[g]
+                bent = 0.5 * (w[own] * director[axis] + w[axis] * director[own])
+                if own == axis:
+                    bent -= along
+                value -= 2.0 * weight * e * (bent * along + across * other_across)
+            second[d + t, d + k] = second[d + k, d + t] = value
+    size = d + 2 * turns
+    for a in range(size):
+        for b in range(size):
+            second[a, b] -= mixed[a] * mixed[b] / bend
 
 
 @kernel
-def _scales(vector_pd, radius_pk, aspect_pk, director_pkd, guess_p, kept, second):
-    """Return scales, parameters and derivatives in the kept coordinates of nine."""
+def _scales(vector_pd, radius_pk, aspect_pk, director_pkd, guess_p, second):
+    """Return scales, parameters and derivatives."""
     count, d = vector_pd.shape
-    size = kept.shape[0]
+    size = 4 if d == 2 else 9
     scale, parameter = np.empty(count), np.empty(count)
     first_px = np.empty((count, size))
     second_pxx = np.empty((count if second else 0, size, size))
+    turned, solved_turned, slopes, mixed = np.zeros((6, 3)), np.zeros((6, 3)), np.zeros(size), np.zeros(size)
     for p in range(count):
         x, y = vector_pd[p, 0], vector_pd[p, 1]
         z = vector_pd[p, 2] if d == 3 else 0.0
@@ -164,11 +180,11 @@ def _scales(vector_pd, radius_pk, aspect_pk, director_pkd, guess_p, kept, second
             first_px[p, 3], first_px[p, 4], first_px[p, 5] = ix, iy, iz
             first_px[p, 6], first_px[p, 7], first_px[p, 8] = jx, jy, jz
         if second:
-            curved, slopes = _curvature(x, y, z, one, other, at)
+            curved = second_pxx[p]
+            _curvature(x, y, z, one, other, at, d, turned, solved_turned, slopes, mixed, curved)
             for a in range(size):
                 for b in range(size):
-                    steep = slopes[kept[a]] * slopes[kept[b]] / (4.0 * s * s * s)
-                    second_pxx[p, a, b] = curved[kept[a], kept[b]] / (2.0 * s) - steep
+                    curved[a, b] = curved[a, b] / (2.0 * s) - slopes[a] * slopes[b] / (4.0 * s * s * s)
     return scale, parameter, first_px, second_pxx
 
 
@@ -193,7 +209,5 @@ def scaled_contacts(
         Whether second derivatives are asked for.
 
     """
-    count, d = vector_pd.shape
-    kept = np.array([0, 1, 5, 8]) if d == 2 else np.arange(9)
-    guess = np.zeros(count) if guess_p is None else guess_p
-    return ScaledContacts(*_scales(vector_pd, radius_pk, aspect_pk, director_pkd, guess, kept, second))
+    guess = np.zeros(len(vector_pd)) if guess_p is None else guess_p
+    return ScaledContacts(*_scales(vector_pd, radius_pk, aspect_pk, director_pkd, guess, second))

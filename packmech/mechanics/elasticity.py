@@ -26,6 +26,7 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
+from packmech.measure.shaped import ShapeForces
 from packmech.measure.stress import contact_stress, sum_forces
 from packmech.mechanics.frictional import (
     AT_LIMIT,
@@ -38,6 +39,7 @@ from packmech.mechanics.frictional import (
 from packmech.mechanics.hessian import KINDS, BondSums, bond_sums, bordered, closed_terms, prestressed
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, relax_linked, soft_shift
 from packmech.mechanics.rattling import held_network
+from packmech.mechanics.shaped import shaped_hessian
 from packmech.scene import Scene
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
@@ -440,7 +442,11 @@ def _pinned(sums: BondSums, count_n: NDArray[np.int64]) -> tuple[NDArray[np.bool
 def _relax(sums: BondSums, count_n: NDArray[np.int64], push: float) -> _Relaxation:
     """Return how the particles relax; `push` is the size of a contact's force under a unit strain."""
     keep, matrix = _pinned(sums, count_n)
-    right = -sums.coupling_nde[keep].reshape(matrix.shape[0], len(sums.strain_ee))
+    return _solve(matrix, -sums.coupling_nde[keep].reshape(matrix.shape[0], len(sums.strain_ee)), push)
+
+
+def _solve(matrix: sp.csr_array, right: NDArray[np.float64], push: float) -> _Relaxation:
+    """Return how the coordinates of a Hessian relax under forces, one column a strain."""
     if not matrix.shape[0]:
         return _Relaxation(0.0, 0, 0, 0.0)
     floppy = 0
@@ -501,7 +507,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion friction links", at_rest=True)
+@honors("repulsion friction links shapes", at_rest=True)
 def elastic_moduli(
     scene: Scene,
     *,
@@ -523,6 +529,8 @@ def elastic_moduli(
     volume. Negative and zero modes are those of its symmetric part: where none is negative every small motion takes
     work (Hill's second-order work), which is enough for stability and not needed for it. A coefficient of 0 is no
     friction.
+
+    Ellipses and spheroids turn while they relax: a strain moves their centers and turns nobody by itself.
 
     Parameters
     ----------
@@ -574,6 +582,8 @@ def elastic_moduli(
     instance("scene", scene, Scene)
     one_of("kind", kind, KINDS)
     one_of("contacts_at_limit", contacts_at_limit, AT_LIMIT)
+    if scene.packing.shapes is not None:
+        return _shaped_moduli(scene, kind, rattlers, gap_tolerance, start)
     if acting_friction(scene) is not None:
         return _frictional_moduli(scene, kind, rattlers, gap_tolerance, contacts_at_limit, start)
     # a coefficient of zero holds nothing, and springs of such contacts are slack
@@ -611,6 +621,39 @@ def elastic_moduli(
             particles=contacts.particles,
             contacts=len(contacts),
             force_residual=largest / float(force.mean()) if force.any() else 0.0,
+            at_limit=np.zeros(0, dtype=np.int64),
+            start=start,
+        )
+
+
+def _shaped_moduli(scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, start: float) -> Moduli:
+    """Return the moduli of a packing with shapes, which turn as they relax."""
+    with single_thread():
+        found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+        network, terms, sums = found.network, found.terms, found.sums
+        one, volume = network.contacts, scene.packing.box.volume
+        free = network.pinned.ravel()
+        push = float(((np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * one.push_c).max(initial=0.0))
+        matrix, coupling = sums.matrix(free), sums.coupling(free)
+        relaxation = _solve(matrix, -coupling, push)
+        relaxed = sums.strain_ee - relaxation.relief_ee
+        unsolved = 0
+        if relaxation.residual > _INCONSISTENT:
+            whole = bordered(matrix, coupling, sums.strain_ee)
+            negative = factorize(whole + sp.diags_array(soft_shift(whole)), kind="symmetric").inertia.negative
+            unsolved = max(negative - relaxation.negative, 1)
+        forces = ShapeForces(one, terms)
+        largest, mean = forces.balance(network.turn_nkt)
+        return _moduli(
+            (relaxed + relaxed.T) / (2.0 * volume),
+            sums.strain_ee / volume,
+            forces.stress(volume) * (kind != "unstressed"),
+            relaxation,
+            np.zeros((0, len(sums.strain_ee))),
+            unsolved=unsolved,
+            particles=one.particles,
+            contacts=len(one),
+            force_residual=largest / mean if mean > 0.0 else 0.0,
             at_limit=np.zeros(0, dtype=np.int64),
             start=start,
         )

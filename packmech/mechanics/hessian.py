@@ -39,6 +39,7 @@ from packmech.measure.counting import remove_rattlers
 from packmech.measure.stress import contact_stress
 from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
 from packmech.mechanics.rattling import held_network, scene_network
+from packmech.mechanics.shaped import shaped_hessian
 from packmech.scene import Scene
 
 
@@ -303,7 +304,7 @@ def check_strain_of_box(scene: Scene, strain: str) -> None:
         )
 
 
-@honors("repulsion gravity walls held links", at_rest=True, rough="pm.stiffness_matrix")
+@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.stiffness_matrix")
 def hessian(
     scene: Scene,
     strain: str = "free",
@@ -325,6 +326,10 @@ def hessian(
 
     Walls and other potentials of single particles add to the blocks on the diagonal; rows and columns of particles
     that are held are zero. Such scenes have no strain of the box: walls and weights do not follow it.
+
+    Ellipses and spheroids turn: K coordinates follow each particle's position, one in a plane and two in space (about
+    the directions of `Spheroids.turn_basis`), angles times the radius of gyration, so that all are lengths. Rows of
+    turns of discs and spheres are zero. The size is then N (d + K) in place of N d.
 
     Parameters
     ----------
@@ -365,6 +370,8 @@ def hessian(
     instance("scene", scene, Scene)
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
+    if scene.packing.shapes is not None:
+        return _of_shapes(scene, strain, kind, volume_curvature, strain_scale, gap_tolerance)
     (contacts, _, links), free_n, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers="keep")
     terms = closed_terms(scene, contacts)
     sums = scene_sums(contacts, terms, kind, links)
@@ -384,13 +391,35 @@ def hessian(
     return bordered(position, sums.coupling_xe / scale, corner / scale**2)
 
 
+def _width(scene: Scene) -> int:
+    """Return the number of coordinates of a particle."""
+    packing = scene.packing
+    turns = 0 if packing.shapes is None else packing.shapes.turn_basis(packing.radius_n).shape[1]
+    return packing.dimension + turns
+
+
+def _of_shapes(
+    scene: Scene, strain: str, kind: str, volume_curvature: str, strain_scale: float | None, gap_tolerance: float | None
+) -> sp.csr_array:
+    """Return the Hessian of a packing with shapes, the turns of each particle after its position."""
+    found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep")
+    everything = np.ones(found.network.free_nq.size, dtype=bool)
+    position = found.sums.matrix(everything)
+    position.eliminate_zeros()
+    if strain == "none":
+        return position
+    scale = scale_of_strain(scene.packing, strain_scale)
+    corner = found.corner(kind, strain, volume_curvature)
+    return bordered(position, found.sums.coupling(everything) / scale, corner / scale**2)
+
+
 def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:
     """Return the sparse matrix with dense strain rows and columns appended."""
     side = sp.csr_array(coupling_xe)
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
 
 
-@honors("repulsion gravity walls held links", at_rest=True, rough="pm.stiffness_matrix")
+@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.stiffness_matrix")
 def dynamical_matrix(
     scene: Scene,
     strain: str = "none",
@@ -449,7 +478,8 @@ def dynamical_matrix(
             mass_n=mass, strain_scale=scale, memory_limit=memory_limit,
         )  # fmt: skip
         return sp.csr_array(basis.T @ (full @ basis))
-    weight = np.repeat(1.0 / np.sqrt(mass), dimension)
+    # turns are lengths by radii of gyration: they have the mass of their particle
+    weight = np.repeat(1.0 / np.sqrt(mass), _width(scene))
     change = sp.diags_array(weight, format="csr")
     if strain != "none":
         admitted = sp.csr_array(strain_directions(dimension, strain) / scale)
@@ -459,7 +489,7 @@ def dynamical_matrix(
     return result
 
 
-@honors("repulsion gravity walls held links", at_rest=True, rough="pm.stiffness_matrix")
+@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.stiffness_matrix")
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,
@@ -481,7 +511,7 @@ def perturbation_energy(
     scene, kind, volume_curvature, gap_tolerance
         As in `hessian`.
     displacement_nd
-        (N, d) displacements [length].
+        (N, d) displacements [length]; with shapes (N, d + K), turns after them, as in `hessian`.
     strain_dd
         (d, d) symmetric strain [1], none by default; the perturbed vectors are (1 + strain)(v + dv).
     strain
@@ -504,7 +534,7 @@ def perturbation_energy(
     instance("scene", scene, Scene)
     one_of("strain", strain, ("isochoric", "free"))
     packing = scene.packing
-    displacement = finite_array("displacement_nd", displacement_nd, shape=(packing.particles, packing.dimension))
+    displacement = finite_array("displacement_nd", displacement_nd, shape=(packing.particles, _width(scene)))
     motion = displacement.ravel()
     if strain_dd is not None:
         applied = finite_array("strain_dd", strain_dd, shape=(packing.dimension, packing.dimension), what="row")

@@ -16,13 +16,10 @@ from packmech.check import finite_array, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.contacts import Contacts
-from packmech.effects import ContactTerms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.hessian import (
-    BondSums,
     bordered,
     check_choices,
     check_strain_of_box,
@@ -32,6 +29,7 @@ from packmech.mechanics.hessian import (
 )
 from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
 from packmech.mechanics.rattling import scene_network
+from packmech.mechanics.shaped import shaped_hessian
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
@@ -55,8 +53,8 @@ class Modes:
     eigenvalue_m
         (M,) squared frequencies [1/time^2]; negative ones are directions in which the packing falls apart.
     displacement_mnd
-        (M, N, d) displacements, zero for particles that were left out; with the strains they are orthonormal in the
-        mass metric, sum of mass * u.u + strain_scale^2 e.e = 1.
+        (M, N, d) displacements, zero for particles that were left out; with the strains, and the turns of particles
+        with shapes, they are orthonormal in the mass metric, sum of mass * (u.u + t.t) + strain_scale^2 e.e = 1.
     strain_me
         (M, s) Mandel strains; zero in a fixed box.
     residual
@@ -75,6 +73,10 @@ class Modes:
         "dense" or "shift-invert".
     seconds
         CPU time.
+    turn_mnk
+        (M, N, K) turns of particles with shapes, angles times radii of gyration, as in `hessian`; K = 0 without.
+    rotation_m
+        (M,) part of each mode's motion that is turns, between 0 and 1.
 
     """
 
@@ -90,6 +92,8 @@ class Modes:
     index_n: NDArray[np.int64]
     method: str
     seconds: float
+    turn_mnk: NDArray[np.float64]
+    rotation_m: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.eigenvalue_m)
@@ -115,7 +119,7 @@ class Modes:
         return int(np.count_nonzero((self.eigenvalue_m < 0.0) & ~self.zero_m))
 
 
-@honors("repulsion gravity walls held links", at_rest=True, rough="pm.frictional_modes")
+@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.frictional_modes")
 def normal_modes(
     scene: Scene,
     count: int | None = None,
@@ -185,17 +189,17 @@ def normal_modes(
     admitted = strain_directions(dimension, strain)
     with single_thread():
         found = _position_part(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        matrix, index, links, sums = found.matrix, found.index_n, found.links, found.sums
+        matrix, index, links = found.matrix, found.index_n, found.links
         kept = len(index)
-        root = np.repeat(np.sqrt(mass[index]), dimension)
-        corner = sums.strain_ee
-        if kind == "exact" and strain == "isochoric" and volume_curvature == "det":
-            corner = corner + volume_curvature_term(found.contacts, found.terms, links)
+        # the place of each coordinate among those of its particle: turns come after the axes
+        axis = np.nonzero(found.free_nq)[1]
+        root = np.repeat(np.sqrt(mass[index]), found.free_nq.sum(axis=1))
         if strain != "none":
-            matrix = bordered(matrix, sums.coupling_xe @ admitted / scale, admitted.T @ corner @ admitted / scale**2)
+            corner = found.corner(kind, strain, volume_curvature)
+            matrix = bordered(matrix, found.coupling_xe @ admitted / scale, admitted.T @ corner @ admitted / scale**2)
         weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        translation = _translations(matrix, root, dimension, found.anchored)
+        translation = _translations(matrix, root, axis, dimension, found.anchored)
         moving = translation.shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
@@ -217,12 +221,14 @@ def normal_modes(
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     vector = signed_columns(vector)
-    displacement = np.zeros((wanted, packing.particles, dimension))
-    displacement[:, index] = (vector[: kept * dimension] / root[:, None]).T.reshape(wanted, kept, dimension)
+    motion = np.zeros((wanted, *found.free_nq.shape))
+    motion[:, found.free_nq] = (vector[: len(root)] / root[:, None]).T
+    moved = np.zeros((wanted, packing.particles, motion.shape[2]))
+    moved[:, index] = motion
     return Modes(
         eigenvalue_m=value,
-        displacement_mnd=displacement,
-        strain_me=vector[kept * dimension :].T @ admitted.T / scale,
+        displacement_mnd=np.ascontiguousarray(moved[..., :dimension]),
+        strain_me=vector[len(root) :].T @ admitted.T / scale,
         residual=worst / largest if largest else 0.0,
         available=available,
         translations=moving,
@@ -232,26 +238,36 @@ def normal_modes(
         index_n=index,
         method=method,
         seconds=time.process_time() - start,
+        turn_mnk=np.ascontiguousarray(moved[..., dimension:]),
+        rotation_m=(vector[: len(root)][axis >= dimension] ** 2).sum(axis=0),
     )
 
 
 class _PositionPart(NamedTuple):
-    """The second derivatives with respect to the positions of what can move, and what they are made of.
+    """The second derivatives with respect to the coordinates of what can move, and what they are made of.
 
-    Whether anything is anchored: to walls, to held particles, by potentials.
+    Which coordinates there are, and whether anything is anchored: to walls, to held particles, by potentials.
     """
 
     matrix: sp.csr_array
     index_n: NDArray[np.int64]
+    free_nq: NDArray[np.bool_]
     links: ConstraintFactor | None
-    contacts: Contacts
-    terms: ContactTerms
-    sums: BondSums
+    coupling_xe: NDArray[np.float64]
+    corner: Callable[[str, str, str], NDArray[np.float64]]
     anchored: bool
 
 
 def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, rattlers: str) -> _PositionPart:
     """Return the position part of the Hessian of a scene, what rattles left out unless it is to be kept."""
+    if scene.packing.shapes is not None:
+        found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+        network = found.network
+        free_f = network.free_nq.ravel()
+        return _PositionPart(
+            found.sums.matrix(free_f), network.index_n, network.free_nq, None, found.sums.coupling(free_f),
+            found.corner, False,
+        )  # fmt: skip
     (contacts, index, links), free, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers=rattlers)
     terms = closed_terms(scene, contacts)
     sums = scene_sums(contacts, terms, kind, links)
@@ -259,19 +275,27 @@ def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, ratt
         sums.diagonal_ndd[:] += second
     matrix = sums.position_matrix(free)
     index = index if free is None else index[free]
-    return _PositionPart(matrix, index, links, contacts, terms, sums, second is not None or free is not None)
+
+    def corner(kind: str, strain: str, volume_curvature: str) -> NDArray[np.float64]:
+        if not (kind == "exact" and strain == "isochoric" and volume_curvature == "det"):
+            return sums.strain_ee
+        return sums.strain_ee + volume_curvature_term(contacts, terms, links)
+
+    coordinates = np.ones((len(index), contacts.dimension), dtype=bool)
+    anchored = second is not None or free is not None
+    return _PositionPart(matrix, index, coordinates, links, sums.coupling_xe, corner, anchored)
 
 
 def _translations(
-    matrix: sp.csr_array, root: NDArray[np.float64], dimension: int, anchored: bool
+    matrix: sp.csr_array, root: NDArray[np.float64], axis: NDArray[np.int64], dimension: int, anchored: bool
 ) -> NDArray[np.float64]:
     """Return the uniform translations that cost nothing, as orthonormal columns; root are square roots of masses."""
     translation = np.zeros((matrix.shape[0], dimension))
     for a in range(dimension):
-        translation[a : len(root) : dimension, a] = root[a::dimension]
+        translation[: len(root)][axis == a, a] = root[axis == a]
     if not len(root):
         return translation
-    translation /= np.sqrt((root[::dimension] ** 2).sum())
+    translation /= np.sqrt((root[axis == 0] ** 2).sum())
     if not anchored:
         return translation
     cost = np.sqrt(((matrix @ translation) ** 2).sum(axis=0))
@@ -435,7 +459,7 @@ class StateDensity:
         return (self.edge_b[1:] + self.edge_b[:-1]) / 2.0
 
 
-@honors("repulsion gravity walls held links", at_rest=True, rough="pm.frictional_modes")
+@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.frictional_modes")
 def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,
@@ -494,9 +518,10 @@ def density_of_states(
         return StateDensity(_edges(bins, 0.0, 1.0), np.zeros(1, np.int64), 0, time.process_time() - start)
     with single_thread():
         matrix = found.matrix
-        weight = np.repeat(1.0 / np.sqrt(source.packing.mass_n[index]), dimension)
+        weight = np.repeat(1.0 / np.sqrt(source.packing.mass_n[index]), found.free_nq.sum(axis=1))
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        moving = _translations(matrix, 1.0 / weight, dimension, found.anchored).shape[1]
+        axis = np.nonzero(found.free_nq)[1]
+        moving = _translations(matrix, 1.0 / weight, axis, dimension, found.anchored).shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
             rows = weighted_rows(links, weight, np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)

@@ -92,6 +92,38 @@ def _gather(i_c, j_c, pair_c, vector, slope, curvature, first, second, turn, bas
                     coupling[j, a, k] += right[m, a] * by_strain[m, k]
 
 
+@kernel
+def _compressed(start, column, order, blocks, number_nq, extra_f):  # type: ignore[no-untyped-def]
+    """Return the compressed rows of the numbered coordinates of a matrix of blocks, its columns in order."""
+    count, q = number_nq.shape
+    size = 0
+    for n in range(count):
+        rows = 0
+        for a in range(q):
+            rows += number_nq[n, a] >= 0
+        for k in range(start[n], start[n + 1]):
+            for b in range(q):
+                size += rows * (number_nq[column[k], b] >= 0)
+    data, index = np.empty(size), np.empty(size, np.int32)
+    first = [0]
+    place = 0
+    for n in range(count):
+        for a in range(q):
+            if number_nq[n, a] < 0:
+                continue
+            for k in range(start[n], start[n + 1]):
+                other = column[k]
+                for b in range(q):
+                    if number_nq[other, b] >= 0:
+                        data[place] = blocks[order[k], a, b]
+                        if other == n and a == b:
+                            data[place] += extra_f[n * q + a]
+                        index[place] = number_nq[other, b]
+                        place += 1
+            first.append(place)
+    return data, index, np.array(first, dtype=np.int32)
+
+
 @dataclass(frozen=True, eq=False)
 class ShapeSums:
     """Second derivatives of a sum of energies of contacts between shapes, in blocks of q coordinates a particle.
@@ -112,17 +144,21 @@ class ShapeSums:
     coupling_nqe: NDArray[np.float64]
     strain_ee: NDArray[np.float64]
 
-    def matrix(self, free_f: NDArray[np.bool_]) -> sp.csr_array:
-        """Return the derivatives by the free ones of the (N q,) coordinates."""
+    def matrix(self, free_f: NDArray[np.bool_], extra_f: NDArray[np.float64] | None = None) -> sp.csr_array:
+        """Return the derivatives by the free ones of the (N q,) coordinates, with something added on the diagonal."""
         count, q = self.diagonal_nqq.shape[:2]
         row = np.concatenate([self.pair_i, self.pair_j, np.arange(count)])
         column = np.concatenate([self.pair_j, self.pair_i, np.arange(count)])
         blocks = np.concatenate([self.pair_pqq, self.pair_pqq.transpose(0, 2, 1), self.diagonal_nqq])
         order = np.argsort(row * max(count, 1) + column, kind="stable")
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
-        whole = sp.bsr_array((blocks[order], column[order], start), shape=(count * q, count * q)).tocsr()
-        kept = np.flatnonzero(free_f)
-        return sp.csr_array(whole[kept][:, kept])
+        extra = np.zeros(count * q) if extra_f is None else extra_f
+        number = np.where(free_f, np.cumsum(free_f) - 1, -1)
+        data, index, first = _compressed(start, column[order], order, blocks, number.reshape(count, q), extra)
+        size = int(free_f.sum())
+        found = sp.csr_array((data, index, first), shape=(size, size))
+        found.has_sorted_indices = True
+        return found
 
     def coupling(self, free_f: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the (F, s) mixed derivatives of the free coordinates."""

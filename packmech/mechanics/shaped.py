@@ -67,6 +67,16 @@ class ShapedHessian(NamedTuple):
     terms: ContactTerms
     sums: ShapeSums
 
+    def corner(self, kind: str, strain: str, volume_curvature: str) -> NDArray[np.float64]:
+        """Return the (s, s) derivatives by strains, with the curvature P V (tr E tr F - tr E F) of a held volume."""
+        if not (kind == "exact" and strain == "isochoric" and volume_curvature == "det"):
+            return self.sums.strain_ee
+        one = self.network.contacts
+        pull = self.terms.first_c[:, None] * one.slope_cx[:, : one.dimension]
+        pressure_volume = -float((pull * one.vector_cd).sum()) / one.dimension
+        trace = trace_vector(one.dimension)
+        return np.asarray(self.sums.strain_ee + pressure_volume * (np.outer(trace, trace) - np.eye(len(trace))))
+
 
 def shaped_hessian(
     scene: Scene, kind: str, *, gap_tolerance: float | None = None, rattlers: str = "remove"
@@ -78,12 +88,3 @@ def shaped_hessian(
     terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c, closing=True)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     return ShapedHessian(network, terms, shape_sums(one, network.turn_nkt, first, terms.second_c))
-
-
-def shaped_volume_curvature(found: ShapedHessian) -> NDArray[np.float64]:
-    """Return the (s, s) curvature P V d2(det) of a volume held by pressure: P V (tr E tr F - tr E F)."""
-    one = found.network.contacts
-    pull = found.terms.first_c[:, None] * one.slope_cx[:, : one.dimension]
-    pressure_volume = -float((pull * one.vector_cd).sum()) / one.dimension
-    trace = trace_vector(one.dimension)
-    return np.asarray(pressure_volume * (np.outer(trace, trace) - np.eye(len(trace))))

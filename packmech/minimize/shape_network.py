@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.contacts.network import Candidates
@@ -73,7 +72,7 @@ class ShapeNetwork(SoftNetwork):
         free[int(np.argmax(count)), :d] = False
         extra = np.where(count == 0, 1.0, regularization)
         free_f, added = free.ravel(), np.repeat(extra, free.shape[1])
-        factor = factorize(sums.matrix(free_f) + sp.diags_array(added[free_f]), kind="symmetric")
+        factor = factorize(sums.matrix(free_f, added), kind="symmetric")
         right = -self.uphill_nd.ravel()[free_f]
         rough = factor.solve(right)
         strains = len(self.basis_kdd)
