@@ -183,6 +183,11 @@ class Packing:
         return self.box.dimension
 
     @property
+    def plain(self) -> bool:
+        """Whether particles are discs or spheres without links."""
+        return self.links is None and self.shapes is None
+
+    @property
     def diameter_n(self) -> NDArray[np.float64]:
         """The (N,) diameters [length]."""
         return 2.0 * self.radius_n

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import finite_array, instance, integer, positive, real
+from packmech.check import finite_array, instance, integer, positive, positive_array, real
 from packmech.packing import Packing, masses_of_density
+from packmech.shapes import Spheroids
 
 # A gaussian factor this far from 1 is drawn again: radii stay positive, and cutting both tails alike keeps the mean.
 _LARGEST_DEVIATION = 0.9
@@ -288,6 +289,7 @@ def random_packing(
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
     density: float | None = None,
+    aspect: ArrayLike | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions, in a box that gives the packing fraction asked for.
 
@@ -312,6 +314,10 @@ def random_packing(
         Square or cubic when nothing is said.
     density
         Mass over area, or over volume in space, of every particle [mass/length^d]; as of a `Packing` unless given.
+    aspect
+        Axis along the director over that across it, one for all or (N,): ellipses or spheroids of these aspects and of
+        the discs' or spheres' areas or volumes, with directors in all directions alike (`Spheroids`). The radii and
+        positions are those of the same seed without.
 
     Raises
     ------
@@ -337,7 +343,16 @@ def random_packing(
     scaled = box_for(radius_n, packing_fraction, shape_dd)
     # einsum, not BLAS: the same bits for any number of threads
     position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
-    return Packing(position_nd, radius_n, scaled, mass_n=masses_of_density(density, radius_n, dimension))
+    shapes = None if aspect is None else _random_shapes(aspect, particles, dimension, rng)
+    masses = masses_of_density(density, radius_n, dimension)
+    return Packing(position_nd, radius_n, scaled, mass_n=masses, shapes=shapes)
+
+
+def _random_shapes(aspect: ArrayLike, particles: int, dimension: int, rng: np.random.Generator) -> Spheroids:
+    """Return ellipses or spheroids whose directors are uniform on the circle or sphere."""
+    given = np.full(particles, positive("aspect", aspect)) if np.ndim(aspect) == 0 else aspect
+    aspect_n = positive_array("aspect", given, shape=(particles,))
+    return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
 
 
 def fill_box(
@@ -349,6 +364,7 @@ def fill_box(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     density: float | None = None,
+    aspect: ArrayLike | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions in this very box, of radii that fill it as asked.
 
@@ -362,7 +378,7 @@ def fill_box(
         The box; 2 or 3 dimensions.
     particles
         Number of particles N.
-    packing_fraction, sizes, seed, rng, density
+    packing_fraction, sizes, seed, rng, density, aspect
         As for `random_packing`.
 
     Raises
@@ -386,10 +402,12 @@ def fill_box(
         seed=seed,
         rng=rng,
         box=box,
+        aspect=aspect,
     )
     scale = (box.volume / drawn.box.volume) ** (1.0 / box.dimension)
     radius_n = drawn.radius_n * scale
-    return Packing(drawn.position_nd * scale, radius_n, box, mass_n=masses_of_density(density, radius_n, box.dimension))
+    masses = masses_of_density(density, radius_n, box.dimension)
+    return Packing(drawn.position_nd * scale, radius_n, box, mass_n=masses, shapes=drawn.shapes)
 
 
 def box_for(

@@ -296,7 +296,7 @@ def polish(
     limit = integer("step_limit", step_limit, at_least=0)
     method = Newton() if method is None else method
     instance("method", method, Newton)
-    if packing.links is not None or packing.shapes is not None:
+    if not packing.plain:
         refuse_single(effects, "Newton's method on packings with links or shapes")
         with single_thread():
             return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit)

@@ -33,7 +33,7 @@ _FIRST, _FACTOR, _MINIMUM_FACTOR = 1e-7, 2.0, 1.02
 _FIRE_TOLERANCE, _TIGHTER, _FIRE_ROUNDS, _FIRE_STEPS = 1e-3, 0.03, 3, 300_000
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links shapes", at_rest=True)
 def compress(
     scene: Scene,
     distances: Iterable[float],
@@ -54,7 +54,7 @@ def compress(
     With links, which keep their lengths, the box is scaled about the centers of unwrapped clusters (one that winds
     around it is strained with it and moved back onto its links). No hard packing is looked for: the packing is followed
     down in pressure, compressed first where nothing presses, and the onset is where the line through the last two makes
-    the overlaps vanish.
+    the overlaps vanish. So it goes with shapes.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class _Ascent:
 
     def _start(self) -> _Onset | None:
         protocol = self.protocol
-        if protocol.scene.packing.links is not None:
+        if not protocol.scene.packing.plain:
             found = find_onset(protocol, self.nearest)
             if found is None:
                 return None
@@ -200,8 +200,8 @@ class _Ascent:
             else:
                 here, done = protocol.relax(here, tolerance, _FIRE_STEPS)
                 self.iterations += done.steps
-            # with links, FIRE may end on saddles: Newton's method must be one that only goes down
-            bottom = newton if packing.links is None else descend
+            # with links or shapes, FIRE may end on saddles: Newton's method must be one that only goes down
+            bottom = newton if packing.plain else descend
             state = bottom(protocol.reduced(here), protocol.units, self.shears, None)
             if state.sound(max(self.tolerance, 1e-7)):
                 return state

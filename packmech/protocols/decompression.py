@@ -64,8 +64,7 @@ class Decompression:
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
         start = self.start_packing_fraction
-        first = protocol.scene.packing
-        if first.links is not None or first.shapes is not None:
+        if not protocol.scene.packing.plain:
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
         if protocol.continues:
             return follow_jammed(

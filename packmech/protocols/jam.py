@@ -13,7 +13,6 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.friction import friction_of
-from packmech.measure.shaped import check_pairs_only
 from packmech.measure.stress import force_balance
 from packmech.measure.stress import pressure as pressure_of
 from packmech.protocols.decompression import Decompression, StepHalving
@@ -88,9 +87,9 @@ def jam(
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "isotropic": the box keeps its
         shape.
     method
-        HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links, where
-        only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only one;
-        without links); their parameters are those of the protocol.
+        HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
+        where only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only
+        one; without links); their parameters are those of the protocol.
     start
         "continue", or "anew": a jammed packing is scaled to the start of the protocol, too.
     energy_tolerance
@@ -147,9 +146,7 @@ def jam(
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
     frictional = friction_of(scene) is not None
     # what only protocols that go down from pressure to pressure know
-    linked = scene.packing.links is not None or scene.packing.shapes is not None
-    if scene.packing.shapes is not None:
-        check_pairs_only(scene)
+    linked = not scene.packing.plain
     if linked and frictional:
         raise ValueError(
             "scene must have no friction for a packing with links, which cannot be pressed, got Friction: leave it out "

@@ -70,7 +70,7 @@ class PressurePath:
                     rearrangements += 1
                     state = descend(self.packing, protocol.units, protocol.basis_kdd, load)
                     iterations += state.iterations
-                    if not state.sound(tolerance) and self.packing.links is None:
+                    if not state.sound(tolerance) and self.packing.plain:
                         state = search_pressure(protocol, self.packing, load)
                     self.before = None
                     if not state.sound(tolerance):
@@ -95,7 +95,7 @@ class PressurePath:
         if self.before is not None:
             start = extrapolated(*self.before, start, place, further)
         units, basis = self.protocol.units, self.protocol.basis_kdd
-        if start.links is not None or start.shapes is not None:
+        if not start.plain:
             return descend(start, units, basis, load)
         return newton(start, units, basis, load, iterations=_ITERATIONS)
 

@@ -29,6 +29,7 @@ from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
+from packmech.measure.shaped import check_pairs_only
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
@@ -86,6 +87,8 @@ class Protocol:
         force_tolerance: float,
         loop: RunLoop,
     ) -> None:
+        if scene.packing.shapes is not None:
+            check_pairs_only(scene)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())

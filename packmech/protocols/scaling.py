@@ -36,7 +36,7 @@ COLUMNS = {
     "rearrangements": "1",
     "residual": "1",
 }
-HONORED = declare("jamming_scaling", "repulsion links", at_rest=True)
+HONORED = declare("jamming_scaling", "repulsion links shapes", at_rest=True)
 # below this pressure of 256 particles, times (256 / N)^2, a packing has a handful of contacts too many or none
 _COUNTED, _OF = 1.5e-4, 256
 

@@ -20,7 +20,7 @@ _FIRST_TOLERANCE = 1e-2
 _TIGHTER = 0.03
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links shapes", at_rest=True)
 def shear_stabilize(
     scene: Scene,
     *,
@@ -34,7 +34,8 @@ def shear_stabilize(
     """Return the run that ends in a packing whose forces balance and whose stress is isotropic.
 
     FIRE with the box first, then Newton's method; both take the positions and all d(d+1)/2 strains as unknowns. With
-    links: FIRE in the box as it is, then Newton's method that only goes down, pressure by pressure if one is asked for.
+    links or shapes: FIRE in the box as it is, then Newton's method that only goes down, pressure by pressure if one is
+    asked for.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def shear_stabilize(
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     protocol = Protocol(scene, mandel_basis(scene.packing.dimension).copy(), "free", tolerance, loop)
-    stabilized = _stabilized if scene.packing.links is None else stabilize_linked
+    stabilized = _stabilized if scene.packing.plain else stabilize_linked
 
     def work() -> Outcome:
         protocol.last, outcome = stabilized(protocol, asked, limit)

@@ -46,6 +46,7 @@ from packmech.generate import (
 from packmech.links import Links
 from packmech.packing import Packing, masses_of_density
 from packmech.scene import Scene
+from packmech.shapes import Spheroids
 
 Vectors = tuple[tuple[float, ...], ...]
 P = TypeVar("P", bound=Callable[..., Packing])
@@ -108,6 +109,7 @@ _FIELD_TYPES: dict[str, Any] = {
     "form": str | tuple[int, ...],
     "winding": tuple[int, ...] | None,
     "seed": int,
+    "aspect": float | tuple[float, ...] | None,
 }
 
 
@@ -175,6 +177,7 @@ def _prepared(
     law: Law = _LAW,
     force_tolerance: float = 1e-10,
     density: float | None = None,
+    aspect: float | tuple[float, ...] | None = None,
 ) -> Packing:
     """Return a random packing at its energy minimum under the law, without friction and bonds.
 
@@ -183,7 +186,8 @@ def _prepared(
     """
     if side is not None and lattice_vectors is not None:
         raise ValueError(f"side must be left out where lattice_vectors are given, got {side!r}")
-    drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed, "density": density}
+    drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed}
+    drawing |= {"density": density, "aspect": aspect}
     if side is not None:
         drawn = fill_box(Box.cubic(side, dimension), particles, **drawing)
     elif lattice_vectors is not None:
@@ -217,8 +221,13 @@ def _inline(
     link_shapes: tuple[bool, ...] | None = None,
     masses: tuple[float, ...] | None = None,
     density: float | None = None,
+    aspects: tuple[float, ...] | None = None,
+    directors: Vectors | None = None,
 ) -> Packing:
-    """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each."""
+    """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each.
+
+    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids.
+    """
     box = Box(_columns(lattice_vectors))
     if masses is not None and density is not None:
         raise ValueError(f"density must be left out where masses are given, got {density!r}")
@@ -231,7 +240,14 @@ def _inline(
         pairs, images = _pairs("link_", link_pairs, link_images, box.dimension)
         shape = None if link_shapes is None else np.array(link_shapes, dtype=bool)
         links = Links(pairs[:, 0], pairs[:, 1], images, np.array(link_lengths), shape)
-    packing = Packing(_rows("positions", positions), np.array(radii), box, links, masses)
+    shapes = None
+    if aspects is None:
+        _left_out({"directors": directors}, "aspects")
+    elif directors is None:
+        raise ValueError("directors must be given with aspects, got nothing")
+    else:
+        shapes = Spheroids(np.array(aspects), _rows("directors", directors))
+    packing = Packing(_rows("positions", positions), np.array(radii), box, links, masses, shapes=shapes)
     if density is None:
         return packing
     return packing.replace(mass_n=masses_of_density(density, packing.radius_n, packing.dimension))
@@ -244,6 +260,9 @@ FIELD_OF = {
     "position_nd": "positions",
     "radius_n": "radii",
     "mass_n": "masses",
+    "aspect_n": "aspects",
+    "director_nd": "directors",
+    "shapes": "directors",
     "i_l": "link_pairs",
     "j_l": "link_pairs",
     "links": "link_pairs",
@@ -267,7 +286,10 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     }
     if packing.given_mass_n is not None:
         table["masses"] = packing.given_mass_n.tolist()
-    links = packing.links
+    links, shapes = packing.links, packing.shapes
+    if shapes is not None:
+        table["aspects"] = shapes.aspect_n.tolist()
+        table["directors"] = shapes.director_nd.tolist()
     if links is not None:
         assert links.shape_l is not None
         table["link_pairs"] = np.column_stack([links.i_l, links.j_l]).tolist()
