@@ -144,9 +144,7 @@ def _turn_rows(effects, axes, row, force_nd, velocity_nd):
     return power, whole, largest
 
 
-def turn_rows(
-    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any
-) -> tuple[float, float, float]:
+def turn_rows(effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> tuple[float, float, float]:
     """Make forces on directors of the torques in their rows; return F.v and F.F over them and the largest F.F."""
     if has_shapes(effects):
         power, whole, largest = _turn_rows(effects, axes, row, force_nd, velocity_nd)

@@ -1,0 +1,139 @@
+"""`packmech shapes`: jam ellipses or spheroids of many aspects; or follow their shear modulus upward from jamming."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from packmech.check import integer
+from packmech.cli.output import show, table, working
+from packmech.validation.studies.shapes import (
+    ASPECTS,
+    MODULUS_ASPECTS,
+    PRESSURE,
+    Jammed,
+    Sheared,
+    densest_aspect,
+    draw_jammed,
+    draw_moduli,
+    exponent,
+    jam_all,
+    over_aspect,
+    shear_all,
+)
+
+Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
+
+
+def shapes(
+    study: Literal["jammed", "moduli"] = "jammed",
+    *,
+    out: Path = Path("shapes"),
+    dimension: int = 2,
+    particles: int | None = None,
+    packings: int = 3,
+    aspects: Numbers = None,
+    pressure: float = PRESSURE,
+    seed: int = 0,
+) -> None:
+    """Jam ellipses or spheroids of many aspects, or follow their shear modulus; resumes what it finds.
+
+    Parameters
+    ----------
+    study
+        jammed: packing fraction, contacts and quartic modes over the aspect; moduli: G over the distance above jamming
+    out
+        folder to write to
+    dimension
+        2: ellipses; 3: spheroids; sizes 1:1.4 in halves
+    particles
+        number of particles (default: 128 ellipses, 64 spheroids; for moduli 256)
+    packings
+        of each aspect, from seeds that follow each other
+    aspects
+        axis along the director over that across it
+    pressure
+        of the jammed packings [energy scale / diameter^d]
+    seed
+        of the first packing
+
+    """
+    integer("dimension", dimension, at_least=2, at_most=3)
+    out.mkdir(parents=True, exist_ok=True)
+    seeds = range(seed, seed + packings)
+    if study == "jammed":
+        count = particles if particles is not None else {2: 128, 3: 64}[dimension]
+        with working("shapes") as say:
+
+            def told(done: int, of: int, last: Jammed | None) -> None:
+                note = "" if last is None else f"; aspect {last.aspect:g} gave {last.packing_fraction:.4f}"
+                say(f"shapes: {done} of {of} packings{note}")
+
+            jammed = jam_all(
+                out,
+                dimension=dimension,
+                particles=count,
+                aspects=ASPECTS if aspects is None else aspects,
+                pressure=pressure,
+                seeds=seeds,
+                progress=told,
+            )
+        draw_jammed(jammed, out, out / f"jammed-{dimension}d.png")
+        _show_jammed(jammed)
+        show(f"wrote jammed-{dimension}d.csv, its packings, and jammed-{dimension}d.png in {out}")
+        return
+    count = particles if particles is not None else 256
+    with working("shapes") as say:
+
+        def noted(done: int, of: int, last: Sheared | None) -> None:
+            note = "" if last is None else f"; aspect {last.aspect:g}, G = {last.shear_modulus:.3g}"
+            say(f"shapes: {done} of {of} moduli{note}")
+
+        found = shear_all(
+            out,
+            dimension=dimension,
+            particles=count,
+            aspects=MODULUS_ASPECTS if aspects is None else aspects,
+            seeds=seeds,
+            progress=noted,
+        )
+    draw_moduli(found, out / f"moduli-{dimension}d.png")
+    rows = []
+    for aspect in sorted({one.aspect for one in found}):
+        cells = [
+            exponent(found, aspect, low, high) for low, high in ((1e-5, 1e-4), (1e-4, 1e-3), (1e-3, 1e-2), (1e-2, 1e-1))
+        ]
+        rows.append((f"{aspect:g}", *(f"{slope:.3f} +- {error:.3f}" for slope, error in cells)))
+    head = ("aspect", "1e-5 to 1e-4", "to 1e-3", "to 1e-2", "to 1e-1")
+    show(table("exponents of G over the distance above jamming", head, rows, right=tuple(range(len(head)))))
+    show(f"wrote moduli-{dimension}d.csv and moduli-{dimension}d.png in {out}")
+
+
+def _show_jammed(found: list[Jammed]) -> None:
+    """Print what came of each aspect."""
+    rows = []
+    columns = [
+        over_aspect(found, name) for name in ("jamming_packing_fraction", "coordination_number", "quartic_modes")
+    ]
+    for k, aspect in enumerate(columns[0][0]):
+        part = [one for one in found if one.aspect == aspect]
+        certain = [one for one in part if one.certain]
+        single = sum(one.states_of_self_stress == 1 for one in certain)
+        least = min((one.smallest_curvature for one in certain), default=float("nan"))
+        cells = [f"{mean[k]:.4f} +- {error[k]:.4f}" for _, mean, error in columns[:2]]
+        rows.append(
+            (
+                f"{aspect:g}",
+                *cells,
+                f"{columns[2][1][k]:.1f}",
+                f"{len(certain)} of {len(part)}",
+                f"{single}",
+                f"{least:.3g}",
+            )
+        )
+    head = ("aspect", "packing fraction", "z", "quartic modes", "certain", "one self stress", "least curvature / P")
+    show(table(f"N = {found[0].particles}, d = {found[0].dimension}", head, rows, right=tuple(range(len(head)))))
+    peak, fraction = densest_aspect(found)
+    show(f"densest at aspect {peak:.3f}: packing fraction {fraction:.4f}")

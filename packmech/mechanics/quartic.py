@@ -1,0 +1,179 @@
+"""Quartic modes: motions that stretch no contact to first order, held by the contact forces alone.
+
+Packings of ellipses have fewer contacts than degrees of freedom. What is missing is made up by motions in the null
+space of the stiffness: their energy is the prestress times the square of the amplitude, which vanishes with the
+pressure, and beyond it grows with the fourth power (Mailman et al., Phys. Rev. Lett. 102, 255501 (2009)).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.check import finite_array, instance, one_of
+from packmech.honors import honors
+from packmech.jit.blas import single_thread
+from packmech.mechanics.modes import signed_columns
+from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
+from packmech.mechanics.shaped import shaped_hessian
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+# largest memory of the modes [bytes]
+_BASIS_BYTES = 3e9
+
+
+@dataclass(frozen=True, eq=False)
+class QuarticModes:
+    """Null space of the stiffness of a packing with shapes, by what its contact forces make of it.
+
+    Attributes
+    ----------
+    curvature_m
+        (M,) second derivatives of the energy along the modes, in increasing order [energy/length^2]: those of the
+        prestress, for the stiffness has none. Where one is negative the packing is no minimum.
+    displacement_mnd, turn_mnk
+        (M, N, d) displacements and (M, N, K) turns as lengths, orthonormal all together, zero for rattlers; uniform
+        translations are none of them.
+    stretch
+        Largest change of a contact's distance by a mode of size 1 [1].
+    certain
+        Whether their number stays the same for tolerances of the rank ten times looser and tighter, so that singular
+        values above and below are a factor of 100 apart.
+    pressure
+        Pressure of the packing [energy/length^d].
+    seconds
+        CPU time.
+
+    """
+
+    curvature_m: NDArray[np.float64]
+    displacement_mnd: NDArray[np.float64]
+    turn_mnk: NDArray[np.float64]
+    stretch: float
+    certain: bool
+    pressure: float
+    seconds: float
+
+    def __len__(self) -> int:
+        return len(self.curvature_m)
+
+
+@honors("repulsion shapes", at_rest=True)
+def quartic_modes(
+    scene: Scene, *, strain: str = "none", gap_tolerance: float | None = None, rank_tolerance: float = RANK_TOLERANCE
+) -> QuarticModes:
+    """Return the motions of a packing with shapes that its stiffness does not resist, and how its forces do.
+
+    Along a mode of curvature kappa the energy is kappa delta^2 / 2 for small amplitudes delta and grows as delta^4
+    beyond about sqrt(pressure): `pm.displaced` moves particles along it. Their number is that of the missing contacts,
+    degrees of freedom - d - contacts + states of self stress.
+
+    Parameters
+    ----------
+    scene
+        The scene, its packing at rest and with shapes.
+    strain
+        "none": the box is fixed. "isochoric": its shape may change, too, as in shear-stabilized packings; the modes'
+        strains are not given.
+    gap_tolerance, rank_tolerance
+        As in `floppy_modes`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing has no shapes.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> start = pm.random_packing(12, dimension=2, packing_fraction=0.6, seed=1, aspect=1.5)
+    >>> scene = pm.Scene(start, (pm.Repulsion(),))
+    >>> run = pm.jam(scene, pressure=1e-5, strain="isotropic")
+    >>> modes = pm.quartic_modes(scene.replace(packing=run.packing))
+    >>> len(modes) == run.report["floppy_modes"], bool((modes.curvature_m > 0.0).all())
+    (True, True)
+
+    """
+    start = time.process_time()
+    instance("scene", scene, Scene)
+    one_of("strain", strain, ("none", "isochoric"))
+    if scene.packing.shapes is None:
+        raise ValueError("scene.packing must have shapes, got one of discs or spheres: ask pm.floppy_modes")
+    with single_thread():
+        found = shaped_hessian(scene, "exact", gap_tolerance=gap_tolerance)
+        network = found.network
+        floppy = floppy_modes(
+            network.packing, strain, contacts=network.contacts, rank_tolerance=rank_tolerance, basis_limit=_BASIS_BYTES
+        )
+        if floppy.motion_xk is None:
+            raise ValueError(f"scene.packing must have fewer quartic modes, got {floppy.count}, which fill the memory")
+        everything = np.ones(network.free_nq.size, dtype=bool)
+        size, strains = len(everything), floppy.motion_xk.shape[0] - network.free_nq.size
+        basis, whole = floppy.motion_xk, found.sums.matrix(everything)
+        moved = whole @ basis[:size]
+        if strains:
+            coupling = found.sums.coupling(everything)
+            corner = found.corner("exact", strain, "det")
+            moved = np.concatenate([moved + coupling @ basis[size:], coupling.T @ basis[:size] + corner @ basis[size:]])
+        value, share = np.linalg.eigh(basis.T @ moved)
+        motion = signed_columns(basis @ share)[:size].T.reshape(len(value), *network.free_nq.shape)
+    d = network.contacts.dimension
+    modes = np.zeros((len(value), scene.packing.particles, motion.shape[2]))
+    modes[:, network.index_n] = motion
+    pull = found.terms.first_c[:, None] * network.contacts.slope_cx[:, :d]
+    pressure = -float((pull * network.contacts.vector_cd).sum()) / (d * scene.packing.box.volume)
+    return QuarticModes(
+        curvature_m=value,
+        displacement_mnd=np.ascontiguousarray(modes[..., :d]),
+        turn_mnk=np.ascontiguousarray(modes[..., d:]),
+        stretch=floppy.residual,
+        certain=floppy.certain,
+        pressure=pressure,
+        seconds=time.process_time() - start,
+    )
+
+
+@honors("links shapes", packing_only=True)
+def displaced(packing: Packing, displacement_nd: ArrayLike, turn_nk: ArrayLike | None = None) -> Packing:
+    """Return the packing with its particles moved, and turned where they have shapes; links are not looked at.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    displacement_nd
+        (N, d) displacements [length].
+    turn_nk
+        (N, K) turns, angles times radii of gyration [length], as modes give them; none unless given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> shapes = pm.Spheroids([2.0], [[1.0, 0.0]])
+    >>> packing = pm.Packing([[1.0, 1.0]], [0.5], pm.Box.cubic(3.0, 2), shapes=shapes)
+    >>> moved = displaced(packing, [[0.5, 0.0]], [[shapes.gyration(0.5)[0] * np.pi / 2]])
+    >>> moved.position_nd.tolist(), abs(moved.shapes.director_nd.round(12)).tolist()
+    ([[1.5, 1.0]], [[0.0, 1.0]])
+
+    """
+    instance("packing", packing, Packing)
+    moved = finite_array("displacement_nd", displacement_nd, shape=packing.position_nd.shape)
+    shapes = packing.shapes
+    if shapes is None:
+        if turn_nk is not None and np.size(turn_nk):
+            raise ValueError(f"turn_nk must be left out for discs or spheres, got shape {np.shape(turn_nk)}")
+        return packing.replace(position_nd=packing.position_nd + moved)
+    if turn_nk is not None:
+        basis = shapes.turn_basis(packing.radius_n)
+        turn = finite_array("turn_nk", turn_nk, shape=basis.shape[:2])
+        shapes = shapes.turned(np.einsum("nk,nkt->nt", turn, basis))
+    return packing.replace(position_nd=packing.position_nd + moved, shapes=shapes)

@@ -1,0 +1,281 @@
+"""Jammed ellipses and spheroids over their aspect: packing fraction, contacts, quartic modes, and the shear modulus."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import packmech as pm
+from packmech.validation.studies.rows import complete_rows
+from packmech.view.figures import COLORS, MARKERS, styled_figure
+
+ASPECTS = (1.02, 1.06, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0, 3.0)
+PRESSURE = 1e-7
+# dilute starts [1]
+_START = {2: 0.6, 3: 0.4}
+MODULUS_ASPECTS = (1.002, 1.01, 1.03, 1.1, 1.3, 2.0)
+DISTANCES = tuple(float(x) for x in np.logspace(-5.0, -1.0, 13))
+
+
+@dataclass(frozen=True)
+class Jammed:
+    """One jammed packing: what it was asked for, and what came of it."""
+
+    dimension: int
+    particles: int
+    aspect: float
+    pressure: float
+    seed: int
+    packing_fraction: float
+    jamming_packing_fraction: float
+    coordination_number: float
+    rattlers: int
+    contacts: int
+    isostatic_contacts: int
+    states_of_self_stress: int
+    quartic_modes: int
+    certain: int
+    smallest_curvature: float
+    largest_curvature: float
+    unstable_modes: int
+    residual: float
+    steps: int
+    seconds: float
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What it was asked for."""
+        return tuple(getattr(self, one.name) for one in fields(self)[:5])
+
+
+@dataclass(frozen=True)
+class Sheared:
+    """The moduli of one shear-stabilized packing at a distance above its own jamming."""
+
+    dimension: int
+    particles: int
+    aspect: float
+    seed: int
+    distance: float
+    pressure: float
+    shear_modulus: float
+    bulk_modulus: float
+    contacts: int
+    isostatic_contacts: int
+    residual: float
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What it was asked for."""
+        return tuple(getattr(self, one.name) for one in fields(self)[:5])
+
+
+def start_of(dimension: int, particles: int, aspect: float, seed: int) -> pm.Scene:
+    """Return a dilute start: ellipses 1:1.4 in halves, or spheroids alike, of one aspect, under the harmonic law."""
+    packing = pm.random_packing(
+        particles,
+        dimension=dimension,
+        sizes=pm.Bidisperse(ratio=1.4),
+        packing_fraction=_START[dimension],
+        seed=seed,
+        aspect=aspect,
+    )
+    return pm.Scene(packing, (pm.Repulsion(),))
+
+
+def packing_path(folder: Path, dimension: int, particles: int, aspect: float, seed: int) -> Path:
+    """Return where a jammed packing is kept."""
+    return folder / f"{dimension}d-{particles}-{aspect:g}-{seed}.npz"
+
+
+def jam_all(
+    folder: Path,
+    *,
+    dimension: int,
+    particles: int,
+    aspects: Sequence[float],
+    pressure: float,
+    seeds: Sequence[int],
+    progress: Callable[[int, int, Jammed | None], None],
+) -> list[Jammed]:
+    """Return packings of all aspects and seeds in boxes of fixed shape; each is written once it is there."""
+    packings = folder / "packings"
+    packings.mkdir(parents=True, exist_ok=True)
+
+    def make(dimension: int, particles: int, aspect: float, pressure: float, seed: int) -> Jammed:
+        scene = start_of(dimension, particles, aspect, seed)
+        run = pm.jam(scene, pressure=pressure, strain="isotropic", check=False)
+        pm.write_packing(run.packing, packing_path(packings, dimension, particles, aspect, seed))
+        jammed, report = scene.replace(packing=run.packing), run.report
+        quartic = pm.quartic_modes(jammed)
+        curvature = quartic.curvature_m / quartic.pressure if len(quartic) else np.array([math.nan])
+        return Jammed(
+            *(dimension, particles, aspect, pressure, seed),
+            report["packing_fraction"],
+            report.get("jamming_packing_fraction", math.nan),
+            2.0 * report["contacts"] / (particles - report["rattlers"]),
+            report["rattlers"],
+            report["contacts"],
+            report["isostatic_contacts"],
+            report["states_of_self_stress"],
+            len(quartic),
+            int(report["rank_certain"] and quartic.certain and run.ok),
+            float(curvature[0]),
+            float(curvature[-1]),
+            int((pm.normal_modes(jammed).eigenvalue_m < 0.0).sum()),
+            run.residual,
+            run.steps,
+            run.seconds,
+        )
+
+    wanted = list(itertools.product((dimension,), (particles,), aspects, (pressure,), seeds))
+    return complete_rows(folder / f"jammed-{dimension}d.csv", Jammed, wanted, make, progress)
+
+
+def shear_all(
+    folder: Path,
+    *,
+    dimension: int,
+    particles: int,
+    aspects: Sequence[float],
+    seeds: Sequence[int],
+    progress: Callable[[int, int, Sheared | None], None],
+) -> list[Sheared]:
+    """Return moduli of shear-stabilized packings of all aspects and seeds, followed from their jamming upward."""
+    made: dict[tuple[float, ...], Sheared] = {}
+
+    def follow(dimension: int, particles: int, aspect: float, seed: int) -> None:
+        scene = start_of(dimension, particles, aspect, seed)
+        scene = scene.replace(packing=pm.jam(scene, pressure=1e-6, strain="free").packing)
+        for distance, run in zip(DISTANCES, pm.compress(scene, DISTANCES, strain="free", check=False), strict=False):
+            moduli = pm.elastic_moduli(scene.replace(packing=run.packing))
+            row = Sheared(
+                *(dimension, particles, aspect, seed, distance),
+                run.report["pressure"],
+                # over the directions, with equal weights
+                moduli.voigt.shear_modulus,
+                moduli.bulk_modulus,
+                run.report["contacts"],
+                run.report["isostatic_contacts"],
+                run.residual,
+            )
+            made[row.settings] = row
+
+    def make(dimension: int, particles: int, aspect: float, seed: int, distance: float) -> Sheared:
+        asked = (dimension, particles, aspect, seed, distance)
+        if asked not in made:
+            follow(dimension, particles, aspect, seed)
+        missing = Sheared(*asked, math.nan, math.nan, math.nan, 0, 0, math.nan)
+        return made.get(asked, missing)
+
+    wanted = list(itertools.product((dimension,), (particles,), aspects, seeds, DISTANCES))
+    return complete_rows(folder / f"moduli-{dimension}d.csv", Sheared, wanted, make, progress)
+
+
+def mean_and_error(values: Sequence[float]) -> tuple[float, float]:
+    """Return the mean of finite values and its standard error; nan where there are too few."""
+    finite = np.array([one for one in values if math.isfinite(one)])
+    if not len(finite):
+        return math.nan, math.nan
+    return float(finite.mean()), float(finite.std(ddof=1) / math.sqrt(len(finite))) if len(finite) > 1 else math.nan
+
+
+def over_aspect(
+    found: Sequence[Jammed], name: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the aspects, and mean and standard error of a figure at each."""
+    aspects = sorted({one.aspect for one in found})
+    rows = [mean_and_error([float(getattr(one, name)) for one in found if one.aspect == each]) for each in aspects]
+    mean, error = np.array(rows).T
+    return np.array(aspects), mean, error
+
+
+def densest_aspect(found: Sequence[Jammed]) -> tuple[float, float]:
+    """Return aspect and packing fraction at the peak of a parabola through the densest mean and its neighbors."""
+    aspect, mean, _ = over_aspect(found, "jamming_packing_fraction")
+    if len(aspect) < 3:
+        return math.nan, math.nan
+    top = min(max(int(np.argmax(mean)), 1), len(aspect) - 2)
+    a, b, c = np.polyfit(aspect[top - 1 : top + 2], mean[top - 1 : top + 2], 2)
+    peak = -b / (2.0 * a)
+    return float(peak), float(c + b * peak + a * peak**2)
+
+
+def exponent(found: Sequence[Sheared], aspect: float, low: float, high: float) -> tuple[float, float]:
+    """Return the exponent of the mean shear modulus over the distance between two distances, and its standard error."""
+    x, y, weight = [], [], []
+    for distance in DISTANCES:
+        if low <= distance <= high * 1.0001:
+            mean, error = mean_and_error(
+                [one.shear_modulus for one in found if one.aspect == aspect and one.distance == distance]
+            )
+            if mean > 0.0:
+                x.append(math.log(distance))
+                y.append(math.log(mean))
+                weight.append(mean / error if error > 0.0 else 1.0)
+    if len(x) < 3:
+        return math.nan, math.nan
+    (slope, _), covariance = np.polyfit(x, y, 1, w=weight, cov="unscaled")
+    return float(slope), float(math.sqrt(covariance[0, 0]))
+
+
+def draw_jammed(found: Sequence[Jammed], folder: Path, path: Path) -> None:
+    """Write the figure: packing fraction, contacts, and sorted spectra of the first packing of some aspects."""
+    d, particles = found[0].dimension, found[0].particles
+    with styled_figure(path, (12.6, 4.0)) as figure:
+        left, middle, right = figure.subplots(1, 3)
+        aspect, mean, error = over_aspect(found, "jamming_packing_fraction")
+        left.errorbar(aspect, mean, error, color=COLORS[0], marker=MARKERS[0], markersize=4.0, capsize=2.0)
+        left.set(xlabel="aspect", ylabel="packing fraction at jamming")
+        aspect, mean, error = over_aspect(found, "coordination_number")
+        middle.errorbar(aspect, mean, error, color=COLORS[1], marker=MARKERS[1], markersize=4.0, capsize=2.0)
+        for level in (2 * d, 2 * (2 * d - 1 if d == 2 else 5)):
+            middle.axhline(level, color="#b0b0b0", linewidth=0.8)
+        middle.set(xlabel="aspect", ylabel="coordination number")
+        shown = sorted({one.aspect for one in found})
+        for number, each in enumerate(shown[:: max(1, len(shown) // 4)]):
+            first = min((one for one in found if one.aspect == each), key=lambda one: one.seed)
+            file = packing_path(folder / "packings", d, particles, each, first.seed)
+            if not file.exists():
+                continue
+            modes = pm.normal_modes(pm.Scene(pm.read_packing(file), (pm.Repulsion(),)))
+            frequency = np.sqrt(np.maximum(modes.eigenvalue_m, 0.0))
+            right.plot(
+                (np.arange(len(frequency)) + 1) / len(frequency), frequency, ".", markersize=2.5,
+                color=COLORS[number % len(COLORS)], label=f"aspect {each:g}",
+            )  # fmt: skip
+        right.set(yscale="log", xlabel="mode, sorted, over their number", ylabel="frequency")
+        right.legend(fontsize=7.0)
+        seeds = len({one.seed for one in found})
+        figure.suptitle(
+            f"{seeds} packings each of N = {particles}, d = {d}, pressure {found[0].pressure:g}", fontsize=10
+        )
+
+
+def draw_moduli(found: Sequence[Sheared], path: Path) -> None:
+    """Write the figure: shear modulus over the distance above jamming, for every aspect."""
+    with styled_figure(path, (6.0, 4.4)) as figure:
+        ax = figure.subplots()
+        for number, aspect in enumerate(sorted({one.aspect for one in found})):
+            rows = [
+                mean_and_error([one.shear_modulus for one in found if one.aspect == aspect and one.distance == each])
+                for each in DISTANCES
+            ]
+            mean, error = np.array(rows).T
+            ax.errorbar(
+                DISTANCES, mean, error, label=f"aspect {aspect:g}", markersize=3.5, linewidth=1.0, capsize=2.0,
+                color=COLORS[number % len(COLORS)], marker=MARKERS[number % len(MARKERS)],
+            )  # fmt: skip
+        low = np.array(DISTANCES)
+        ax.plot(low, 0.3 * np.sqrt(low), color="#808080", linestyle=":", linewidth=1.0, label="slope 1/2")
+        ax.plot(low, 2.0 * low, color="#808080", linestyle="--", linewidth=1.0, label="slope 1")
+        ax.set(xscale="log", yscale="log", xlabel="packing fraction above jamming", ylabel="shear modulus")
+        ax.legend(fontsize=7.0)
+        seeds, particles = len({one.seed for one in found}), found[0].particles
+        ax.set_title(f"{seeds} shear-stabilized packings each of N = {particles}", fontsize=10)
