@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,6 +17,8 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import check_given, rattlers_of
+from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
@@ -172,15 +175,27 @@ def rattling_particles(packing: Packing, contacts: Contacts) -> NDArray[np.bool_
         return rattling_by_links(packing, contacts)
 
 
-@honors("links", packing_only=True)
+def _given_shape_contacts(packing: Packing, contacts: Any, gap_tolerance: float | None) -> ShapeContacts:
+    """Return the contacts of a packing with shapes, those that were given or else those within the tolerance."""
+    if contacts is None:
+        return find_shape_contacts(packing, gap_tolerance=gap_tolerance)
+    if not isinstance(contacts, ShapeContacts) or contacts.particles != packing.particles:
+        raise TypeError(f"contacts must be those of the packing (pm.find_shape_contacts), got {contacts!r:.60}")
+    return contacts
+
+
+@honors("links shapes", packing_only=True)
 def find_rattlers(
-    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None
+    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | ShapeContacts | None = None
 ) -> NDArray[np.bool_]:
     """Return, for each particle, whether it rattles: its contacts with particles that do not rattle fail to hold it.
 
     A particle is held when its contact normals positively span the space. Particles in contact with none are rattlers.
     With rigid links it is held if no motion that its cluster's links admit moves it while its contacts stay closed:
     a particle without contacts may be held by its links, and the end of a chain rattles while the rest is held.
+
+    Ellipses and spheroids are held by at least d + 1 contacts that can balance force and torque on them; three whose
+    normals meet in one point hold an ellipse.
 
     Parameters
     ----------
@@ -212,6 +227,10 @@ def find_rattlers(
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
     no_own_images("packing", packing)
+    if packing.shapes is not None:
+        return shape_rattlers(packing, _given_shape_contacts(packing, contacts, gap_tolerance))
+    if isinstance(contacts, ShapeContacts):
+        raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
     if contacts is None:
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
     else:
@@ -219,9 +238,9 @@ def find_rattlers(
     return rattling_particles(packing, contacts)
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def remove_rattlers(
-    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None
+    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | ShapeContacts | None = None
 ) -> tuple[Packing, NDArray[np.int64]]:
     """Return the packing without its rattlers, and the (N',) numbers that its particles had before.
 
@@ -358,7 +377,7 @@ def packing_fraction(packing: Packing) -> float:
     return float(volume / packing.box.volume)
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def coordination_number(packing: Packing, *, gap_tolerance: float | None = None, rattlers: str = "remove") -> float:
     """Return the mean number of contacts of a particle, 2 N_c / N' [1], in the periodic box.
 
@@ -382,7 +401,11 @@ def coordination_number(packing: Packing, *, gap_tolerance: float | None = None,
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
     one_of("rattlers", rattlers, ("remove", "keep"))
-    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    contacts: Contacts | ShapeContacts
+    if packing.shapes is None:
+        contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    else:
+        contacts = find_shape_contacts(packing, gap_tolerance=gap_tolerance)
     if rattlers == "keep":
         return 2.0 * len(contacts) / packing.particles
     rattling = find_rattlers(packing, gap_tolerance=gap_tolerance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -332,13 +333,19 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
     return {"crossing_links": pairs_crossing(after), "crossed_links": pairs_crossing(after - before)}
 
 
+def directors_of(packings: Sequence[Packing]) -> NDArray[np.float64] | None:
+    """Return the (T, N, d) directors of packings with shapes; None of others."""
+    found = [one.shapes.director_nd for one in packings if one.shapes is not None]
+    return np.array(found) if found else None
+
+
 class _TraceBuilder:
     """Rows of observables kept on the way, every so many steps. Measuring them changes no bit of what follows."""
 
     def __init__(self, scene: Scene, every: int, positions: bool) -> None:
         self.scene, self.every = scene, every
         self.rows: list[dict[str, Any]] = []
-        self.position_t: list[NDArray[np.float64]] | None = [] if positions else None
+        self.packing_t: list[Packing] | None = [] if positions else None
 
     def add_in_turn(self, step: int, program: Program) -> None:
         """Keep the figures of this step if its turn has come."""
@@ -353,9 +360,13 @@ class _TraceBuilder:
         measured = {name: getattr(now, name) for name in ("energy", "pressure", "contacts", "max_force")}
         added = measure_added(lambda: State(program.packing(), self.scene.effects, step))
         self.rows.append({"step": step, **measured, **added})
-        if self.position_t is not None:
-            self.position_t.append(program.positions())
+        if self.packing_t is not None:
+            self.packing_t.append(program.packing())
 
     def build(self) -> Trace:
         """Return what was kept."""
-        return Trace.of_rows(self.rows, position_tnd=None if self.position_t is None else np.array(self.position_t))
+        packings = self.packing_t
+        if packings is None:
+            return Trace.of_rows(self.rows)
+        position = np.array([one.position_nd for one in packings])
+        return Trace.of_rows(self.rows, position_tnd=position, director_tnd=directors_of(packings))

@@ -17,10 +17,12 @@ from scipy.sparse.csgraph import connected_components
 
 from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import Bonds, Walls, contact_terms
 from packmech.links import number_by_first
 from packmech.packing import Packing
+from packmech.shapes import Spheroids
 
 # dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
 BACKGROUND = (13, 17, 26)
@@ -97,7 +99,7 @@ def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
     ((2, 2, 2), [1])
     """
     inside = packing.wrapped()
-    contacts = find_contacts(inside)
+    contacts = touching_pairs(inside)
     force_c = _relative_force(contacts, effects)
     segments, pair_s = pair_lines(inside.position_nd, contacts.i_c, contacts.j_c, contacts.image_cd, contacts.vector_cd)
     copy_center, copy_of = _copies(inside)
@@ -127,7 +129,7 @@ def pair_lines(
     return np.concatenate([here, there]), np.concatenate([np.arange(len(i_c)), crossing])
 
 
-def _link_lines(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
+def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
     """Return lines and tensions of the bonds, then those of the links that hold shapes."""
     links = packing.links
     if links is None:
@@ -296,20 +298,44 @@ def arrow_scale(displacement_nd: NDArray[np.float64], diameter: float) -> float:
     return 1.5 * diameter / longest if longest > 0 else 1.0
 
 
-def _relative_force(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+def _relative_force(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     if not len(contacts):
         return np.zeros(0)
     if not effects:
         return np.ones(len(contacts))
     force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
+    if isinstance(contacts, ShapeContacts):
+        force_c = force_c * contacts.push_c
     mean = float(force_c.mean())
     return force_c / mean if mean > 0 else np.zeros(len(contacts))
+
+
+def ellipse_outlines(
+    center_kd: NDArray[np.float64], shapes: Spheroids, radius_k: NDArray[np.float64], corners: int = 32
+) -> NDArray[np.float64]:
+    """Return (K, corners + 1, 2) closed lines around ellipses at given centers."""
+    along, across = shapes.semi_axes(radius_k)
+    angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+    axis = shapes.director_nd
+    aside = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+    swept = np.cos(angle)[None, :, None] * (along[:, None] * axis)[:, None]
+    return np.asarray(center_kd[:, None] + swept + np.sin(angle)[None, :, None] * (across[:, None] * aside)[:, None])
+
+
+def orientations(shapes: Spheroids) -> NDArray[np.float64]:
+    """Return (N, 4) quaternions (x, y, z, w) that turn the x axis to the directors of spheroids."""
+    x, y, z = shapes.director_nd.T
+    # the shortest rotation; opposite directors are the same shape
+    sign = np.where(x < 0.0, -1.0, 1.0)
+    found = np.stack([np.zeros(len(x)), -sign * z, sign * y, 1.0 + np.abs(x)], axis=1)
+    return np.asarray(found / np.sqrt((found**2).sum(axis=1, keepdims=True)))
 
 
 def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Periodic copies of particles that reach into the cell from outside."""
     centers, owners = [], []
-    reach_nd = packing.radius_n[:, None] / packing.box.height_d
+    radius_n = packing.radius_n if packing.shapes is None else packing.shapes.reach(packing.radius_n)
+    reach_nd = radius_n[:, None] / packing.box.height_d
     fraction_nd = packing.position_nd @ packing.box.inverse_dd.T
     for shift in itertools.product((-1, 0, 1), repeat=packing.dimension):
         if any(shift):

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import Bonds, contact_terms
 from packmech.honors import honors
 from packmech.jit.compiled import device, kernel
@@ -34,11 +35,11 @@ OUTLINE_DIM = 0.75
 SLACK, TOUCH = 1e-12, 1e-12
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def draw_frame(
     packing: Packing,
     *,
-    contacts: Contacts | None = None,
+    contacts: Contacts | ShapeContacts | None = None,
     force_c: ArrayLike | None = None,
     sliding_c: ArrayLike | None = None,
     effects: tuple[Any, ...] = (),
@@ -117,7 +118,7 @@ def _booleans(name: str, value: ArrayLike, count: int) -> NDArray[np.bool_]:
 class DrawnContacts:
     """Contacts that are drawn, bonded pairs not among them; (C,) forces [force], and which of them slide."""
 
-    contacts: Contacts
+    contacts: Contacts | ShapeContacts
     force_c: NDArray[np.float64]
     sliding_c: NDArray[np.bool_]
 
@@ -125,7 +126,7 @@ class DrawnContacts:
 def drawn_contacts(
     packing: Packing,
     effects: tuple[Any, ...],
-    contacts: Contacts | None,
+    contacts: Contacts | ShapeContacts | None,
     force_c: ArrayLike | None,
     sliding_c: ArrayLike | None,
 ) -> DrawnContacts:
@@ -144,13 +145,19 @@ def drawn_contacts(
         Naming the argument that is wrong.
 
     """
+    of_packing, finder = (
+        (Contacts, "find_contacts") if packing.shapes is None else (ShapeContacts, "find_shape_contacts")
+    )
     if contacts is None:
         if force_c is not None or sliding_c is not None:
             name = "force_c" if force_c is not None else "sliding_c"
             raise ValueError(f"{name} must come with the contacts that it belongs to, got no contacts")
-        contacts = find_contacts(packing, gap_tolerance=TOUCH)
-    elif not isinstance(contacts, Contacts) or contacts.particles != packing.particles:
-        raise TypeError(f"contacts must be those of the packing (pm.find_contacts), got {type(contacts).__name__}")
+        if packing.shapes is not None:
+            contacts = find_shape_contacts(packing, gap_tolerance=TOUCH)
+        else:
+            contacts = find_contacts(packing, gap_tolerance=TOUCH)
+    elif not isinstance(contacts, of_packing) or contacts.particles != packing.particles:
+        raise TypeError(f"contacts must be those of the packing (pm.{finder}), got {type(contacts).__name__}")
     sliding = np.zeros(len(contacts), dtype=bool)
     if sliding_c is not None:
         sliding = _booleans("sliding_c", sliding_c, len(contacts))
@@ -162,7 +169,7 @@ def drawn_contacts(
     return DrawnContacts(contacts.select(apart), force[apart], sliding[apart])
 
 
-def contact_forces(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+def contact_forces(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     """Return the (C,) magnitudes of the forces that effects with an energy exert; 1 without any.
 
     They are 1 too where nothing overlaps by more than rounding, as in lattices that just touch.
@@ -171,13 +178,15 @@ def contact_forces(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.f
     if not acting or not len(contacts) or contacts.overlap_c.max() <= TOUCH:
         return np.ones(len(contacts))
     force = np.abs(contact_terms(acting, contacts.distance_c, contacts.contact_distance_c).first_c)
+    if isinstance(contacts, ShapeContacts):
+        force = force * contacts.push_c
     # centers that coincide under a law that diverges there: as strong as the strongest that is a number
     finite = np.isfinite(force) & (force < 1e150)
     force[~finite] = force[finite].max(initial=1.0)
     return force
 
 
-def not_bonded(contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
+def not_bonded(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
     """Return the (C,) marks of pairs that no bond joins."""
     apart = np.ones(len(contacts), dtype=bool)
     for bonds in (one for one in effects if isinstance(one, Bonds) and len(one)):
@@ -218,7 +227,8 @@ class _Picture:
         if self.flat:  # the sides that a rectangle of the same volume would have keep the scale under shear
             room = np.maximum(room, ROOM * self.cell.box.volume / extent[::-1])
         else:
-            room = room + 2.0 * beads * packing.radius_n.max()
+            shapes = packing.shapes
+            room = room + 2.0 * beads * (packing.radius_n if shapes is None else shapes.reach(packing.radius_n)).max()
         self.scale = float((np.array(size) / room).min())
         self.middle_s = 0.5 * (low + high)
 
@@ -249,8 +259,19 @@ class _Picture:
         return finished(image)
 
     def _paint_discs(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8]) -> None:
-        radius = self.packing.radius_n
-        reach = 0.5 * np.array(self.size) + self.scale * radius.max()
+        shapes, radius = self.packing.shapes, self.packing.radius_n
+        along, across = (radius, radius) if shapes is None else shapes.semi_axes(radius)
+        largest = float(np.maximum(along, across).max())
+        reach = 0.5 * np.array(self.size) + self.scale * largest
+
+        def paint(center: NDArray[np.float64], seen: Any, color: NDArray[np.float64]) -> None:
+            if shapes is None:
+                paint_discs(image, center, self.scale * radius[seen], color)
+                return
+            # pixels go down
+            axis = shapes.director_nd[seen] * np.array([1.0, -1.0])
+            paint_ellipses(image, center, self.scale * along[seen], self.scale * across[seen], axis, color)
+
         for shift in np.ndindex(3, 3):
             moved = self.cell.inside_nd + self.cell.box.lattice_dd @ (np.array(shift) - 1.0)
             center = self.place(moved)
@@ -258,9 +279,9 @@ class _Picture:
                 continue  # the cell itself comes last, over its copies
             seen = np.all(np.abs(center - 0.5 * np.array(self.size)) < reach, axis=1)
             color = drawing.dimmed(color_nc[seen]).astype(np.float64)
-            paint_discs(image, center[seen], self.scale * radius[seen], color)
+            paint(center[seen], seen, color)
         center = self.place(self.cell.inside_nd)
-        paint_discs(image, center, self.scale * radius, color_nc.astype(np.float64))
+        paint(center, slice(None), color_nc.astype(np.float64))
 
     def _paint_space(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8], lines: list[_Lines]) -> None:
         corner = self.place(np.concatenate(drawing.box_outline(self.cell.box)))[:, 2]
@@ -274,8 +295,14 @@ class _Picture:
         depth = np.full(image.shape[:2], -np.inf)
         center = self.place(self.cell.inside_nd)
         order = np.argsort(center[:, 2], kind="stable")
-        radius = self.beads * self.scale * self.packing.radius_n
-        paint_spheres(image, depth, center[order], radius[order], lit(color_nc[order], center[order, 2]))
+        size = self.beads * self.scale
+        color = lit(color_nc[order], center[order, 2])
+        if self.packing.shapes is None:
+            paint_spheres(image, depth, center[order], size * self.packing.radius_n[order], color)
+        else:
+            along, across = self.packing.shapes.semi_axes(size * self.packing.radius_n)
+            axis = self.packing.shapes.director_nd @ self.axes_ds
+            paint_spheroids(image, depth, center[order], along[order], across[order], axis[order], color)
         end = self.place(np.concatenate([one.end_sed for one in lines]))
         middle = end[:, :, 2].mean(axis=1)
         color = lit(np.concatenate([one.color_sc for one in lines]), middle)
@@ -307,7 +334,7 @@ class _Picture:
             found.append(_Lines(end, width, drawing.tension_colors(pull, shape=False).astype(np.float64)))
         return found
 
-    def _links(self, contacts: Contacts, effects: tuple[Any, ...]) -> list[_Lines]:
+    def _links(self, contacts: Any, effects: tuple[Any, ...]) -> list[_Lines]:
         links = self.packing.links
         if links is None:
             return []
@@ -419,6 +446,31 @@ def paint_discs(image, center_kd, radius_k, color_kc):
 
 
 @kernel
+def paint_ellipses(image, center_kd, along_k, across_k, axis_kd, color_kc):
+    """Paint ellipses one over the other, as discs are painted; the axis is the unit vector along `along_k`."""
+    height, width = image.shape[0], image.shape[1]
+    for k in range(along_k.shape[0]):
+        cx, cy, a, b, ux, uy = center_kd[k, 0], center_kd[k, 1], along_k[k], across_k[k], axis_kd[k, 0], axis_kd[k, 1]
+        y0, y1 = _covered(cy, np.sqrt(a * a * uy * uy + b * b * ux * ux), height)
+        x0, x1 = _covered(cx, np.sqrt(a * a * ux * ux + b * b * uy * uy), width)
+        red, green, blue = color_kc[k, 0], color_kc[k, 1], color_kc[k, 2]
+        for y in range(y0, y1):
+            dy = y + 0.5 - cy
+            for x in range(x0, x1):
+                dx = x + 0.5 - cx
+                p, q = (ux * dx + uy * dy) / a, (ux * dy - uy * dx) / b
+                part = np.sqrt(p * p + q * q)
+                # how far outside, to first order
+                slope = np.sqrt((p / a) ** 2 + (q / b) ** 2) / max(part, 1e-12)
+                outside = (part - 1.0) / max(slope, 1e-12)
+                if outside >= 0.5:
+                    continue
+                line = min(1.0, max(0.0, outside + EDGE + 0.5))
+                shade = (1.0 - (1.0 - RIM) * part * part) * (1.0 - (1.0 - EDGE_SHADE) * line)
+                _blend(image, y, x, min(1.0, 0.5 - outside), shade * red, shade * green, shade * blue)
+
+
+@kernel
 def paint_lines(image, depth, end_sed, half_width_s, color_sc):
     """Paint lines with round ends one over the other; with a depth as rods in space, hidden by what is before them."""
     height, width = image.shape[0], image.shape[1]
@@ -484,6 +536,48 @@ def paint_spheres(image, depth, center_kd, radius_k, color_kc):
                 gloss = max(0.0, -0.225 * dx * over + 0.278 * -dy * over + 0.934 * toward)
                 gloss = HIGHLIGHT * gloss**24
                 shade = AMBIENT + 0.12 * toward + (DIFFUSE - 0.12) * max(0.0, lit)
+                _blend(image, y, x, cover, shade * red + gloss, shade * green + gloss, shade * blue + gloss)
+                if cover >= 0.5:
+                    depth[y, x] = cz + rise
+
+
+@kernel
+def paint_spheroids(image, depth, center_kd, along_k, across_k, axis_kd, color_kc):
+    """Paint spheroids in the order given, lit as spheres are, and keep the depth of what is seen.
+
+    A place x from the center is on the surface where x M x = 1, with M = 1 / b^2 + (1 / a^2 - 1 / b^2) u u^T.
+    """
+    height, width = image.shape[0], image.shape[1]
+    for k in range(along_k.shape[0]):
+        cx, cy, cz, a, b = center_kd[k, 0], center_kd[k, 1], center_kd[k, 2], along_k[k], across_k[k]
+        ux, uy, uz = axis_kd[k, 0], axis_kd[k, 1], axis_kd[k, 2]
+        more = 1.0 / (a * a) - 1.0 / (b * b)
+        x0, x1 = _covered(cx, np.sqrt(b * b + (a * a - b * b) * ux * ux), width)
+        y0, y1 = _covered(cy, np.sqrt(b * b + (a * a - b * b) * uy * uy), height)
+        red, green, blue = color_kc[k, 0], color_kc[k, 1], color_kc[k, 2]
+        mzz = 1.0 / (b * b) + more * uz * uz
+        for y in range(y0, y1):
+            # pixels go down
+            dy = cy - (y + 0.5)
+            for x in range(x0, x1):
+                dx = x + 0.5 - cx
+                flat = ux * dx + uy * dy
+                half = more * uz * flat
+                inside = half * half - mzz * ((dx * dx + dy * dy) / (b * b) + more * flat * flat - 1.0)
+                # pixels within the outline, about
+                cover = min(1.0, 0.5 + 0.5 * min(a, b) * inside / mzz)
+                if cover <= 0.0:
+                    continue
+                rise = (np.sqrt(max(0.0, inside)) - half) / mzz
+                if cz + rise <= depth[y, x]:
+                    continue
+                along = more * (flat + uz * rise)
+                nx, ny, nz = dx / (b * b) + along * ux, dy / (b * b) + along * uy, rise / (b * b) + along * uz
+                over = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
+                nx, ny, nz = nx * over, ny * over, nz * over
+                gloss = HIGHLIGHT * max(0.0, -0.225 * nx + 0.278 * ny + 0.934 * nz) ** 24
+                lit = max(0.0, LIGHT[0] * nx + LIGHT[1] * ny + LIGHT[2] * nz)
+                shade = AMBIENT + 0.12 * nz + (DIFFUSE - 0.12) * lit
                 _blend(image, y, x, cover, shade * red + gloss, shade * green + gloss, shade * blue + gloss)
                 if cover >= 0.5:
                     depth[y, x] = cz + rise

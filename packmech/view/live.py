@@ -156,9 +156,10 @@ class Recording:
         at = writer.next_step if step is None else integer("step", step, at_least=writer.next_step)
         when = float(at) if time is None else real("time", time)
         touching = None
-        if not writer.linked:
+        if not writer.resting:
             drawn = drawn_contacts(packing, writer.scene.effects, contacts, force_c, sliding_c)
             shown = drawn.contacts
+            assert isinstance(shown, Contacts)
             pushed = -drawn.force_c[:, None] * shown.normal_cd
             touching = Touching(shown.i_c, shown.j_c, shown.image_cd, drawn.force_c, pushed, drawn.sliding_c)
         writer.take(Frame(at, when, packing, touching), _numbers(figures))
@@ -200,7 +201,8 @@ class _Writer:
         self.results: dict[str, Any] = {}
         self.frames, self.next_step = 0, 0
         packing = scene.packing
-        self.linked = packing.links is not None
+        # frames are drawn as packings at rest: contacts of what is linked or has shapes are found there
+        self.linked, self.resting = packing.links is not None, not packing.plain
         self.block: list[Frame] = []
         self.size = max(1, BLOCK_NUMBERS // (packing.particles * packing.dimension * 12))
         # what the layout is made of: figures, the first step, the last frame, and those with the widest boxes
@@ -217,7 +219,7 @@ class _Writer:
         self.stream.send_recording_name(path.stem)
         self.send_properties(of_parameters=True)
         self.world = World(self.stream, packing, drawing.particle_colors(packing, scene.effects))
-        if self.linked:
+        if self.resting:
             log_resting(self.world)
         else:
             log_moving(self.world)
@@ -242,6 +244,12 @@ class _Writer:
             raise ValueError("packing must have the scene's radii, got others")
         if (packing.links is None) == self.linked:
             raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
+        if packing.shapes is not None and mine.shapes is not None:
+            same = np.array_equal(packing.shapes.aspect_n, mine.shapes.aspect_n)
+        else:
+            same = packing.shapes is mine.shapes
+        if not same:
+            raise ValueError(f"packing must have shapes as the scene has, got {packing.shapes!r:.40}")
         return packing
 
     def take(self, frame: Frame, figures: Mapping[str, float]) -> None:
@@ -269,7 +277,7 @@ class _Writer:
         """Send the frames that are waiting."""
         block, self.block = self.block, []
         if block:
-            (send_resting if self.linked else send_moving)(self.world, self.scene.effects, block)
+            (send_resting if self.resting else send_moving)(self.world, self.scene.effects, block)
 
     def finish(self) -> None:
         """Send all that is left, with the layout, and let go of the file."""
@@ -300,7 +308,7 @@ class _Writer:
             self.scene.effects,
             curves,
             *self.looped(curves),
-            in_motion=not self.linked,
+            in_motion=not self.resting,
         )
         if self.loop is not None and len(trajectory.strain_t):
             log_loop(self.stream, trajectory, curves[self.loop[0]][0])
@@ -308,7 +316,7 @@ class _Writer:
 
     def looped(self, curves: Mapping[str, Curve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the two figures that are drawn against each other, where both are known."""
-        if self.linked or self.loop is None or any(name not in curves for name in self.loop):
+        if self.resting or self.loop is None or any(name not in curves for name in self.loop):
             return np.zeros(0), np.zeros(0)
         (across_at, across), (up_at, up) = (curves[name] for name in self.loop)
         if not (np.array_equal(across_at, up_at) and np.ptp(across) > 0.0):

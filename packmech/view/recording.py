@@ -142,6 +142,10 @@ def property_values(properties: Mapping[str, Any]) -> rr.AnyValues:
     return rr.AnyValues(**{name: pyarrow.array([value]) for name, value in properties.items()})
 
 
+# half the width of an ellipse's outline [reference diameter]
+SHAPE_RIM = 0.03
+
+
 class World:
     """What every recording shows of its packing, under `world`, and its exact arrays, under `state`.
 
@@ -189,20 +193,67 @@ class World:
             stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
             for name, place in {"particles/copies": 20.0, "particles": 30.0, "box": 60.0, **order}.items():
                 kind: Any = rr.Arrows2D if name in arrows else rr.LineStrips2D
-                kind = rr.Points2D if name.startswith("particles") else kind
+                if name.startswith("particles") and packing.shapes is None:
+                    kind = rr.Points2D
                 stream.log(f"world/{name}", kind.from_fields(draw_order=place), static=True)
         else:
             stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        stream.log(
-            "world/particles", self.points.from_fields(radii=packing.radius_n, colors=self.color_nc), static=True
-        )
+        stream.log("world/particles", self._static_particles(), static=True)
         for name, (width, color) in lines.items():
             kind = self.arrows if name in arrows else self.strips
             radii = None if width is None else width * packing.reference_diameter
             stream.log(f"world/{name}", kind.from_fields(radii=radii, colors=color), static=True)
         stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
+        if packing.shapes is not None:
+            stream.log("state/aspect", rr.AnyValues(aspect_n=packing.shapes.aspect_n), static=True)
         if summary:
             stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
+
+    def _static_particles(self) -> Any:
+        """Return what does not change of the particles: sizes and colors."""
+        packing, shapes = self.packing, self.packing.shapes
+        if shapes is None:
+            return self.points.from_fields(radii=packing.radius_n, colors=self.color_nc)
+        if self.flat:
+            # outlines, whose corners change
+            return rr.LineStrips2D.from_fields(radii=SHAPE_RIM * packing.reference_diameter)
+        along, across = shapes.semi_axes(packing.radius_n)
+        return rr.Ellipsoids3D.from_fields(
+            half_sizes=np.stack([along, across, across], axis=1),
+            colors=self.color_nc,
+            fill_mode=rr.components.FillMode.Solid,
+        )
+
+    def _send_shapes(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
+        """Send particles with shapes of several frames: ellipses as their outlines, spheroids as such."""
+        shapes_f = [one.shapes for one in packing_f if one.shapes is not None]
+        count_f = [len(one.center_nd) for one in drawing_f]
+        radius = self.packing.radius_n
+        if not self.flat:
+            columns = rr.Ellipsoids3D.columns(
+                centers=np.concatenate([one.center_nd for one in drawing_f]),
+                quaternions=np.concatenate([drawing.orientations(one) for one in shapes_f]),
+            )
+            self.send(clock, "world/particles", columns, count_f)
+            return
+        inner = [
+            drawing.ellipse_outlines(one.center_nd, shapes, radius)
+            for one, shapes in zip(drawing_f, shapes_f, strict=True)
+        ]
+        colors = np.concatenate([self.color_nc] * len(inner))
+        strips = rr.LineStrips2D.columns(strips=list(np.concatenate(inner)), colors=colors)
+        self.send(clock, "world/particles", strips, count_f)
+        owner_f = [one.copy_of_k for one in drawing_f]
+        outer = [
+            drawing.ellipse_outlines(one.copy_center_kd, shapes.select(owner), radius[owner])
+            for one, shapes, owner in zip(drawing_f, shapes_f, owner_f, strict=True)
+        ]
+        owner_k = np.concatenate(owner_f)
+        copies = rr.LineStrips2D.columns(
+            strips=list(np.concatenate(outer)), colors=drawing.dimmed(self.color_nc[owner_k]),
+            radii=np.full(len(owner_k), SHAPE_RIM * self.packing.reference_diameter),
+        )  # fmt: skip
+        self.send(clock, "world/particles/copies", copies, [len(one) for one in owner_f])
 
     def send(self, clock: Clock, path: str, columns: Any, sizes: Sequence[int]) -> None:
         """Send columns of several frames, so many rows of each."""
@@ -218,8 +269,13 @@ class World:
         center_f, owner_f = [one.center_nd for one in drawing_f], [one.copy_of_k for one in drawing_f]
         centers, owner_k = np.concatenate(center_f), np.concatenate(owner_f)
         count_f = [len(one) for one in center_f]
-        self.send(clock, "world/particles", self.points.columns(positions=centers), count_f)
-        if self.flat:
+        if self.packing.shapes is not None:
+            self._send_shapes(clock, packing_f, drawing_f)
+            directors = [one.shapes.director_nd for one in packing_f if one.shapes is not None]
+            self.send_state(clock, "director", "director_nd", directors)
+        else:
+            self.send(clock, "world/particles", self.points.columns(positions=centers), count_f)
+        if self.flat and self.packing.shapes is None:
             copies = self.points.columns(
                 positions=np.concatenate([one.copy_center_kd for one in drawing_f]),
                 radii=self.packing.radius_n[owner_k],

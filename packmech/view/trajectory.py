@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.contacts import find_contacts
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
 from packmech.links import image_offsets
 from packmech.measure.stress import energy, force_balance, pressure
 from packmech.mechanics.rattling import rattlers_in
+from packmech.minimize.quench import directors_of
 from packmech.observables import OBSERVABLES, State, measure_added
 from packmech.packing import Packing
 from packmech.result import Run, Trace
 from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
+from packmech.shapes import Spheroids
 from packmech.view import drawing
 
 Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -111,12 +113,12 @@ class Motion:
 def trajectory_of_packing(subject: Packing | Scene) -> Trajectory:
     """Return the trajectory of one packing: a single frame, and its numbers as curves of one point."""
     if isinstance(subject, Packing):
-        curves = {"contacts": _point(len(find_contacts(subject)))}
+        curves = {"contacts": _point(len(touching_pairs(subject)))}
         return Trajectory((Frame(0, 0.0, subject),), (), curves)
     packing = subject.packing
     values = {"energy": energy(subject), "pressure": pressure(subject), "max force": force_balance(subject)[0]}
     curves = {f"log10 {name}": _point(np.log10(value)) for name, value in values.items() if value > 0.0}
-    curves["contacts"] = _point(len(find_contacts(packing)))
+    curves["contacts"] = _point(len(touching_pairs(packing)))
     return Trajectory((Frame(0, 0.0, packing),), subject.effects, curves)
 
 
@@ -153,12 +155,19 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
             scene.packing.replace(
                 position_nd=trace.position_tnd[t],
                 box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
+                shapes=_turned_to(scene.packing, None if trace.director_tnd is None else trace.director_tnd[t]),
             ),
         )
         for t in chosen
     ]
     last = max(int(run.steps), kept[-1].step + 1)
     return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
+
+
+def _turned_to(packing: Packing, director_nd: NDArray[np.float64] | None) -> Spheroids | None:
+    """Return the shapes of a packing with other directors."""
+    shapes = packing.shapes
+    return shapes if shapes is None or director_nd is None else Spheroids(shapes.aspect_n, director_nd)
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -306,7 +315,9 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
 
     """
     # the pairs of a hard packing touch to rounding only: there is no force to draw
-    kept = [(step, packing) for step, packing in zip(step_t, packing_t, strict=True) if len(find_contacts(packing)) > 0]
+    kept = [
+        (step, packing) for step, packing in zip(step_t, packing_t, strict=True) if len(touching_pairs(packing)) > 0
+    ]
     scenes = [scene.replace(packing=packing) for _, packing in kept]
     if not scenes:
         kept, scenes = [(0, scene.packing)], [scene]
@@ -315,7 +326,7 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
             "step": step,
             "energy": energy(one),
             "pressure": pressure(one),
-            "contacts": len(find_contacts(one.packing)),
+            "contacts": len(touching_pairs(one.packing)),
             "max_force": force_balance(one)[0],
             **measure_added(partial(State, one.packing, one.effects, step)),
         }
@@ -325,6 +336,7 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
         rows,
         position_tnd=np.array([_in_images_of(scene.packing, one.packing) for one in scenes]),
         lattice_tdd=np.array([one.packing.box.lattice_dd for one in scenes]),
+        director_tnd=directors_of([one.packing for one in scenes]),
     )
 
 
