@@ -33,6 +33,7 @@ RESULTS = {
     "PressureShear", "WallContacts",
     "WallModuli",
     "WorkPrecision",
+    "QuarticModes", "ShapeContacts",
     "particle_shear",
 }  # fmt: skip
 
@@ -86,6 +87,11 @@ def touching():
 
 def scene():
     return pm.Scene(touching(), (pm.Repulsion(),))
+
+
+def ellipses():
+    shapes = pm.Spheroids([2.0, 1.5], [[1.0, 0.2], [0.0, 1.0]])
+    return pm.Packing([[0.5, 0.5], [1.4, 1.3]], [0.5, 0.5], pm.Box.cubic(1.8, 2), shapes=shapes)
 
 
 def pressed():
@@ -338,6 +344,13 @@ BAD = {
     "aspect_pk": [None, "a", [2.0, 2.0], [[2.0]], [[2.0, -1.0]], [[2.0, INF]]],
     "director_pkd": [None, "d", [[1.0, 0.0]], [[[1.0, 0.0], [0.0, 0.0]]], [[[1.0, NAN], [0.0, 1.0]]]],
     "contact_distance.level": CHOICE,
+    "find_shape_contacts.packing": [None, 3, "p", touching()],
+    "second": SWITCH,
+    "quartic_modes.scene": [None, 3, "scene", touching(), scene()],
+    "quartic_modes.strain": CHOICE,
+    "turn_nk": [np.zeros(9), np.zeros((9, 1)), np.full((2, 1), NAN), "t"],
+    "displaced.displacement_nd": [np.zeros(4), np.zeros((9, 2)), np.full((2, 2), NAN), "u", None],
+    "aspect": [NAN, 0.0, -1.0, "2", [1.0], [1.0, 0.0, 1.0, 1.0]],
     "Packing.shapes": [3, "ellipses", pm.Spheroids([2.0, 2.0], [[1.0, 0.0], [1.0, 0.0]])],
     "aspect_n": [None, "a", [0.0, 1.0], [NAN, 1.0], [[2.0, 2.0]]],
     "director_nd": [None, "d", [1.0, 0.0], [[1.0], [1.0]], [[0.0, 0.0], [1.0, 0.0]], [[NAN, 0.0], [1.0, 0.0]]],
@@ -583,6 +596,9 @@ def good(name, folder):
             "aspect_pk": [[2.0, 0.5]],
             "director_pkd": [[[1.0, 0.0], [0.0, 1.0]]],
         },
+        "find_shape_contacts": {"packing": ellipses()},
+        "quartic_modes": {"scene": pm.Scene(ellipses(), (pm.Repulsion(),))},
+        "displaced": {"packing": ellipses(), "displacement_nd": np.zeros((2, 2)), "turn_nk": np.zeros((2, 1))},
         "FixedParticles": {"particles": (0, 3), "velocity": (1.0, 0.0)},
         "shear_jam": {"scene": scene(), "pressure": 1e-3, "largest_strain": 0.01},
         "shear_at_pressure": {

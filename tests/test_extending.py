@@ -65,7 +65,7 @@ class Downhill(NamedTuple):
             progress.number[1] += 1
             if status:
                 return status
-            program.place(program.positions() + self.step * now.force_nd)
+            program.place(program.coordinates() + self.step * now.force_nd)
             progress.number[0] += 1
         return program.judge(goal)[0]
 

@@ -87,6 +87,12 @@ def at_rest():
     return pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
 
 
+def with_shapes(scene):
+    """Return the scene with ellipses, all along x, in place of discs."""
+    n = scene.packing.particles
+    return scene.replace(packing=scene.packing.replace(shapes=pm.Spheroids(np.full(n, 1.1), np.eye(2)[[0] * n])))
+
+
 RESTING = {
     "energy": pm.energy,
     "forces": pm.forces,
@@ -108,6 +114,7 @@ RESTING = {
     "normal_modes": lambda scene: pm.normal_modes(scene).frequency_m,
     "density_of_states": lambda scene: pm.density_of_states(scene).density_b,
     "elastic_moduli": lambda scene: pm.elastic_moduli(scene).cauchy,
+    "quartic_modes": lambda scene: pm.quartic_modes(with_shapes(scene)).curvature_m,
     "stiffness_matrix": lambda scene: pm.stiffness_matrix(scene).toarray(),
     "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
     "compliance_matrix": lambda scene: pm.compliance_matrix(scene),

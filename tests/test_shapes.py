@@ -6,7 +6,17 @@ import pytest
 import packmech as pm
 from packmech.honors import CALLS
 
-HONOR = {"energy", "forces", "stress_tensor", "pressure", "torques", "packing_fraction", "write_packing"}
+# calls are declared as their modules are imported
+for _name in dir(pm):
+    getattr(pm, _name)
+
+HONOR = {
+    "energy", "forces", "stress_tensor", "pressure", "torques", "packing_fraction", "write_packing",
+    "at_packing_fraction", "find_shape_contacts", "find_rattlers", "remove_rattlers", "coordination_number",
+    "draw_frame", "displaced", "quench", "jam", "compress", "shear_stabilize", "sweep_pressure", "sweep_stress",
+    "jamming_scaling", "hessian", "dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states",
+    "elastic_moduli", "states_of_self_stress", "floppy_modes", "quartic_modes",
+}  # fmt: skip
 
 
 def crowded(d, count=24, seed=1, aspect=(0.5, 2.0)):
@@ -176,7 +186,7 @@ def test_every_other_call_refuses_shapes_by_name():
                 one.check("scene", scene)
             with pytest.raises(ValueError, match="got Spheroids"):
                 one.check("packing", scene.packing)
-    for call in (pm.quench, pm.jam, pm.elastic_moduli, pm.find_contacts):
+    for call in (pm.classify_jamming, pm.find_contacts, pm.compliance_matrix):
         with pytest.raises(ValueError, match="which knows no other shapes"):
             call(scene if call is not pm.find_contacts else scene.packing)
 
@@ -185,8 +195,14 @@ def test_effects_that_would_take_them_for_discs_are_refused():
     scene = crowded(2)
     for effect in (pm.Gravity(), pm.Walls(1, 0.0, 3.0), pm.Friction(), pm.FixedParticles((1,))):
         name = type(effect).__name__
-        with pytest.raises(ValueError, match=f"must hold no {name} for Spheroids"):
-            pm.forces(scene.replace(effects=(pm.Repulsion(), effect)))
+        for call in (pm.forces, lambda scene: pm.quench(scene, force_tolerance=1e-6)):
+            with pytest.raises(ValueError, match=f"must hold no {name} for Spheroids|would ignore, got {name}"):
+                call(scene.replace(effects=(pm.Repulsion(), effect)))
+    # what honors an effect for discs says that it knows it for none other
+    with pytest.raises(ValueError, match="must have no friction for a packing with links or shapes"):
+        pm.jam(scene.replace(effects=(pm.Repulsion(), pm.Friction())))
+    with pytest.raises(ValueError, match="must hold no Friction for Spheroids"):
+        pm.elastic_moduli(scene.replace(effects=(pm.Repulsion(), pm.Friction())))
 
 
 def test_the_record_is_checked_selected_and_compared():

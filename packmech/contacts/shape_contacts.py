@@ -220,6 +220,7 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, 
     instance("packing", packing, Packing)
     if packing.shapes is None:
         raise ValueError("packing must have shapes, got one of discs or spheres: ask pm.find_contacts")
+    instance("second", second, bool)
     tolerance = gap_limit(gap_tolerance)
     pairs = candidate_shapes(packing, (1.0 + tolerance) * (1.0 + 1e-9))
     near = shape_contacts(packing, pairs)

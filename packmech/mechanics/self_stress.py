@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import one_of, positive, real
+from packmech.check import instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts
@@ -249,6 +249,7 @@ def _prepare(
     one_of("method", method, METHODS)
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
     positive("basis_limit", limit)
+    instance("packing", packing, Packing)
     found: Contacts | ShapeContacts
     if packing.shapes is None:
         if isinstance(contacts, ShapeContacts):

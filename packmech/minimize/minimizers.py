@@ -49,7 +49,7 @@ def minimizer(cls: M) -> M:
     ...             progress.number[1] += 1
     ...             if status:
     ...                 return status
-    ...             program.place(program.positions() + self.step * now.force_nd)
+    ...             program.place(program.coordinates() + self.step * now.force_nd)
     ...             progress.number[0] += 1
     ...         return program.judge(goal)[0]
     >>> packing = pm.random_packing(16, dimension=2, packing_fraction=0.9, seed=1)

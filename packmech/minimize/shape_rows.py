@@ -117,13 +117,15 @@ def spin_of(row, velocity_nd, k):
 
 @device
 def _turn_rows(effects, axes, row, force_nd, velocity_nd):
-    n = shapes_of(effects).radius_n.shape[0]
+    shapes = shapes_of(effects)
+    n = shapes.radius_n.shape[0]
     power = 0.0
     whole = 0.0
     largest = 0.0
     for k in range(n, 2 * n):
         x, y, z = row[k, 0], row[k, 1], row[k, 2]
-        inverse = 1.0 / (x * x + y * y + z * z)
+        square = x * x + y * y + z * z
+        inverse = 1.0 / square
         if len(axes) == 2:
             torque = inverse * force_nd[k, 0]
             fx, fy = -torque * y, torque * x
@@ -140,12 +142,13 @@ def _turn_rows(effects, axes, row, force_nd, velocity_nd):
             own = fx * fx + fy * fy + fz * fz
             power += fx * velocity_nd[k, 0] + fy * velocity_nd[k, 1] + fz * velocity_nd[k, 2]
         whole += own
-        largest = max(largest, own)
+        # balance is judged by the radius of gyration, whatever the director's length is now
+        largest = max(largest, own * square / shapes.gyration_n[k - n] ** 2)
     return power, whole, largest
 
 
 def turn_rows(effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> tuple[float, float, float]:
-    """Make forces on directors of the torques in their rows; return F.v and F.F over them and the largest F.F."""
+    """Make forces on directors of the torques in their rows; return F.v, F.F, and the square of the largest."""
     if has_shapes(effects):
         power, whole, largest = _turn_rows(effects, axes, row, force_nd, velocity_nd)
         return power, whole, largest

@@ -149,8 +149,8 @@ def jam(
     linked = not scene.packing.plain
     if linked and frictional:
         raise ValueError(
-            "scene must have no friction for a packing with links, which cannot be pressed, got Friction: leave it out "
-            "with scene.without(pm.Friction)"
+            "scene must have no friction for a packing with links or shapes, which cannot be pressed, got Friction: "
+            "leave it out with scene.without(pm.Friction)"
         )
     if method is None:
         method = Press() if frictional else Decompression() if linked else HardVertex()

@@ -160,7 +160,7 @@ def test_a_thousand_times_smaller_box_than_particle_is_refused_with_a_reason():
 
 def test_positions_of_the_wrong_shape_are_refused():
     program = build_program(pm.Scene(mixture(), REPULSION))
-    with pytest.raises(ValueError, match=r"position_nd must have shape"):
+    with pytest.raises(ValueError, match=r"coordinate_rd must have shape"):
         program.place(np.zeros((3, 2)))
 
 

@@ -1,0 +1,87 @@
+"""Facts about pictures and recordings of ellipses and spheroids."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.cli import execute
+from packmech.view import drawing
+from packmech.view.frame import blank, paint_ellipses, paint_spheroids
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.3])
+def test_an_ellipse_covers_its_area_where_it_lies(aspect, angle):
+    along, across = 80.0 * np.sqrt(aspect), 80.0 / np.sqrt(aspect)
+    image = blank((400, 300), (0, 0, 0))
+    # pixels go down
+    axis = np.array([[np.cos(angle), -np.sin(angle)]])
+    paint_ellipses(
+        image, np.array([[190.0, 140.0]]), np.array([along]), np.array([across]), axis, np.full((1, 3), 200.0)
+    )
+    covered = image[:, :, 0] > 40.0
+    assert covered.sum() == pytest.approx(np.pi * 80.0**2, rel=0.02)
+    y, x = np.nonzero(covered)
+    assert (x.mean(), y.mean()) == pytest.approx((189.5, 139.5), abs=0.1)
+    value, vector = np.linalg.eigh(np.cov(x, -y))
+    assert np.allclose(np.sqrt(4.0 * value), sorted([along, across]), rtol=0.01)
+    if aspect != 1.0:
+        found = vector[:, 1] if aspect > 1.0 else vector[:, 0]
+        assert abs(found @ [np.cos(angle), np.sin(angle)]) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("aspect", [0.5, 2.0])
+def test_a_spheroid_seen_along_its_axis_is_a_disc_and_across_it_an_ellipse(aspect):
+    along, across = 60.0 * aspect, 60.0
+    for axis, width in (([0.0, 0.0, 1.0], across), ([1.0, 0.0, 0.0], along), ([0.6, 0.0, 0.8], None)):
+        image, depth = blank((400, 300), (0, 0, 0)), np.full((300, 400), -np.inf)
+        sizes = np.array([along]), np.array([across])
+        paint_spheroids(image, depth, np.array([[190.0, 140.0, 5.0]]), *sizes, np.array([axis]), np.full((1, 3), 200.0))
+        width = np.hypot(0.6 * along, 0.8 * across) if width is None else width
+        assert np.isfinite(depth).sum() == pytest.approx(np.pi * across * width, rel=0.02)
+        x = np.nonzero(np.isfinite(depth))[1]
+        assert np.ptp(x) == pytest.approx(2.0 * width, abs=2.0)
+        # its top is as high as the axis lets it be
+        top = np.hypot(axis[2] * along, np.hypot(*axis[:2]) * across)
+        assert depth.max() == pytest.approx(5.0 + top, abs=0.2)
+
+
+def test_aspect_one_is_drawn_as_discs_and_spheres_are():
+    for d in (2, 3):
+        packing = pm.random_packing(20, dimension=d, packing_fraction=0.5, seed=1)
+        shapes = pm.Spheroids(np.ones(20), np.eye(d)[[0] * 20])
+        one, other = (pm.draw_frame(each, size=(240, 200)) for each in (packing, packing.replace(shapes=shapes)))
+        assert np.abs(one.astype(float) - other.astype(float)).mean() < 1.0
+
+
+def test_quaternions_turn_the_first_axis_to_the_director():
+    shapes = pm.Spheroids(np.full(50, 2.0), np.random.default_rng(1).normal(size=(50, 3)))
+    x, y, z, w = drawing.orientations(shapes).T
+    first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
+    assert np.abs(np.abs((first * shapes.director_nd).sum(axis=1)) - 1.0).max() < 1e-12
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_recordings_are_written_and_take_shapes_of_the_scene_alone(tmp_path, d):
+    start = pm.random_packing(8, dimension=d, packing_fraction=0.9, seed=1, aspect=1.6)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    run = pm.quench(scene, force_tolerance=1e-6, trace_every=20, trace_positions=True)
+    path = pm.record_run(run, tmp_path / "run.rrd", scene=scene)
+    assert path.stat().st_size > 1000
+    assert pm.record_packing(scene.replace(packing=run.packing), tmp_path / "one.rrd").stat().st_size > 1000
+    with pm.Recording(tmp_path / "live.rrd", scene) as recording:
+        recording.add(run.packing, figures={"energy": 1.0})
+        with pytest.raises(ValueError, match="shapes as the scene has"):
+            recording.add(run.packing.replace(shapes=None))
+
+
+def test_the_command_jams_ellipses_and_resumes(tmp_path):
+    words = ["shapes", "--out", str(tmp_path), "--particles", "12", "--packings", "1", "--aspects", "1.2", "1.5", "2"]
+    assert execute(words) == 0
+    table = (tmp_path / "jammed-2d.csv").read_text(encoding="utf-8")
+    assert execute(words) == 0 and (tmp_path / "jammed-2d.csv").read_text(encoding="utf-8") == table
+    rows = [dict(zip(*[line.split(",") for line in (table.splitlines()[0], row)], strict=True))
+            for row in table.splitlines()[1:]]  # fmt: skip
+    assert [row["states_of_self_stress"] for row in rows] == ["1"] * 3
+    assert (tmp_path / "jammed-2d.png").stat().st_size > 1000
+    assert len(list((tmp_path / "packings").iterdir())) == 3
