@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, one_of, positive_array
-from packmech.jit.compiled import device, kernel
+from packmech.jit.compiled import device, inlined, kernel
 
 # from the roughest: half way, one Newton step of the stationarity condition from there, one of second order, its root
 LEVELS = ("gaussian", "linear", "quadratic", "exact")
@@ -42,7 +42,7 @@ class Pair(NamedTuple):
     across_j: float
 
 
-@device
+@inlined
 def flat_pair(ai, bi, aj, bj, cross_i, dot_i, cross_j, dot_j, cross):
     """Return the pair in a plane, by squares of semi-axes and of sines and cosines of n, and of the axes, with axes."""
     first = bi * dot_i + ai * cross_i
@@ -88,7 +88,7 @@ def parts(pair, at):
     )
 
 
-@device
+@inlined
 def flat_slope(pair, at):
     """Return the same in a plane: c0 m^4 + c1 m^3 l + ... + c4 l^4 with m = 1 - l, whose signs change once."""
     first, second = pair.b_first, pair.b_second
@@ -105,7 +105,7 @@ def flat_slope(pair, at):
     )
 
 
-@device
+@inlined
 def slope(pair, at):
     """Return the stationarity condition at l, positive below its root and negative above, and two derivatives."""
     if pair.across_i == 0.0:
@@ -114,7 +114,7 @@ def slope(pair, at):
     return p1 * q0 - p0 * q1, p2 * q0 - p0 * q2, p3 * q0 + p2 * q1 - p1 * q2 - p0 * q3
 
 
-@device
+@inlined
 def rough_root(pair, level):
     """Return l of a level below the exact one; outside of 0 to 1 where its step leads there."""
     if level == 0:
@@ -126,7 +126,7 @@ def rough_root(pair, level):
     return 0.5 + 2.0 * f0 / (-f1 + math.sqrt(max(inside, 0.0)))
 
 
-@device
+@inlined
 def exact_root(pair, guess):
     """Return l at the largest F: Halley's steps, or halving where these leave what brackets the root."""
     low, high = 0.0, 1.0
@@ -157,13 +157,18 @@ def root(pair, level, guess):
     return exact_root(pair, guess if guess > 0.0 else rough_root(pair, 2))
 
 
-@device
+@inlined
 def height(pair, at):
     """Return F / |r|^2 at l; 0 outside of 0 to 1, where nothing is known of contact."""
     if not 0.0 < at < 1.0:
         return 0.0
-    p0, _, _, _, q0, _, _, _ = parts(pair, at)
-    return p0 / q0
+    m = 1.0 - at
+    ml = at * m
+    e0 = pair.e_first * m * m + pair.e_both * ml + pair.e_second * at * at
+    if pair.across_i == 0.0:
+        return ml * (pair.b_first * m + pair.b_second * at) / e0
+    b0 = pair.b_first * m * m + pair.b_both * ml + pair.b_second * at * at
+    return ml * b0 / ((pair.across_i * m + pair.across_j * at) * e0)
 
 
 @device
@@ -176,7 +181,7 @@ def semi_axes(radius, aspect, d):
     return aspect * b, b
 
 
-@device
+@inlined
 def pair_of(nx, ny, nz, one, other, d):
     """Return the pair of two shapes (a, b, x, y, z of the axis) that are apart along n."""
     ai, bi, xi, yi, zi = one

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.contact_distance import height, pair_of, root, shape_of
-from packmech.jit.compiled import device, kernel
+from packmech.jit.compiled import device, inlined, kernel
 
 
 class ScaledContacts(NamedTuple):
@@ -29,7 +29,7 @@ class ScaledContacts(NamedTuple):
     second_pxx: NDArray[np.float64]
 
 
-@device
+@inlined
 def solved(at, one, other, x, y, z):
     """Return C^-1 applied to a vector."""
     ai, bi, xi, yi, zi = one
@@ -41,12 +41,13 @@ def solved(at, one, other, x, y, z):
     ux, uy, uz = yi * zj - zi * yj, zi * xj - xi * zj, xi * yj - yi * xj
     determinant = base * (m * ai * ai + at * aj * aj) + p * q * (ux * ux + uy * uy + uz * uz)
     along_i, along_j = x * xi + y * yi + z * zi, x * xj + y * yj + z * zj
-    off_i = (p * (base + q) * along_i - p * q * cosine * along_j) / determinant
-    off_j = (q * (base + p) * along_j - p * q * cosine * along_i) / determinant
+    over, inverse = 1.0 / determinant, 1.0 / base
+    off_i = (p * (base + q) * along_i - p * q * cosine * along_j) * over
+    off_j = (q * (base + p) * along_j - p * q * cosine * along_i) * over
     return (
-        (x - off_i * xi - off_j * xj) / base,
-        (y - off_i * yi - off_j * yj) / base,
-        (z - off_i * zi - off_j * zj) / base,
+        (x - off_i * xi - off_j * xj) * inverse,
+        (y - off_i * yi - off_j * yj) * inverse,
+        (z - off_i * zi - off_j * zj) * inverse,
     )
 
 
@@ -54,8 +55,14 @@ def solved(at, one, other, x, y, z):
 def touch(x, y, z, one, other, d, guess):
     """Return the scale of a pair and l, with s derived by r, and by turns of i and of j about each axis."""
     r = math.sqrt(x * x + y * y + z * z)
-    pair = pair_of(x / r, y / r, z / r, one, other, d)
-    at = root(pair, 3, guess)
+    inverse = 1.0 / r
+    pair = pair_of(x * inverse, y * inverse, z * inverse, one, other, d)
+    return touch_of(pair, r, x, y, z, one, other, root(pair, 3, guess))
+
+
+@inlined
+def touch_of(pair, r, x, y, z, one, other, at):
+    """Return what `touch` does, of a pair whose parameter l is known."""
     # not by w, in which flat shapes lose digits
     s = r * math.sqrt(height(pair, at))
     wx, wy, wz = solved(at, one, other, x, y, z)
@@ -70,14 +77,6 @@ def touch(x, y, z, one, other, d, guess):
         turn_i * (yi * wz - zi * wy), turn_i * (zi * wx - xi * wz), turn_i * (xi * wy - yi * wx),
         turn_j * (yj * wz - zj * wy), turn_j * (zj * wx - xj * wz), turn_j * (xj * wy - yj * wx),
     )  # fmt: skip
-
-
-@device
-def near(x, y, z, one, other, d):
-    """Return whether a pair may overlap: at no l in 0 to 1 is F larger than at the root, so that F >= 1 says no."""
-    square = x * x + y * y + z * z
-    r = math.sqrt(square)
-    return square * height(pair_of(x / r, y / r, z / r, one, other, d), 0.5) < 1.0
 
 
 @device

@@ -20,7 +20,7 @@ from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import compiled_form, device, inner_kernel, kernel
 from packmech.minimize.pair_list import BLOCK, follow, is_stale
-from packmech.minimize.shape_rows import flat_spin, has_shapes, meet, shapes_of, spin_of, turn_rows
+from packmech.minimize.shape_rows import direct, flat_spin, has_shapes, meet, shapes_of, spin_of, turn_rows
 from packmech.minimize.single_rows import push_rows, survey_rows
 
 # how a chunk of steps ended
@@ -143,7 +143,7 @@ def _push_shapes(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, sq
         nx, ny, nz = coincident_direction(i, j, len(axes))
         dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
     shapes = shapes_of(effects)
-    met = meet(shapes, row, i, j, dx, dy, dz, len(axes))
+    met = meet(shapes, i, j, dx, dy, dz, len(axes))
     if not met.touching:
         return 0.0, 0
     n = shapes.radius_n.shape[0]
@@ -182,6 +182,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     shift_kd = pairs.shift_kd
     n = pairs.anchor_nd.shape[0]
+    direct(effects, row)
     total = 0.0
     touching = 0
     power = 0.0
@@ -362,6 +363,7 @@ def _survey_round(effects, row, pairs):
 @inner_kernel
 def _survey_shapes(effects, row, pairs):
     shapes = shapes_of(effects)
+    direct(effects, row)
     stiffness_n = np.zeros(row.shape[0])
     n = shapes.radius_n.shape[0]
     energy = 0.0
@@ -387,7 +389,7 @@ def _survey_shapes(effects, row, pairs):
         if square < sigma * sigma:
             if square == 0.0:
                 dx = 1e-9 * sigma
-            met = meet(shapes, row, i, j, dx, dy, dz, shapes.dimension)
+            met = meet(shapes, i, j, dx, dy, dz, shapes.dimension)
             if not met.touching:
                 continue
             contacts += 1

@@ -15,18 +15,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts.scaled_contact import near, touch
-from packmech.jit.compiled import compiled_form, device
+from packmech.contacts.contact_distance import exact_root, height, pair_of, rough_root
+from packmech.contacts.scaled_contact import touch_of
+from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
 
 
 class ShapeRows(NamedTuple):
-    """Radii, semi-axes along and across the directors, and radii of gyration, by rows; d."""
+    """Radii, semi-axes along and across the directors, radii of gyration, and unit directors, by rows; d."""
 
     radius_n: NDArray[np.float64]
     along_n: NDArray[np.float64]
     across_n: NDArray[np.float64]
     gyration_n: NDArray[np.float64]
+    unit_nd: NDArray[np.float64]
     dimension: int
 
 
@@ -53,10 +55,10 @@ def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows,
     if shapes is None:
         return ()
     along, across = shapes.semi_axes(packing.radius_n)
-    gyration = shapes.gyration(packing.radius_n)
-    return (
-        ShapeRows(packing.radius_n[order_n], along[order_n], across[order_n], gyration[order_n], packing.dimension),
-    )
+    sizes = (packing.radius_n, along, across, shapes.gyration(packing.radius_n))
+    unit = np.zeros((packing.particles, 3))
+    radius, along, across, gyration = (one[order_n] for one in sizes)
+    return (ShapeRows(radius, along, across, gyration, unit, packing.dimension),)
 
 
 def has_shapes(effects: Any) -> bool:
@@ -77,22 +79,50 @@ def _choose_shapes_of(effects: Any) -> Any:
 
 
 @device
-def _turned(shapes, row, i, n):
-    """Return the semi-axes and the unit director of a particle."""
-    x, y, z = row[n + i, 0], row[n + i, 1], row[n + i, 2]
-    inverse = 1.0 / math.sqrt(x * x + y * y + z * z)
-    return shapes.along_n[i], shapes.across_n[i], inverse * x, inverse * y, inverse * z
-
-
-@device
-def meet(shapes, row, i, j, dx, dy, dz, d):
-    """Return the Met of two particles whose centers are (dx, dy, dz) apart."""
+def _direct(effects, row):
+    shapes = shapes_of(effects)
     n = shapes.radius_n.shape[0]
-    one, other = _turned(shapes, row, i, n), _turned(shapes, row, j, n)
+    for i in range(n):
+        x, y, z = row[n + i, 0], row[n + i, 1], row[n + i, 2]
+        inverse = 1.0 / math.sqrt(x * x + y * y + z * z)
+        shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2] = inverse * x, inverse * y, inverse * z
+
+
+def direct(effects: Any, row: Any) -> None:
+    """Keep the unit directors of the rows as they are, for the pass that follows."""
+    if has_shapes(effects):
+        _direct(effects, row)
+
+
+@compiled_form(direct)
+def _choose_direct(effects: Any, row: Any) -> Any:
+    if has_shapes(effects):
+        return lambda effects, row: _direct(effects, row)
+    return lambda effects, row: None
+
+
+@inlined
+def _shape(shapes, i):
+    """Return the semi-axes and the unit director of a particle."""
+    unit = shapes.unit_nd
+    return shapes.along_n[i], shapes.across_n[i], unit[i, 0], unit[i, 1], unit[i, 2]
+
+
+@inlined
+def meet(shapes, i, j, dx, dy, dz, d):
+    """Return the Met of two particles whose centers are (dx, dy, dz) apart."""
+    one, other = _shape(shapes, i), _shape(shapes, j)
     sigma = shapes.radius_n[i] + shapes.radius_n[j]
-    if not near(dx, dy, dz, one, other, d):
+    square = dx * dx + dy * dy + dz * dz
+    r = math.sqrt(square)
+    inverse = 1.0 / r
+    pair = pair_of(dx * inverse, dy * inverse, dz * inverse, one, other, d)
+    at = rough_root(pair, 2)
+    # F is nowhere larger than at its root: where it is 1 or more already, the two are apart
+    if square * height(pair, at) >= 1.0:
         return Met(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    s, _, x, y, z, ix, iy, iz, jx, jy, jz = touch(dx, dy, dz, one, other, d, 0.0)
+    at = exact_root(pair, at)
+    s, _, x, y, z, ix, iy, iz, jx, jy, jz = touch_of(pair, r, dx, dy, dz, one, other, at)
     return Met(
         s < 1.0, s * sigma, sigma, sigma * x, sigma * y, sigma * z,
         sigma * ix, sigma * iy, sigma * iz, sigma * jx, sigma * jy, sigma * jz,
