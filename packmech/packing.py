@@ -72,8 +72,8 @@ class Packing:
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
     shapes
-        `Spheroids`, where particles are no discs or spheres; without links. Few calls know them yet: the others refuse
-        them by name.
+        `Spheroids`, where particles are no discs or spheres; without links. Calls that know discs and spheres only
+        refuse them by name (`packmech effects` lists which).
 
     Attributes
     ----------

@@ -128,8 +128,9 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def particles_in_words(packing: Packing) -> str:
-    """Return how many discs or spheres there are, in words."""
-    kind = "disc" if packing.dimension == 2 else "sphere"
+    """Return how many discs or spheres, ellipses or spheroids there are, in words."""
+    kinds = ("disc", "sphere") if packing.shapes is None else ("ellipse", "spheroid")
+    kind = kinds[packing.dimension - 2]
     return f"{packing.particles} {kind}{'' if packing.particles == 1 else 's'}"
 
 

@@ -30,7 +30,8 @@ class Decompression:
     A packing with links is relaxed where it stands (or at `start_packing_fraction`) and compressed by small steps until
     it presses: large overlaps would push links through each other. Then it is followed down from pressure to pressure
     by Newton's method that only goes down, with links and free strains among the unknowns; the box grows and clusters
-    keep their shape, which is the shrinking of clusters in place, in other units.
+    keep their shape, which is the shrinking of clusters in place, in other units. Ellipses and spheroids go the same
+    way, their turns among the unknowns.
 
     Parameters
     ----------

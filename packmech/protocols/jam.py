@@ -73,6 +73,9 @@ def jam(
     Every figure is recomputed from the packing that is returned. Particles that stand so far away that rounding of
     their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
 
+    Ellipses and spheroids end at rest in their turns, too: counts are those of all degrees of freedom, and in place of
+    missing contacts there are `floppy_modes` of the stiffness (`quartic_modes`).
+
     A scene with friction is pressed in time (`Press`) from where it stands, and the packing that comes back holds the
     tangential displacements of its contacts.
 

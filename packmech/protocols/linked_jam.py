@@ -1,4 +1,4 @@
-"""Packings with links on their way to jamming: Newton's method from pressure to pressure, FIRE with the box between."""
+"""Packings with links or shapes on their way to jamming: Newton's method from pressure to pressure, FIRE with the box between."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ _SEARCHES, _VAIN = 6, 8000
 def decompress_linked(
     protocol: Protocol, start: float | None, pressure: float, tolerance: float, steps: int
 ) -> tuple[Packing, Outcome]:
-    """Return the packing with links at the pressure, compressed until it presses, then decompressed, and how it ended.
+    """Return the packing with links or shapes at the pressure, compressed until it presses, then decompressed, and how it ended.
 
     Deep overlaps are relaxed first, and compression goes by small steps, so that no links are pushed through each
     other, where they would lock.
@@ -172,7 +172,7 @@ def compress_linked(
 
 
 def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int) -> tuple[Packing, Outcome]:
-    """Return the packing with links at rest in positions and strains, and how that ended.
+    """Return the packing with links or shapes at rest in positions and strains, and how that ended.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
 
     """
     state, now, factor = None, start, _FIRST
-    name = "decompression with links"
+    name = "decompression with links" if packing.links is not None else "decompression"
     with protocol.stage(name) as figures:
         taken = searched = vain = 0
         state = _at(protocol, packing, now, name)

@@ -25,8 +25,10 @@ from packmech.measure.stress import energy, force_balance, pressure, stress_tens
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
+from packmech.mechanics.quartic import quartic_modes
 from packmech.mechanics.rattling import rattlers_in
 from packmech.packing import Packing
+from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
 from packmech.scene import Scene
 
@@ -210,8 +212,12 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain), run=run)
-    with _part(report, "verdict", progress):
-        _verdict(report, *asked)
+    if scene.packing.shapes is None:
+        with _part(report, "verdict", progress):
+            _verdict(report, *asked)
+    else:
+        with _part(report, "quartic modes", progress):
+            _stability(report)
     with _part(report, "moduli", progress):
         _moduli(report)
     if modes:
@@ -259,6 +265,8 @@ def _part(report: Report, name: str, progress: Callable[[str], None]) -> Iterato
 
 def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     packing = scene.packing
+    if packing.shapes is not None:
+        return _counts_of_shapes(scene, strain)
     linked: dict[str, Any] = {}
     held_links = 0
     rough = contact_forces(scene) if friction_of(scene) is not None and packing.links is None else None
@@ -293,6 +301,24 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "force_residual": largest / mean if mean > 0.0 else None,
         **linked,
         **({} if rough is None else {"contacts_at_limit": rough.to_dict()["contacts_at_limit"]}),
+    }
+
+
+def _counts_of_shapes(scene: Scene, strain: str) -> dict[str, Any]:
+    packing, unit = scene.packing, scene.pressure_unit
+    largest, mean = force_balance(scene)
+    counted = shaped_count(packing, strain)
+    return {
+        "particles": packing.particles,
+        "dimension": packing.dimension,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure(scene) / unit + 0.0,
+        "pressure_unit": unit,
+        "energy": energy(scene) / scene.energy_scale,
+        "stress": (stress_tensor(scene) / unit).tolist(),
+        **{name: value for name, value in counted.items() if name not in ("particles", "excess_contacts")},
+        "strain": strain,
+        "force_residual": largest / mean if mean > 0.0 else None,
     }
 
 
@@ -356,6 +382,19 @@ def _verdict(report: Report, gap_tolerance: float | None, method: str) -> None:
     report.stages.append(Stage("verdict", max(a.balance for a in answers.values()), seconds=verdict.seconds))
 
 
+def _stability(report: Report) -> None:
+    """Ask the Hessian of a packing with shapes, and what only its contact forces hold."""
+    scene = report.scene
+    quartic = quartic_modes(scene, strain="none" if report.numbers["strain"] == "isotropic" else "isochoric")
+    lowest = normal_modes(scene, 1)
+    numbers = report.numbers
+    numbers["quartic_modes"] = len(quartic)
+    if len(quartic) and quartic.pressure > 0.0:
+        numbers["least_quartic_curvature"] = float(quartic.curvature_m[0]) / quartic.pressure
+    numbers["local_minimum"] = lowest.negative == 0
+    report.stages.append(Stage("quartic modes", quartic.stretch, seconds=quartic.seconds + lowest.seconds))
+
+
 def _moduli(report: Report) -> None:
     moduli = elastic_moduli(report.scene)
     report.moduli = moduli
@@ -414,6 +453,8 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
     if "collective" in numbers:
         rows += verdict_rows(numbers)
+    if "quartic_modes" in numbers:
+        rows += _stability_rows(numbers)
     if "bulk_modulus" in numbers:
         rows += _moduli_rows(numbers, unit)
     if "lowest_frequencies" in numbers:
@@ -448,6 +489,9 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
         note = f"and {numbers['wall_contacts']} with walls"
     if "contacts_at_limit" in numbers:
         note += f" with friction; {numbers['contacts_at_limit']} at the Coulomb limit"
+    elif "rank_certain" in numbers:
+        note += f" with turns, strain {numbers['strain']}"
+        note += "" if numbers["rank_certain"] else "; rank uncertain"
     elif numbers["isostatic_contacts"]:
         less = " - L'" if "links" in numbers else ""
         note += f" = {d}N'{extra - d:+d}{less}, strain {numbers['strain']}"
@@ -474,6 +518,17 @@ def _link_row(numbers: Mapping[str, Any]) -> Row:
         count = numbers["crossing_links"]
         note += f"; {count} pair{'s' if count != 1 else ''} of bonds CROSS"
     return ("links", str(numbers["links"]), note)
+
+
+def _stability_rows(numbers: Mapping[str, Any]) -> list[Row]:
+    held = "motions that stretch no contact, held by contact forces alone"
+    if "least_quartic_curvature" in numbers:
+        held += f"; least curvature {numbers['least_quartic_curvature']:.3g} of the pressure"
+    asked = "by the Hessian, forces and turns included; as hard particles it is not judged"
+    return [
+        ("quartic modes", str(numbers["quartic_modes"]), held),
+        ("local minimum", "yes" if numbers["local_minimum"] else "NO", asked),
+    ]
 
 
 def _moduli_rows(numbers: Mapping[str, Any], unit: str) -> list[Row]:

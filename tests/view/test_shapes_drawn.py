@@ -1,5 +1,7 @@
 """Facts about pictures and recordings of ellipses and spheroids."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,16 @@ def test_the_command_jams_ellipses_and_resumes(tmp_path):
     assert [row["states_of_self_stress"] for row in rows] == ["1"] * 3
     assert (tmp_path / "jammed-2d.png").stat().st_size > 1000
     assert len(list((tmp_path / "packings").iterdir())) == 3
+
+
+def test_the_report_counts_turns_and_names_what_it_judges_by(tmp_path, capsys):
+    start = pm.random_packing(20, dimension=2, packing_fraction=0.6, seed=1, aspect=1.5)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    pm.write_packing(pm.jam(scene, pressure=1e-6, strain="isotropic").packing, tmp_path / "one.npz", law=pm.Harmonic())
+    assert execute(["analyze", str(tmp_path / "one.npz"), "--json", str(tmp_path / "one.json")]) == 0
+    said = capsys.readouterr().out
+    for words in ("20 ellipses", "with turns", "quartic modes", "by the Hessian", "1 state of self stress"):
+        assert words in said
+    numbers = json.loads((tmp_path / "one.json").read_text(encoding="utf-8"))
+    assert numbers["local_minimum"] and numbers["quartic_modes"] == numbers["floppy_modes"] > 0
+    assert numbers["least_quartic_curvature"] > 0.0 and "collective" not in numbers
