@@ -1,4 +1,4 @@
-"""Packings with links or shapes on their way to jamming: Newton's method from pressure to pressure, FIRE with the box between."""
+"""Packings with links or shapes on the way to jamming: Newton's method from pressure to pressure, FIRE with the box."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ _SEARCHES, _VAIN = 6, 8000
 def decompress_linked(
     protocol: Protocol, start: float | None, pressure: float, tolerance: float, steps: int
 ) -> tuple[Packing, Outcome]:
-    """Return the packing with links or shapes at the pressure, compressed until it presses, then decompressed, and how it ended.
+    """Return the packing with links or shapes at the pressure, compressed, then decompressed, and how it ended.
 
     Deep overlaps are relaxed first, and compression goes by small steps, so that no links are pushed through each
     other, where they would lock.
