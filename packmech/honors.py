@@ -43,7 +43,7 @@ INSTEAD = {
     "drag": "pm.simulate",
     "held": "pm.simulate or pm.quench",
     "links": "pm.simulate or pm.jam",
-    "shapes": "pm.forces or pm.torques",
+    "shapes": "pm.jam or pm.quench",
 }
 
 
