@@ -26,6 +26,8 @@ def shape_rattlers(packing: Packing, contacts: ShapeContacts) -> NDArray[np.bool
     if (shapes.aspect_n == 1.0).all():
         return rattlers_of(pair_contacts(packing, *Candidates(contacts.i_c, contacts.j_c, contacts.image_cd)))
     n = packing.particles
+    if not len(contacts):
+        return np.ones(n, dtype=bool)
     turn = shapes.turn_basis(packing.radius_n)
     ends = slopes_of_ends(contacts, turn) / contacts.push_c[None, :, None]
     owner = np.concatenate([contacts.i_c, contacts.j_c])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, one_of
+from packmech.check import finite_array, instance, one_of, real
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.mechanics.modes import signed_columns
@@ -106,6 +106,9 @@ def quartic_modes(
     with single_thread():
         found = shaped_hessian(scene, "exact", gap_tolerance=gap_tolerance)
         network = found.network
+        if not len(network.index_n):
+            real("rank_tolerance", rank_tolerance, above=0.0, below=0.1)
+            return _none(scene, network.free_nq.shape[1], start)
         floppy = floppy_modes(
             network.packing, strain, contacts=network.contacts, rank_tolerance=rank_tolerance, basis_limit=_BASIS_BYTES
         )
@@ -135,6 +138,13 @@ def quartic_modes(
         pressure=pressure,
         seconds=time.process_time() - start,
     )
+
+
+def _none(scene: Scene, width: int, start: float) -> QuarticModes:
+    """Return the answer for a packing whose particles all rattle."""
+    n, d = scene.packing.position_nd.shape
+    none = np.zeros((0, n, d)), np.zeros((0, n, width - d))
+    return QuarticModes(np.zeros(0), *none, 0.0, True, 0.0, time.process_time() - start)
 
 
 @honors("links shapes", packing_only=True)

@@ -397,7 +397,7 @@ def floppy_modes(
             motion = np.zeros((columns, count))
             motion[problem.kept] = basis
             positions = columns - len(problem.strain_map.T)
-            free = motion[:positions].reshape(particles, -1, count)[:, :dimension]
+            free = motion[:positions].reshape(particles, positions // particles, count)[:, :dimension]
             free -= free.mean(axis=0)
             motion = signed_columns(_orthonormal(motion))
             residual = float(np.abs(problem.matrix @ motion).max(initial=0.0))

@@ -162,7 +162,7 @@ class ShapeSums:
 
     def coupling(self, free_f: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the (F, s) mixed derivatives of the free coordinates."""
-        return self.coupling_nqe.reshape(len(free_f), -1)[free_f]
+        return self.coupling_nqe.reshape(len(free_f), len(self.strain_ee))[free_f]
 
 
 def shape_sums(

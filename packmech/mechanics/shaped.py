@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,8 @@ def shaped_network(
     contacts = find_shape_contacts(packing, gap_tolerance=gap_tolerance, second=second)
     if rattlers == "remove":
         rattling = shape_rattlers(packing, contacts)
+        if rattling.all():
+            return _nothing_held(packing, contacts)
         if rattling.any():
             index = np.flatnonzero(~rattling)
             packing = packing.select(index)
@@ -58,6 +61,16 @@ def shaped_network(
     turn = shapes.turn_basis(packing.radius_n)
     free = np.hstack([np.ones((len(index), packing.dimension), dtype=bool), turning(turn)])
     return ShapedNetwork(packing, contacts, index, turn, free)
+
+
+def _nothing_held(packing: Packing, contacts: ShapeContacts) -> ShapedNetwork:
+    """Return the network without particles, beside the packing of those that all rattle."""
+    shapes = packing.shapes
+    assert shapes is not None
+    turn = shapes.turn_basis(packing.radius_n)[:0]
+    free = np.zeros((0, packing.dimension + turn.shape[1]), dtype=bool)
+    none = dataclasses.replace(contacts.select(np.zeros(len(contacts), dtype=bool)), particles=0)
+    return ShapedNetwork(packing, none, np.zeros(0, dtype=np.int64), turn, free)
 
 
 class ShapedHessian(NamedTuple):

@@ -385,6 +385,8 @@ def _verdict(report: Report, gap_tolerance: float | None, method: str) -> None:
 def _stability(report: Report) -> None:
     """Ask the Hessian of a packing with shapes, and what only its contact forces hold."""
     scene = report.scene
+    if report.numbers["rattlers"] == report.numbers["particles"]:
+        raise ValueError("no particle is held")
     quartic = quartic_modes(scene, strain="none" if report.numbers["strain"] == "isotropic" else "isochoric")
     lowest = normal_modes(scene, 1)
     numbers = report.numbers

@@ -167,3 +167,21 @@ def test_floppy_modes_of_shapes_stretch_nothing():
         both = [key for key in ((i, j, *image) for i, j, image in pairs) if key in ends[0] and key in ends[1]]
         assert len(both) > 0.9 * len(contacts)
         assert max(abs(ends[0][key] - ends[1][key]) for key in both) / 2e-4 < 1e-6
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_packing_whose_particles_all_rattle_has_nothing(d):
+    start = pm.random_packing(6, dimension=d, packing_fraction=0.01, seed=1, aspect=1.5)
+    few = pm.Packing(
+        [[1.0] * d, [1.9, *[1.0] * (d - 1)]], [0.5, 0.5], pm.Box.cubic(8.0, d),
+        shapes=pm.Spheroids([1.5, 1.2], np.eye(d)[:2]),
+    )  # fmt: skip
+    for packing in (start, few):
+        scene = pm.Scene(packing, (pm.Repulsion(),))
+        moduli = pm.elastic_moduli(scene)
+        assert moduli.particles == 0 and not moduli.cauchy.any()
+        assert len(pm.quartic_modes(scene)) == len(pm.normal_modes(scene)) == 0
+        assert pm.find_rattlers(packing).all()
+    # kept, the two that touch have one vibration and the others cost nothing
+    assert (pm.normal_modes(scene, kind="unstressed", rattlers="keep").eigenvalue_m > 1e-6).sum() == 1
+    assert pm.floppy_modes(few).count == 2 * (3 if d == 2 else 5) - d - 1

@@ -125,7 +125,7 @@ def jam_all(
             report["isostatic_contacts"],
             report["states_of_self_stress"],
             len(quartic),
-            int(report["rank_certain"] and quartic.certain and run.ok),
+            int(report.get("rank_certain", False) and quartic.certain and run.ok),
             float(curvature[0]),
             float(curvature[-1]),
             int((pm.normal_modes(jammed).eigenvalue_m < 0.0).sum()),
