@@ -32,7 +32,7 @@ class ShapeRows(NamedTuple):
     dimension: int
 
 
-class Met(NamedTuple):
+class ShapeTouch(NamedTuple):
     """Whether two shapes touch, rho and contact distance, and rho's slopes along the vector and turns of i and j."""
 
     touching: bool
@@ -79,7 +79,7 @@ def _choose_shapes_of(effects: Any) -> Any:
 
 
 @device
-def _direct(effects, row):
+def _keep_directors(effects, row):
     shapes = shapes_of(effects)
     n = shapes.radius_n.shape[0]
     for i in range(n):
@@ -88,16 +88,16 @@ def _direct(effects, row):
         shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2] = inverse * x, inverse * y, inverse * z
 
 
-def direct(effects: Any, row: Any) -> None:
+def keep_directors(effects: Any, row: Any) -> None:
     """Keep the unit directors of the rows as they are, for the pass that follows."""
     if has_shapes(effects):
-        _direct(effects, row)
+        _keep_directors(effects, row)
 
 
-@compiled_form(direct)
-def _choose_direct(effects: Any, row: Any) -> Any:
+@compiled_form(keep_directors)
+def _choose_keep_directors(effects: Any, row: Any) -> Any:
     if has_shapes(effects):
-        return lambda effects, row: _direct(effects, row)
+        return lambda effects, row: _keep_directors(effects, row)
     return lambda effects, row: None
 
 
@@ -109,8 +109,8 @@ def _shape(shapes, i):
 
 
 @inlined
-def meet(shapes, i, j, dx, dy, dz, d):
-    """Return the Met of two particles whose centers are (dx, dy, dz) apart."""
+def shape_touch(shapes, i, j, dx, dy, dz, d):
+    """Return the ShapeTouch of two particles whose centers are (dx, dy, dz) apart."""
     one, other = _shape(shapes, i), _shape(shapes, j)
     sigma = shapes.radius_n[i] + shapes.radius_n[j]
     square = dx * dx + dy * dy + dz * dz
@@ -120,10 +120,10 @@ def meet(shapes, i, j, dx, dy, dz, d):
     at = rough_root(pair, 2)
     # F is nowhere larger than at its root: where it is 1 or more already, the two are apart
     if square * height(pair, at) >= 1.0:
-        return Met(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return ShapeTouch(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     at = exact_root(pair, at)
     s, _, x, y, z, ix, iy, iz, jx, jy, jz = touch_of(pair, r, dx, dy, dz, one, other, at)
-    return Met(
+    return ShapeTouch(
         s < 1.0, s * sigma, sigma, sigma * x, sigma * y, sigma * z,
         sigma * ix, sigma * iy, sigma * iz, sigma * jx, sigma * jy, sigma * jz,
     )  # fmt: skip
