@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.links import Links
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
@@ -72,8 +72,8 @@ class Packing:
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
     shapes
-        `Spheroids`, where particles are no discs or spheres; without links. Calls that know discs and spheres only
-        refuse them by name (`packmech effects` lists which).
+        `Spheroids` or rigid `Beads`, where particles are no discs or spheres; without links. Calls that know discs and
+        spheres only refuse them by name (`packmech effects` lists which).
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Packing:
     links: Links | None = None
     mass_n: _Masses = _Masses()
     tangential: TangentialDisplacements | None = None
-    shapes: Spheroids | None = None
+    shapes: Shapes | None = None
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -126,10 +126,12 @@ class Packing:
             self._check_shapes(self.shapes)
 
     def _check_shapes(self, shapes: Any) -> None:
-        instance("shapes", shapes, Spheroids)
+        if not isinstance(shapes, Beads):
+            instance("shapes", shapes, Spheroids)
         if (len(shapes), shapes.dimension) != self.position_nd.shape:
             raise ValueError(
-                f"shapes must have directors of shape {self.position_nd.shape}, got {(len(shapes), shapes.dimension)}"
+                f"shapes must be of as many particles and axes as position_nd, {self.position_nd.shape}, "
+                f"got {(len(shapes), shapes.dimension)}"
             )
         for name in ("links", "tangential"):
             if getattr(self, name) is not None:

@@ -190,7 +190,7 @@ class Trace:
         force [force].
     position_tnd, lattice_tdd
         (T, N, d) positions and (T, d, d) lattice vectors [length], or None when they were not asked for.
-    director_tnd
+    orientation_tnq
         (T, N, d) directors of particles with shapes, kept with the positions; None without shapes.
     added
         (T, ...) arrays of the observables that were added, by name.
@@ -204,7 +204,7 @@ class Trace:
     max_force_t: NDArray[np.float64]
     position_tnd: NDArray[np.float64] | None = None
     lattice_tdd: NDArray[np.float64] | None = None
-    director_tnd: NDArray[np.float64] | None = None
+    orientation_tnq: NDArray[np.float64] | None = None
     added: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @classmethod

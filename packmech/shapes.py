@@ -2,20 +2,54 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import finite_array, positive_array
+from packmech.check import finite_array, integer_array, positive_array
 
 # a director this near to unit length is one already, so that those of a file stay as they are
 _UNIT = 4.0 * float(np.finfo(float).eps)
+# beads nearer to an axis than this, relative to the particle's radius, lie on it
+_ON_AXIS = 1e-9
+
+
+def _unit(name: str, given_nk: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+    """Return the rows with unit length, those that have it as they are."""
+    largest = np.abs(given_nk).max(axis=1, initial=0.0)
+    if (largest == 0.0).any():
+        raise ValueError(f"{name} must have a {kind}, got zeros for particle {int(np.argmin(largest))}")
+    off = np.abs((given_nk**2).sum(axis=1) - 1.0) > _UNIT
+    scaled = given_nk[off] / largest[off, None]
+    unit = given_nk.copy()
+    unit[off] = scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True))
+    return unit
+
+
+class _Turned:
+    """Shapes with orientations, equal where all their arrays are."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and all(
+            np.array_equal(a, b) for a, b in zip(self._all(), other._all(), strict=True)
+        )
+
+    def __hash__(self) -> int:
+        return hash(tuple(one.tobytes() for one in self._all()))
+
+    def _all(self) -> list[NDArray[Any]]:
+        return [getattr(self, one.name) for one in fields(self)]  # type: ignore[arg-type]
+
+    def _keep(self, **arrays: NDArray[Any]) -> None:
+        for name, array in arrays.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
 
 @dataclass(frozen=True, eq=False)
-class Spheroids:
+class Spheroids(_Turned):
     """Ellipses (d = 2) or spheroids (d = 3): one axis along a director, the others equal to each other.
 
     A particle's radius is that of the disc or sphere of equal area or volume, so that packing fractions and masses do
@@ -50,34 +84,34 @@ class Spheroids:
         director = finite_array("director_nd", self.director_nd, shape=(len(aspect), None))
         if director.shape[1] not in (2, 3):
             raise ValueError(f"director_nd must have two or three components, got {director.shape[1]}")
-        largest = np.abs(director).max(axis=1)
-        if (largest == 0.0).any():
-            raise ValueError(f"director_nd must have a direction, got zeros for particle {int(np.argmin(largest))}")
-        off = np.abs((director**2).sum(axis=1) - 1.0) > _UNIT
-        scaled = director[off] / largest[off, None]
-        director = director.copy()
-        director[off] = scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True))
-        for name, array in (("aspect_n", aspect), ("director_nd", director)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        self._keep(aspect_n=aspect, director_nd=_unit("director_nd", director, "direction"))
 
     def __len__(self) -> int:
         return len(self.aspect_n)
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Spheroids)
-            and np.array_equal(self.aspect_n, other.aspect_n)
-            and np.array_equal(self.director_nd, other.director_nd)
-        )
-
-    def __hash__(self) -> int:
-        return hash((self.aspect_n.tobytes(), self.director_nd.tobytes()))
 
     @property
     def dimension(self) -> int:
         """Number of Cartesian axes, 2 or 3."""
         return int(self.director_nd.shape[1])
+
+    @property
+    def orientation_nq(self) -> NDArray[np.float64]:
+        """The (N, d) directors: what changes as particles turn."""
+        return self.director_nd
+
+    def oriented(self, orientation_nq: NDArray[np.float64]) -> Spheroids:
+        """Return the shapes with other directors."""
+        return Spheroids(self.aspect_n, orientation_nq)
+
+    @property
+    def turns_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles that turn: those that are no discs or spheres."""
+        return np.asarray(self.aspect_n != 1.0)
+
+    @property
+    def start_n(self) -> NDArray[np.int64]:
+        """The (N + 1,) numbers of the first site of each particle: one site each."""
+        return np.arange(len(self) + 1)
 
     def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (N,) semi-axes along the directors and across them, for particles of these radii [length]."""
@@ -102,8 +136,7 @@ class Spheroids:
         Rotations are angles in a plane (t = 1) and rotation vectors in space (t = 3), there about two directions across
         the axis. Zeros for discs and spheres (aspect exactly 1), which have no such coordinates.
         """
-        turns = self.aspect_n != 1.0
-        rate = np.where(turns, 1.0 / self.gyration(radius_n), 0.0)
+        rate = np.where(self.turns_n, 1.0 / self.gyration(radius_n), 0.0)
         if self.dimension == 2:
             return rate[:, None, None]
         # the axis of the smallest component is farthest from the director
@@ -127,7 +160,7 @@ class Spheroids:
         turned = np.cos(angle) * director + np.sinc(angle / np.pi) * np.cross(rotation_nt, director)
         return Spheroids(self.aspect_n, turned + 0.5 * half**2 * along * rotation_nt)
 
-    def rotation_since(self, start: Spheroids) -> NDArray[np.float64]:
+    def rotation_since(self, start: Any) -> NDArray[np.float64]:
         """Return the (N, 1) angles, or (N, 3) rotation vectors, by which the directors have turned on the short way."""
         one, other = start.director_nd, self.director_nd
         if self.dimension == 2:
@@ -138,6 +171,220 @@ class Spheroids:
         angle = np.arctan2(sine, (one * other).sum(axis=1))
         return np.asarray(axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None])
 
+    def coordinates(self, now: Any, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N, d) lengths that say how shapes like these are turned: directors times radii of gyration."""
+        return np.asarray(now.director_nd * self.gyration(radius_n)[:, None])
+
+    def at_coordinates(self, coordinate_nd: NDArray[np.float64], radius_n: Any) -> Spheroids:
+        """Return the shapes turned as such lengths say."""
+        return Spheroids(self.aspect_n, coordinate_nd)
+
     def select(self, kept_n: NDArray[Any]) -> Spheroids:
         """Return the shapes of some of the particles."""
         return Spheroids(self.aspect_n[kept_n], self.director_nd[kept_n])
+
+
+@dataclass(frozen=True, eq=False)
+class Beads(_Turned):
+    """Rigid bodies, each a union of discs or spheres that may overlap: dimers, n-mers, bent and asymmetric ones too.
+
+    `rigid_packing` makes them, with what follows from their beads: the place of a particle is its center of mass (of
+    the union, of even density), its radius that of the disc or sphere of equal area or volume. Lengths are relative to
+    that radius, in the frame of the body.
+
+    Parameters
+    ----------
+    start_n
+        (N + 1,) number of the first bead of each particle, and of beads in all.
+    offset_bd
+        (B, d) places of the beads, from the center of mass [radius].
+    size_b
+        (B,) radii of the beads [radius].
+    gyration_nk
+        (N, 1) radii of gyration about the center of mass in a plane; (N, 3) about the axes of the body in space, which
+        are its principal axes of inertia [radius].
+    orientation_nq
+        (N, 2) directions of the first axis of the body in a plane; (N, 4) unit quaternions in space, real part first,
+        that turn the axes of the packing into those of the body.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, naming the particle or the bead.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> two = pm.Packing([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2))
+    >>> dimer = pm.rigid_packing(two, [0, 0])
+    >>> dimer.position_nd.tolist(), round(float(dimer.radius_n[0]) ** 2, 12), len(dimer.shapes.size_b)
+    ([[0.5, 0.0]], 0.5, 2)
+
+    """
+
+    start_n: NDArray[np.int64]
+    offset_bd: NDArray[np.float64]
+    size_b: NDArray[np.float64]
+    gyration_nk: NDArray[np.float64]
+    orientation_nq: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        offset = finite_array("offset_bd", self.offset_bd, shape=(None, None), what="bead")
+        d = offset.shape[1]
+        if d not in (2, 3):
+            raise ValueError(f"offset_bd must have two or three components, got {d}")
+        size = positive_array("size_b", self.size_b, shape=(len(offset),), what="bead")
+        start = integer_array("start_n", self.start_n, shape=(None,))
+        if not len(start) or start[0] != 0 or start[-1] != len(size) or (np.diff(start) < 1).any():
+            raise ValueError(f"start_n must grow from 0 to the number of beads ({len(size)}), got {start.tolist()}")
+        n = len(start) - 1
+        gyration = positive_array("gyration_nk", self.gyration_nk, shape=(n, 1 if d == 2 else 3))
+        orientation = finite_array("orientation_nq", self.orientation_nq, shape=(n, 2 if d == 2 else 4))
+        self._keep(
+            start_n=start,
+            offset_bd=offset,
+            size_b=size,
+            gyration_nk=gyration,
+            orientation_nq=_unit("orientation_nq", orientation, "direction"),
+        )
+
+    def __len__(self) -> int:
+        return len(self.start_n) - 1
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes, 2 or 3."""
+        return int(self.offset_bd.shape[1])
+
+    def oriented(self, orientation_nq: NDArray[np.float64]) -> Beads:
+        """Return the bodies with other orientations."""
+        return Beads(self.start_n, self.offset_bd, self.size_b, self.gyration_nk, orientation_nq)
+
+    @property
+    def particle_b(self) -> NDArray[np.int64]:
+        """The (B,) particles that the beads belong to."""
+        return np.repeat(np.arange(len(self)), np.diff(self.start_n))
+
+    @property
+    def _turns_nk(self) -> NDArray[np.bool_]:
+        """Return (N, k) about which axes a turn moves a bead: a row of beads does not turn about itself."""
+        square = self.offset_bd**2
+        aside = square.sum(axis=1, keepdims=True) - (square if self.dimension == 3 else 0.0)
+        largest = np.maximum.reduceat(aside[:, : self.gyration_nk.shape[1]], self.start_n[:-1], axis=0)
+        return np.asarray(largest > _ON_AXIS**2)
+
+    @property
+    def turns_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles that turn: those of more than one bead."""
+        return np.asarray(self._turns_nk.any(axis=1))
+
+    def reach(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N,) radii of the discs or spheres about the centers that hold the particles [length]."""
+        far = np.sqrt((self.offset_bd**2).sum(axis=1)) + self.size_b
+        return np.asarray(np.maximum.reduceat(far, self.start_n[:-1]) * radius_n)
+
+    def gyration(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) radii of gyration, the mean square of those about the axes in space [length]."""
+        return np.asarray(np.sqrt((self.gyration_nk**2).mean(axis=1)) * radius_n)
+
+    def frames(self) -> NDArray[np.float64]:
+        """Return (N, d, d) axes of the bodies in columns."""
+        if self.dimension == 2:
+            x, y = self.orientation_nq.T
+            return np.stack([np.stack([x, -y], axis=1), np.stack([y, x], axis=1)], axis=1)
+        w, x, y, z = self.orientation_nq.T
+        rows = [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+        return np.array(rows).transpose(2, 0, 1)
+
+    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B, d) vectors from the particles' centers to their beads [length]."""
+        owner = self.particle_b
+        # a sum over the axes, not BLAS: the same bits for any number of threads
+        turned = (self.frames()[owner] * self.offset_bd[:, None, :]).sum(axis=2)
+        return np.asarray(turned * radius_n[owner, None])
+
+    def bead_radius(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B,) radii of the beads [length]."""
+        return np.asarray(self.size_b * radius_n[self.particle_b])
+
+    def turn_rates(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k) angles about the axes that make one length of a coordinate of turns; 0 where nothing turns."""
+        return np.where(self._turns_nk, 1.0 / (self.gyration_nk * np.asarray(radius_n)[:, None]), 0.0)
+
+    def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, K, t) rotations that one length of each coordinate of turns makes, K = 1 in a plane, else 3.
+
+        As of `Spheroids.turn_basis`, about the axes of the bodies. Zeros for single beads, and about rows of beads.
+        """
+        rate = self.turn_rates(radius_n)
+        if self.dimension == 2:
+            return rate[:, :, None]
+        return np.asarray(self.frames().transpose(0, 2, 1) * rate[:, :, None])
+
+    def turned(self, rotation_nt: NDArray[np.float64]) -> Beads:
+        """Return the shapes turned by (N, 1) angles in a plane, or (N, 3) rotation vectors in space."""
+        if self.dimension == 2:
+            (x, y), angle = self.orientation_nq.T, rotation_nt[:, 0]
+            c, s = np.cos(angle), np.sin(angle)
+            return self.oriented(np.stack([c * x - s * y, s * x + c * y], axis=1))
+        angle = np.sqrt((rotation_nt**2).sum(axis=1, keepdims=True))
+        vector = 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_nt
+        return self.oriented(_quaternion_product(np.hstack([np.cos(0.5 * angle), vector]), self.orientation_nq))
+
+    def rotation_since(self, start: Any) -> NDArray[np.float64]:
+        """Return the (N, 1) angles, or (N, 3) rotation vectors, by which the bodies have turned on the short way."""
+        one, other = start.orientation_nq, self.orientation_nq
+        if self.dimension == 2:
+            sine = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+            return np.asarray(np.arctan2(sine, (one * other).sum(axis=1))[:, None])
+        turn = _quaternion_product(other, one * np.array([1.0, -1.0, -1.0, -1.0]))
+        turn *= np.where(turn[:, :1] < 0.0, -1.0, 1.0)
+        sine = np.sqrt((turn[:, 1:] ** 2).sum(axis=1))
+        angle = 2.0 * np.arctan2(sine, turn[:, 0])
+        return np.asarray(turn[:, 1:] * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)[:, None])
+
+    def coordinates(self, now: Any, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N, d) lengths that say how bodies like these are turned: rotations times radii of gyration.
+
+        In a plane the first component is that length and the other one nothing.
+        """
+        found = np.zeros((len(self), self.dimension))
+        rotation = now.rotation_since(self)
+        found[:, : rotation.shape[1]] = rotation * self.gyration(radius_n)[:, None]
+        return found
+
+    def at_coordinates(self, coordinate_nd: NDArray[np.float64], radius_n: Any) -> Beads:
+        """Return the bodies turned as such lengths say."""
+        rotations = 1 if self.dimension == 2 else 3
+        return self.turned(coordinate_nd[:, :rotations] / self.gyration(radius_n)[:, None])
+
+    def select(self, kept_n: NDArray[Any]) -> Beads:
+        """Return the shapes of some of the particles."""
+        kept = np.arange(len(self))[kept_n]
+        bead = np.concatenate(
+            [np.arange(self.start_n[n], self.start_n[n + 1]) for n in kept] or [np.zeros(0, np.int64)]
+        )
+        start = np.concatenate([[0], np.cumsum(np.diff(self.start_n)[kept])])
+        return Beads(start, self.offset_bd[bead], self.size_b[bead], self.gyration_nk[kept], self.orientation_nq[kept])
+
+
+def _quaternion_product(one_nq: NDArray[np.float64], other_nq: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the quaternions of the second rotations followed by the first ones."""
+    a, u = one_nq[:, :1], one_nq[:, 1:]
+    b, v = other_nq[:, :1], other_nq[:, 1:]
+    real = a * b - (u * v).sum(axis=1, keepdims=True)
+    return np.hstack([real, a * v + b * u + np.cross(u, v)])
+
+
+Shapes = Spheroids | Beads
+
+
+def same_but_turned(one: Shapes, other: Shapes) -> bool:
+    """Return whether two shapes differ by how they are turned only."""
+    if type(one) is not type(other) or len(one) != len(other):
+        return False
+    return one.oriented(other.orientation_nq) == other

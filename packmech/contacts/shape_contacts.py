@@ -1,8 +1,9 @@
 """Contacts of particles with shapes: one distance each, with its slopes and curvatures along the pair's coordinates.
 
-Every law is taken at rho = s (r_i + r_j), s the scale at which the two shapes touch, with the contact distance r_i +
-r_j: they overlap where rho is smaller. Coordinates of a pair are the vector from center i to center j and the rotations
-of i and of j, angles in a plane and rotation vectors in space.
+Every law of spheroids is taken at rho = s (r_i + r_j), s the scale at which the two shapes touch, with the contact
+distance r_i + r_j: they overlap where rho is smaller. Of rigid bodies, each pair of beads has a contact of its own, at
+the beads' distance and with the sum of their radii. Coordinates of a pair are the vector from center i to center j and
+the rotations of i and of j, angles in a plane and rotation vectors in space.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance
+from packmech.contacts.bead_contact import bead_contacts
 from packmech.contacts.network import (
     Candidates,
     Contacts,
@@ -24,7 +26,7 @@ from packmech.contacts.network import (
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.honors import honors
 from packmech.packing import Packing
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads, Shapes
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows
 _SMALL = 1e-5
@@ -32,12 +34,14 @@ _SMALL = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ShapeContacts:
-    """Pairs of particles with shapes, each physical pair once, sorted by (i, j, image).
+    """Pairs of particles with shapes, or of their beads, each physical pair once, sorted by (i, j) and their sites.
 
     Attributes
     ----------
     i_c, j_c, image_cd, distance_c, contact_distance_c, particles, dimension
         As in `Contacts`, distances those at which laws are taken.
+    site_i_c, site_j_c
+        (C,) beads that touch, as the shapes number them; of ellipses and spheroids the particles again.
     vector_cd
         (C, d) vectors from center i to center j [length].
     slope_cx
@@ -58,9 +62,11 @@ class ShapeContacts:
     contact_distance_c: NDArray[np.float64]
     slope_cx: NDArray[np.float64]
     curvature_cxx: NDArray[np.float64]
+    site_i_c: NDArray[np.int64]
+    site_j_c: NDArray[np.int64]
     particles: int
     dimension: int
-    shapes: Spheroids
+    shapes: Shapes
 
     def __len__(self) -> int:
         return len(self.i_c)
@@ -80,10 +86,16 @@ class ShapeContacts:
         """The (C,) sizes of a force of a contact over du/drho [1]."""
         return np.asarray(np.sqrt((self.slope_cx[:, : self.dimension] ** 2).sum(axis=1)))
 
+    @property
+    def pairs(self) -> Candidates:
+        """The pairs of sites, as `shape_contacts` takes them."""
+        return Candidates(self.site_i_c, self.site_j_c, self.image_cd)
+
     def select(self, keep_c: ArrayLike) -> ShapeContacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)
-        names = ("i_c", "j_c", "image_cd", "vector_cd", "distance_c", "contact_distance_c", "slope_cx")
+        lengths = ("vector_cd", "distance_c", "contact_distance_c", "slope_cx")
+        names = ("i_c", "j_c", "image_cd", "site_i_c", "site_j_c", *lengths)
         parts = {name: getattr(self, name)[keep] for name in names}
         curvature = self.curvature_cxx[keep] if len(self.curvature_cxx) else self.curvature_cxx
         return replace(self, **parts, curvature_cxx=curvature)
@@ -92,7 +104,12 @@ class ShapeContacts:
         """Return the contacts between the particles of another packing, by their new numbers."""
         assert packing.shapes is not None
         i, j = number_n[self.i_c], number_n[self.j_c]
-        return replace(self, i_c=i, j_c=j, particles=packing.particles, shapes=packing.shapes)
+        start, now = self.shapes.start_n, packing.shapes.start_n
+        site_i = self.site_i_c - start[self.i_c] + now[i]
+        site_j = self.site_j_c - start[self.j_c] + now[j]
+        return replace(
+            self, i_c=i, j_c=j, site_i_c=site_i, site_j_c=site_j, particles=packing.particles, shapes=packing.shapes
+        )
 
     def count_n(self) -> NDArray[np.int64]:
         """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
@@ -135,58 +152,82 @@ def slopes_of_ends(contacts: ShapeContacts, turn_nkt: NDArray[np.float64]) -> ND
     return np.array(ends)
 
 
-def candidate_shapes(packing: Packing, scale: float = 1.0) -> Candidates:
-    """Return the pairs of particles with shapes whose surrounding discs or spheres, grown by the scale, overlap."""
-    assert packing.shapes is not None
-    return candidate_pairs(packing.position_nd, packing.shapes.reach(packing.radius_n), packing.box, scale=scale)
+def bead_positions(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (B, d) places and (B,) radii of the beads of a packing of rigid bodies."""
+    shapes = packing.shapes
+    assert isinstance(shapes, Beads)
+    place = packing.position_nd[shapes.particle_b] + shapes.arms(packing.radius_n)
+    return place, shapes.bead_radius(packing.radius_n)
+
+
+def candidate_shapes(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
+    """Return the pairs of sites that touch when shapes, or beads, are grown by scale and skin, and perhaps some more.
+
+    Sites are particles, in whose surrounding discs or spheres their shapes are, or beads of different bodies.
+    """
+    shapes = packing.shapes
+    assert shapes is not None
+    if not isinstance(shapes, Beads):
+        return candidate_pairs(packing.position_nd, shapes.reach(packing.radius_n), packing.box, scale=scale, skin=skin)
+    found = candidate_pairs(*bead_positions(packing), packing.box, scale=scale, skin=skin)
+    owner = shapes.particle_b
+    i, j = owner[found.i_c], owner[found.j_c]
+    other = (i != j) | found.image_cd.any(axis=1)
+    order = np.flatnonzero(other)[np.lexsort((j[other], i[other]))]
+    return Candidates(*(part[order] for part in found))
 
 
 def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False) -> ShapeContacts:
-    """Return the geometry of the given pairs, touching or not.
+    """Return the geometry of the given pairs of sites, touching or not.
 
     Parameters
     ----------
     packing
         The packing, with shapes.
     pairs
-        Pairs and images.
+        Pairs of sites, and images.
     second
         Whether curvatures are asked for.
 
     Raises
     ------
     ValueError
-        If two centers coincide: which way shapes part there is not defined.
+        If two centers, or of rigid bodies two beads, coincide: which way they part there is not defined.
 
     """
     shapes = packing.shapes
     assert shapes is not None
-    i, j = pairs.i_c, pairs.j_c
+    owner = shapes.particle_b if isinstance(shapes, Beads) else np.arange(packing.particles)
+    i, j = owner[pairs.i_c], owner[pairs.j_c]
     vector = packing.position_nd[j] - packing.position_nd[i] + pairs.image_cd @ packing.box.lattice_dd.T
-    same = ~vector.any(axis=1)
+    if isinstance(shapes, Beads):
+        arm, radius = shapes.arms(packing.radius_n), shapes.bead_radius(packing.radius_n)
+        sigma = radius[pairs.i_c] + radius[pairs.j_c]
+        apart = vector + arm[pairs.j_c] - arm[pairs.i_c]
+        _check_apart("beads", apart, pairs.i_c, pairs.j_c)
+        distance, first, curvature = bead_contacts(apart, arm[pairs.i_c], arm[pairs.j_c], second=second)
+    else:
+        _check_apart("particles", vector, i, j)
+
+        def both(array: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.stack([array[i], array[j]], axis=1)
+
+        radius, aspect, director = both(packing.radius_n), both(shapes.aspect_n), both(shapes.director_nd)
+        found = scaled_contacts(vector, radius, aspect, director, second=second)
+        sigma = packing.radius_n[i] + packing.radius_n[j]
+        distance, first = found.scale_p * sigma, found.first_px * sigma[:, None]
+        curvature = found.second_pxx * sigma[: len(found.second_pxx), None, None]
+    return ShapeContacts(
+        i, j, pairs.image_cd, vector, distance, sigma, first, curvature, pairs.i_c, pairs.j_c,
+        packing.particles, packing.dimension, shapes,
+    )  # fmt: skip
+
+
+def _check_apart(what: str, vector_cd: NDArray[np.float64], i_c: NDArray[np.int64], j_c: NDArray[np.int64]) -> None:
+    same = ~vector_cd.any(axis=1)
     if same.any():
         c = int(np.argmax(same))
-        raise ValueError(f"packing must have no coincident centers, got particles {i[c]} and {j[c]} at one place")
-
-    def both(array: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack([array[i], array[j]], axis=1)
-
-    radius, aspect, director = both(packing.radius_n), both(shapes.aspect_n), both(shapes.director_nd)
-    found = scaled_contacts(vector, radius, aspect, director, second=second)
-    sigma = packing.radius_n[i] + packing.radius_n[j]
-    return ShapeContacts(
-        i,
-        j,
-        pairs.image_cd,
-        vector,
-        found.scale_p * sigma,
-        sigma,
-        found.first_px * sigma[:, None],
-        found.second_pxx * sigma[: len(found.second_pxx), None, None],
-        packing.particles,
-        packing.dimension,
-        shapes,
-    )
+        raise ValueError(f"packing must have no coincident centers, got {what} {i_c[c]} and {j_c[c]} at one place")
 
 
 @honors("shapes", packing_only=True)

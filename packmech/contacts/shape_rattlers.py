@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from packmech.contacts.friction_cones import BALANCED
-from packmech.contacts.network import Candidates, pair_contacts
+from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, slopes_of_ends
 from packmech.packing import Packing
@@ -23,8 +23,8 @@ def shape_rattlers(packing: Packing, contacts: ShapeContacts) -> NDArray[np.bool
     """
     shapes = packing.shapes
     assert shapes is not None
-    if (shapes.aspect_n == 1.0).all():
-        return rattlers_of(pair_contacts(packing, *Candidates(contacts.i_c, contacts.j_c, contacts.image_cd)))
+    if not shapes.turns_n.any():
+        return rattlers_of(pair_contacts(packing, contacts.i_c, contacts.j_c, contacts.image_cd))
     n = packing.particles
     if not len(contacts):
         return np.ones(n, dtype=bool)

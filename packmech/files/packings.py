@@ -10,8 +10,9 @@ Three formats, chosen by the ending of the name:
     ``pm.Links`` describes them; such a file is of format version 2, so that a reader without links refuses it. Masses
     that were given are ``mass_n`` (N,), and make it version 3. Tangential displacements of contacts, which make it
     version 4, are ``tangential_i_c``, ``tangential_j_c``, ``tangential_image_cd`` and
-    ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them. Shapes, which make it version 5,
-    are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them.
+    ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them. Ellipses and spheroids, which
+    make it version 5, are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them, and
+    rigid bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     Visible to those programs in single precision and in their orientation of the box; the exact packing lies beside it
     in log chunks, so that what packmech wrote it reads back to the last bit. Links are shown as bonds and constraints.
@@ -63,23 +64,25 @@ from packmech.box import Box
 from packmech.check import instance
 from packmech.effects.laws import is_law, registered_laws
 from packmech.files.records import from_table, kinds_of, to_table
+from packmech.generate.rigid import beads_of, body_of, orientation_of
 from packmech.honors import honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
-# springs are slack of version 3; one of discs or spheres at most of version 4
-_FORMAT_VERSION = 5
+# springs are slack of version 3; one of discs or spheres at most of version 4, one of spheroids of version 5
+_FORMAT_VERSION = 6
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 # arrays that belong together: what their names begin with, the names of their fields, and whose they are
 _LINKS = ("link_", _LINK_ARRAYS, "links")
 _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
-_SHAPES = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
+_SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
+_BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
 _TEXT = (".txt", ".dat", ".csv")
 _ENDINGS = (".npz", ".gsd", *_TEXT)
 
@@ -274,7 +277,7 @@ def _read_npz(path: Path) -> Packing:
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
     box = Box(arrays["lattice_dd"])
-    links, tangential, shapes = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL, _SHAPES))
+    links, tangential = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL))
     return Packing(
         arrays["position_nd"],
         arrays["radius_n"],
@@ -282,8 +285,18 @@ def _read_npz(path: Path) -> Packing:
         None if links is None else Links(*links),
         arrays.get("mass_n"),
         None if tangential is None else TangentialDisplacements(*tangential),
-        None if shapes is None else Spheroids(*shapes),
+        _shapes_in(arrays),
     )
+
+
+def _shapes_in(arrays: Mapping[str, Any]) -> Shapes | None:
+    """Return the shapes that are written out in arrays, if there are any."""
+    spheroids, beads = (_group(arrays, *one) for one in (_SPHEROIDS, _BEADS))
+    if beads is not None:
+        start, offset, size, gyration, orientation = beads
+        # the schema of gsd flattens a single column
+        return Beads(start, offset, size, gyration.reshape(len(start) - 1, -1), orientation)
+    return None if spheroids is None else Spheroids(*spheroids)
 
 
 def _group(arrays: Mapping[str, Any], prefix: str, names: tuple[str, ...], of: str) -> list[Any] | None:
@@ -301,8 +314,9 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
     version = 1 if packing.links is None else 2
     version = version if packing.given_mass_n is None else 3
     version = version if packing.tangential is None else 4
+    version = version if packing.shapes is None else 6 if isinstance(packing.shapes, Beads) else 5
     arrays: dict[str, Any] = {
-        "format_version": np.array(version if packing.shapes is None else _FORMAT_VERSION),
+        "format_version": np.array(version),
         "position_nd": packing.position_nd,
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
@@ -321,7 +335,8 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
 def _further_arrays(packing: Packing) -> dict[str, Any]:
     """Return the arrays of tangential displacements and of shapes, if there are any, by the names of files."""
     found: dict[str, Any] = {}
-    for (prefix, names, _), record in ((_TANGENTIAL, packing.tangential), (_SHAPES, packing.shapes)):
+    shapes = _BEADS if isinstance(packing.shapes, Beads) else _SPHEROIDS
+    for (prefix, names, _), record in ((_TANGENTIAL, packing.tangential), (shapes, packing.shapes)):
         if record is not None:
             found |= {prefix + one: getattr(record, one) for one in names}
     return found
@@ -429,7 +444,8 @@ def write_gsd(packing: Packing, path: Path) -> None:
     frame.particles.mass = packing.mass_n.astype(np.float32)
     size_k, type_n = np.unique(packing.radius_n, return_inverse=True)
     if packing.shapes is not None:
-        type_n = _show_shapes(frame, packing, packing.shapes)
+        beads = isinstance(packing.shapes, Beads)
+        type_n = _show_beads(frame, packing) if beads else _show_spheroids(frame, packing)
     elif len(size_k) > DISCRETE_SIZES:
         type_n = np.zeros_like(type_n)
     frame.particles.types = [_type_name(k) for k in range(int(type_n.max()) + 1)]
@@ -452,8 +468,37 @@ def _type_name(number: int) -> str:
     return chr(ord("A") + number) if number < 26 else f"A{number}"
 
 
-def _show_shapes(frame: Any, packing: Packing, shapes: Spheroids) -> NDArray[np.int64]:
+def _show_beads(frame: Any, packing: Packing) -> NDArray[np.int64]:
+    """Give the frame orientations and the union of spheres of each particle type; return the type of each particle."""
+    shapes = packing.shapes
+    assert isinstance(shapes, Beads)
+    length, bead = packing.radius_n[shapes.particle_b, None], np.hstack([shapes.offset_bd, shapes.size_b[:, None]])
+    own = np.split(length * bead, shapes.start_n[1:-1])
+    kinds: dict[bytes, int] = {}
+    type_n = [kinds.setdefault(one.tobytes(), len(kinds)) for one in own]
+    first = np.unique(type_n, return_index=True)[1]
+    frame.particles.type_shapes = [
+        {
+            "type": "SphereUnion",
+            "centers": _three_axes(own[n][:, :-1]).tolist(),
+            "diameters": (2.0 * own[n][:, -1]).tolist(),
+        }
+        for n in first
+    ]
+    columns = shapes.frames().transpose(0, 2, 1).reshape(-1, packing.dimension)
+    turned = _visible_directions(packing, columns).reshape(len(shapes), packing.dimension, -1)
+    turn = np.array([orientation_of(one.T) for one in turned])
+    if packing.dimension == 2:
+        angle = 0.5 * np.arctan2(turn[:, 1], turn[:, 0])
+        turn = np.column_stack([np.cos(angle), np.zeros((len(angle), 2)), np.sin(angle)])
+    frame.particles.orientation = turn.astype(np.float32)
+    return np.array(type_n)
+
+
+def _show_spheroids(frame: Any, packing: Packing) -> NDArray[np.int64]:
     """Give the frame orientations and the shape of each particle type; return the type of each particle."""
+    shapes = packing.shapes
+    assert isinstance(shapes, Spheroids)
     kinds, type_n = np.unique(np.column_stack([packing.radius_n, shapes.aspect_n]), axis=0, return_inverse=True)
     along, across = Spheroids(kinds[:, 1], np.ones((len(kinds), packing.dimension))).semi_axes(kinds[:, 0])
     frame.particles.type_shapes = [
@@ -477,14 +522,16 @@ def _visible_directions(packing: Packing, direction_nd: NDArray[np.float64]) -> 
     return np.asarray(direction_nd @ ((lattice * sign) @ np.linalg.inv(_visible(packing).lattice_dd)))
 
 
-def _seen_shapes(frame: Any, dimension: int) -> Spheroids | None:
-    """Return the frame's ellipsoids, if it has any."""
+def _seen_shapes(frame: Any, dimension: int) -> Shapes | None:
+    """Return the frame's ellipsoids or unions of spheres, if it has any."""
     defined = frame.particles.type_shapes or []
+    if defined and all(one.get("type") == "SphereUnion" for one in defined):
+        return _seen_beads(frame, dimension)
     kinds = [one for one in defined if one.get("type") == "Ellipsoid"]
     if not kinds:
         return None
     if len(kinds) < len(defined):
-        raise ValueError("its particle types must all be ellipsoids, or none")
+        raise ValueError("its particle types must all be ellipsoids, all unions of spheres, or none")
     axes = np.array([[one["a"], one["b"], one.get("c", one["b"])] for one in defined], dtype=np.float64)
     if dimension == 3 and (axes[:, 1] != axes[:, 2]).any():
         raise ValueError("its ellipsoids must have two equal axes, b and c")
@@ -492,6 +539,24 @@ def _seen_shapes(frame: Any, dimension: int) -> Spheroids | None:
     first = np.column_stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
     type_n = np.asarray(frame.particles.typeid, dtype=np.int64)
     return Spheroids((axes[:, 0] / axes[:, 1])[type_n], first[:, :dimension])
+
+
+def _seen_beads(frame: Any, dimension: int) -> Beads:
+    """Return the frame's unions of spheres, each about its center of mass."""
+    bodies = []
+    for one in frame.particles.type_shapes:
+        center = np.array(one["centers"], dtype=np.float64)[:, :dimension]
+        body = body_of(center, 0.5 * np.array(one["diameters"], dtype=np.float64))
+        if np.abs(body.center_d).max() > _SINGLE * body.radius:
+            raise ValueError("its unions of spheres must have their centers of mass at the origin")
+        bodies.append(body)
+    type_n = np.asarray(frame.particles.typeid, dtype=np.int64)
+    turn = np.asarray(frame.particles.orientation, dtype=np.float64)
+    if dimension == 2:
+        turn = np.column_stack([turn[:, 0] ** 2 - turn[:, 3] ** 2, 2.0 * turn[:, 0] * turn[:, 3]])
+    given = beads_of([bodies[k] for k in type_n], turn)
+    frames = given.frames() @ np.array([bodies[k].frame_dd for k in type_n])
+    return given.oriented(np.array([orientation_of(one) for one in frames]))
 
 
 def _shown(links: Links) -> NDArray[np.bool_]:
@@ -571,7 +636,7 @@ def read_gsd(path: Path) -> Packing:
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
     own = {name.removeprefix(_LOG): one for name, one in frame.log.items()}
-    parts, springs, spheroids = (_group(own, *one) for one in (_LINKS, _TANGENTIAL, _SHAPES))
+    parts, springs = (_group(own, *one) for one in (_LINKS, _TANGENTIAL))
     links = None
     if parts is not None:
         i_l, j_l, image_ld, length_l, shape_l = parts
@@ -581,8 +646,8 @@ def read_gsd(path: Path) -> Packing:
         # the schema flattens a single column
         i_c, j_c, image_cd, displacement_ck = springs
         tangential = TangentialDisplacements(i_c, j_c, image_cd, displacement_ck.reshape(len(i_c), -1))
-    shapes = None if spheroids is None else Spheroids(*spheroids)
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, frame.log.get(_LOG + "mass_n"), tangential, shapes)
+    masses, shapes = frame.log.get(_LOG + "mass_n"), _shapes_in(own)
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, masses, tangential, shapes)
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact
@@ -604,9 +669,15 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     """Return whether the visible packing is the exact one rounded to single precision."""
     if (exact.particles, exact.dimension) != (seen.particles, seen.dimension):
         return False
-    if (exact.shapes is None) != (seen.shapes is None):
+    if type(exact.shapes) is not type(seen.shapes):
         return False
-    if exact.shapes is not None and seen.shapes is not None:
+    if isinstance(exact.shapes, Beads) and isinstance(seen.shapes, Beads):
+        if not np.array_equal(exact.shapes.start_n, seen.shapes.start_n):
+            return False
+        turned, arm = _visible_directions(exact, exact.shapes.arms(exact.radius_n)), seen.shapes.arms(seen.radius_n)
+        if np.abs(turned - arm).max() > _SINGLE * float(exact.shapes.reach(exact.radius_n).max()):
+            return False
+    elif isinstance(exact.shapes, Spheroids) and isinstance(seen.shapes, Spheroids):
         turned = _visible_directions(exact, exact.shapes.director_nd)
         along = np.abs((turned * seen.shapes.director_nd).sum(axis=1))
         if not (

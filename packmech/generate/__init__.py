@@ -13,6 +13,7 @@ from packmech.generate.lattices import (
 )
 from packmech.generate.random import (
     Bidisperse,
+    Ellipses,
     LogNormal,
     Mixture,
     Monodisperse,
@@ -22,12 +23,14 @@ from packmech.generate.random import (
     fill_box,
     random_packing,
 )
+from packmech.generate.rigid import bead_packing, rigid_packing
 
 __all__ = [
     "LATTICE_NAMES",
     "Bidisperse",
     "Cluster",
     "Dimer",
+    "Ellipses",
     "LinearCluster",
     "LogNormal",
     "Mixture",
@@ -39,6 +42,7 @@ __all__ = [
     "StarCluster",
     "Trimer",
     "Uniform",
+    "bead_packing",
     "chain_packing",
     "cluster_packing",
     "cut_fragments",
@@ -47,6 +51,7 @@ __all__ = [
     "lattice_packing",
     "random_packing",
     "reinforced_kagome_packing",
+    "rigid_packing",
     "scattered_packing",
     "tunneled_packing",
     "vacancy_packing",

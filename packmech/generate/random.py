@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array, real
+from packmech.generate.cluster_shapes import RandomShape, Shape
+from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
-from packmech.shapes import Spheroids
+from packmech.shapes import Shapes, Spheroids
 
 # A gaussian factor this far from 1 is drawn again: radii stay positive, and cutting both tails alike keeps the mean.
 _LARGEST_DEVIATION = 0.9
@@ -279,6 +281,36 @@ class LogNormal:
         return _mean_diameter_one(np.exp(width * rng.standard_normal(particles)))
 
 
+@dataclass(frozen=True)
+class Ellipses:
+    """Ellipses, in space spheroids, for `random_packing`.
+
+    Parameters
+    ----------
+    aspect
+        Axis along the director over that across it, one for all or one for each particle: above 1 prolate, below 1
+        oblate [1].
+
+    Examples
+    --------
+    >>> packing = random_packing(8, dimension=3, packing_fraction=0.5, shapes=Ellipses(aspect=1.5), seed=1)
+    >>> packing.shapes.aspect_n.tolist()[:2]
+    [1.5, 1.5]
+
+    """
+
+    aspect: float | tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        each = np.ndim(self.aspect) > 0
+        aspect = (
+            tuple(positive_array("aspect", self.aspect, shape=(None,)).tolist())
+            if each
+            else positive("aspect", self.aspect)
+        )
+        object.__setattr__(self, "aspect", aspect)
+
+
 def random_packing(
     particles: int,
     *,
@@ -289,7 +321,7 @@ def random_packing(
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
     density: float | None = None,
-    aspect: ArrayLike | None = None,
+    shapes: Ellipses | Shape | RandomShape | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions, in a box that gives the packing fraction asked for.
 
@@ -314,10 +346,10 @@ def random_packing(
         Square or cubic when nothing is said.
     density
         Mass over area, or over volume in space, of every particle [mass/length^d]; as of a `Packing` unless given.
-    aspect
-        Axis along the director over that across it, one for all or (N,): ellipses or spheroids of these aspects and of
-        the discs' or spheres' areas or volumes, with directors in all directions alike (`Spheroids`). The radii and
-        positions are those of the same seed without.
+    shapes
+        ``Ellipses`` of an aspect, or rigid bodies of the shape of a cluster (``Dimer``, ``Trimer``, ``LinearCluster``,
+        ..., or anything that `cluster_packing` takes), of the discs' or spheres' areas or volumes and turned in all
+        directions alike. The radii and positions are those of the same seed without.
 
     Raises
     ------
@@ -343,16 +375,29 @@ def random_packing(
     scaled = box_for(radius_n, packing_fraction, shape_dd)
     # einsum, not BLAS: the same bits for any number of threads
     position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
-    shapes = None if aspect is None else _random_shapes(aspect, particles, dimension, rng)
+    turned = None if shapes is None else _random_shapes(shapes, particles, dimension, rng)
     masses = masses_of_density(density, radius_n, dimension)
-    return Packing(position_nd, radius_n, scaled, mass_n=masses, shapes=shapes)
+    return Packing(position_nd, radius_n, scaled, mass_n=masses, shapes=turned)
 
 
-def _random_shapes(aspect: ArrayLike, particles: int, dimension: int, rng: np.random.Generator) -> Spheroids:
-    """Return ellipses or spheroids whose directors are uniform on the circle or sphere."""
-    given = np.full(particles, positive("aspect", aspect)) if np.ndim(aspect) == 0 else aspect
-    aspect_n = positive_array("aspect", given, shape=(particles,))
-    return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
+def _random_shapes(
+    shapes: Ellipses | Shape | RandomShape, particles: int, dimension: int, rng: np.random.Generator
+) -> Shapes:
+    """Return shapes turned in all directions alike."""
+    if isinstance(shapes, Ellipses):
+        given = shapes.aspect
+        aspect_n = (
+            np.full(particles, given) if np.ndim(given) == 0 else positive_array("aspect", given, shape=(particles,))
+        )
+        return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
+    if not isinstance(shapes, Shape | RandomShape):
+        raise TypeError(f"shapes must be Ellipses or a shape of a cluster, such as Dimer(), got {shapes!r}")
+    own = [(shapes.drawn(rng) if isinstance(shapes, RandomShape) else shapes) for _ in range(particles)]
+    clusters = [one.cluster(dimension) for one in (own if isinstance(shapes, RandomShape) else own[:1])]
+    bodies = [body_of(one.position_bd, one.radius_b) for one in clusters]
+    if len(bodies) == 1:
+        bodies *= particles
+    return beads_of(bodies, rng.standard_normal((particles, 2 if dimension == 2 else 4)))
 
 
 def fill_box(
@@ -364,7 +409,7 @@ def fill_box(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     density: float | None = None,
-    aspect: ArrayLike | None = None,
+    shapes: Ellipses | Shape | RandomShape | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions in this very box, of radii that fill it as asked.
 
@@ -378,7 +423,7 @@ def fill_box(
         The box; 2 or 3 dimensions.
     particles
         Number of particles N.
-    packing_fraction, sizes, seed, rng, density, aspect
+    packing_fraction, sizes, seed, rng, density, shapes
         As for `random_packing`.
 
     Raises
@@ -402,7 +447,7 @@ def fill_box(
         seed=seed,
         rng=rng,
         box=box,
-        aspect=aspect,
+        shapes=shapes,
     )
     scale = (box.volume / drawn.box.volume) ** (1.0 / box.dimension)
     radius_n = drawn.radius_n * scale

@@ -232,11 +232,15 @@ def device(function: F) -> F:
     return register_jitable(**OPTIONS)(function)  # type: ignore[no-any-return]
 
 
-def compiled_form(target: Callable[..., Any]) -> Callable[[F], F]:
-    """Return a decorator for a function that picks, by argument types, what compiled code runs for the target."""
+def compiled_form(target: Callable[..., Any], *, inline: bool = False) -> Callable[[F], F]:
+    """Return a decorator for a function that picks, by argument types, what compiled code runs for the target.
+
+    Written into its callers, as `inlined` does, where that is asked for.
+    """
+    options = {**OPTIONS, "forceinline": True} if inline else OPTIONS
 
     def register(chooser: F) -> F:
-        overload(target, jit_options=OPTIONS, strict=False)(chooser)
+        overload(target, jit_options=options, strict=False)(chooser)
         return chooser
 
     return register

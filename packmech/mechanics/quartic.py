@@ -90,7 +90,7 @@ def quartic_modes(
     Examples
     --------
     >>> import packmech as pm
-    >>> start = pm.random_packing(12, dimension=2, packing_fraction=0.6, seed=1, aspect=1.5)
+    >>> start = pm.random_packing(12, dimension=2, packing_fraction=0.6, seed=1, shapes=pm.Ellipses(1.5))
     >>> scene = pm.Scene(start, (pm.Repulsion(),))
     >>> run = pm.jam(scene, pressure=1e-5, strain="isotropic")
     >>> modes = pm.quartic_modes(scene.replace(packing=run.packing))

@@ -23,10 +23,11 @@ from packmech.minimize.pair_list import BLOCK, follow, is_stale
 from packmech.minimize.shape_rows import (
     flat_spin,
     has_shapes,
-    keep_directors,
+    keep_turned,
     shape_touch,
     shapes_of,
     spin_of,
+    touches,
     turn_rows,
 )
 from packmech.minimize.single_rows import push_rows, survey_rows
@@ -143,46 +144,53 @@ def _law(effects, rho, sigma):
 
 @device
 def _push_shapes(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
-    """Add forces and torques of a pair of shapes whose surrounding discs overlap; return the force, 0 if apart, and 1.
+    """Add forces and torques of a pair of shapes whose surrounding discs overlap; return their size and number.
 
-    Torques go to the rows of the directors, where `turn_rows` makes forces of them.
+    Torques go to the rows of the turns, where `turn_rows` makes forces of them.
     """
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
         dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
     shapes = shapes_of(effects)
-    touch = shape_touch(shapes, i, j, dx, dy, dz, len(axes))
-    if not touch.touching:
-        return 0.0, 0
     n = shapes.radius_n.shape[0]
-    rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * touch.x + (velocity_nd[j, 1] - velocity_nd[i, 1]) * touch.y
-    if len(axes) == 3:
-        rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * touch.z
-        ax, ay, az = spin_of(row, velocity_nd, n + i)
-        bx, by, bz = spin_of(row, velocity_nd, n + j)
-        rate += touch.ix * ax + touch.iy * ay + touch.iz * az + touch.jx * bx + touch.jy * by + touch.jz * bz
-    else:
-        rate += touch.iz * flat_spin(row, velocity_nd, n + i) + touch.jz * flat_spin(row, velocity_nd, n + j)
-    first = _slope(effects, touch.rho, touch.sigma, rate)
-    force_nd[i, 0] += first * touch.x
-    force_nd[i, 1] += first * touch.y
-    force_nd[j, 0] -= first * touch.x
-    force_nd[j, 1] -= first * touch.y
-    if len(axes) == 3:
-        force_nd[i, 2] += first * touch.z
-        force_nd[j, 2] -= first * touch.z
-        force_nd[n + i, 0] -= first * touch.ix
-        force_nd[n + i, 1] -= first * touch.iy
-        force_nd[n + i, 2] -= first * touch.iz
-        force_nd[n + j, 0] -= first * touch.jx
-        force_nd[n + j, 1] -= first * touch.jy
-        force_nd[n + j, 2] -= first * touch.jz
-        size = math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
-    else:
-        force_nd[n + i, 0] -= first * touch.iz
-        force_nd[n + j, 0] -= first * touch.jz
-        size = math.sqrt(touch.x * touch.x + touch.y * touch.y)
-    return abs(first) * size, 1
+    total = 0.0
+    touching = 0
+    for k in range(touches(shapes, i, j)):
+        touch = shape_touch(shapes, i, j, k, dx, dy, dz, len(axes))
+        if not touch.touching:
+            continue
+        rate = (velocity_nd[j, 0] - velocity_nd[i, 0]) * touch.x + (velocity_nd[j, 1] - velocity_nd[i, 1]) * touch.y
+        if len(axes) == 3:
+            rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * touch.z
+            ax, ay, az = spin_of(shapes, row, velocity_nd, i)
+            bx, by, bz = spin_of(shapes, row, velocity_nd, j)
+            rate += touch.ix * ax + touch.iy * ay + touch.iz * az + touch.jx * bx + touch.jy * by + touch.jz * bz
+        else:
+            rate += touch.iz * flat_spin(shapes, row, velocity_nd, i) + touch.jz * flat_spin(
+                shapes, row, velocity_nd, j
+            )
+        first = _slope(effects, touch.rho, touch.sigma, rate)
+        force_nd[i, 0] += first * touch.x
+        force_nd[i, 1] += first * touch.y
+        force_nd[j, 0] -= first * touch.x
+        force_nd[j, 1] -= first * touch.y
+        if len(axes) == 3:
+            force_nd[i, 2] += first * touch.z
+            force_nd[j, 2] -= first * touch.z
+            force_nd[n + i, 0] -= first * touch.ix
+            force_nd[n + i, 1] -= first * touch.iy
+            force_nd[n + i, 2] -= first * touch.iz
+            force_nd[n + j, 0] -= first * touch.jx
+            force_nd[n + j, 1] -= first * touch.jy
+            force_nd[n + j, 2] -= first * touch.jz
+            size = math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
+        else:
+            force_nd[n + i, 0] -= first * touch.iz
+            force_nd[n + j, 0] -= first * touch.jz
+            size = math.sqrt(touch.x * touch.x + touch.y * touch.y)
+        total += abs(first) * size
+        touching += 1
+    return total, touching
 
 
 @kernel
@@ -190,7 +198,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     shift_kd = pairs.shift_kd
     n = pairs.anchor_nd.shape[0]
-    keep_directors(effects, row)
+    keep_turned(effects, row)
     total = 0.0
     touching = 0
     power = 0.0
@@ -371,7 +379,7 @@ def _survey_round(effects, row, pairs):
 @inner_kernel
 def _survey_shapes(effects, row, pairs):
     shapes = shapes_of(effects)
-    keep_directors(effects, row)
+    keep_turned(effects, row)
     stiffness_n = np.zeros(row.shape[0])
     n = shapes.radius_n.shape[0]
     energy = 0.0
@@ -397,25 +405,26 @@ def _survey_shapes(effects, row, pairs):
         if square < sigma * sigma:
             if square == 0.0:
                 dx = 1e-9 * sigma
-            touch = shape_touch(shapes, i, j, dx, dy, dz, shapes.dimension)
-            if not touch.touching:
-                continue
-            contacts += 1
-            deepest = max(deepest, (touch.sigma - touch.rho) / touch.sigma)
-            own, first, second = _law(effects, touch.rho, touch.sigma)
-            energy += own
-            turn_i = (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz) / shapes.gyration_n[i] ** 2
-            turn_j = (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz) / shapes.gyration_n[j] ** 2
-            steep = abs(second) * (touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
-            stiffness_n[i] += steep + abs(second) * turn_i
-            stiffness_n[j] += steep + abs(second) * turn_j
-            # symmetric in all where torques balance
-            virial[0, 0] += first * touch.x * dx
-            virial[0, 1] += 0.5 * first * (touch.x * dy + touch.y * dx)
-            virial[1, 1] += first * touch.y * dy
-            virial[0, 2] += 0.5 * first * (touch.x * dz + touch.z * dx)
-            virial[1, 2] += 0.5 * first * (touch.y * dz + touch.z * dy)
-            virial[2, 2] += first * touch.z * dz
+            for touch_k in range(touches(shapes, i, j)):
+                touch = shape_touch(shapes, i, j, touch_k, dx, dy, dz, shapes.dimension)
+                if not touch.touching:
+                    continue
+                contacts += 1
+                deepest = max(deepest, (touch.sigma - touch.rho) / touch.sigma)
+                own, first, second = _law(effects, touch.rho, touch.sigma)
+                energy += own
+                turn_i = (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz) / shapes.gyration_n[i] ** 2
+                turn_j = (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz) / shapes.gyration_n[j] ** 2
+                steep = abs(second) * (touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
+                stiffness_n[i] += steep + abs(second) * turn_i
+                stiffness_n[j] += steep + abs(second) * turn_j
+                # symmetric in all where torques balance
+                virial[0, 0] += first * touch.x * dx
+                virial[0, 1] += 0.5 * first * (touch.x * dy + touch.y * dx)
+                virial[1, 1] += first * touch.y * dy
+                virial[0, 2] += 0.5 * first * (touch.x * dz + touch.z * dx)
+                virial[1, 2] += 0.5 * first * (touch.y * dz + touch.z * dy)
+                virial[2, 2] += first * touch.z * dz
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]

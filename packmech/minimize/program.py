@@ -39,7 +39,6 @@ from packmech.minimize.single_rows import acting_on_rows
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
 
 
 class Progress(NamedTuple):
@@ -128,8 +127,9 @@ class Program:
     go through the same arithmetic. Build one with `build_program`; one program serves many positions and boxes of the
     same particles, one at a time.
 
-    Coordinates are the positions, and below them for particles with shapes their directors times their radii of
-    gyration: a minimizer that walks over all of them turns particles, too.
+    Coordinates are the positions, and below them for particles with shapes how they are turned, measured in radii of
+    gyration: directors of ellipses and spheroids, and of rigid bodies the rotations since the program was built. A
+    minimizer that walks over all of them turns particles, too.
 
     Attributes
     ----------
@@ -184,7 +184,14 @@ class Program:
 
     def put(self, packing: Packing) -> None:
         """Put the particles where a packing has them, in its box and turned as there, at rest."""
-        self.place(coordinates_of(packing), packing.box.lattice_dd)
+        self.place(self.coordinates_of(packing), packing.box.lattice_dd)
+
+    def coordinates_of(self, packing: Packing) -> NDArray[np.float64]:
+        """Return the (R, d) coordinates at which the program's particles are as in a packing."""
+        shapes = self.scene.packing.shapes
+        if shapes is None:
+            return packing.position_nd
+        return np.concatenate([packing.position_nd, shapes.coordinates(packing.shapes, packing.radius_n)])
 
     def packing(self) -> Packing:
         """Return the packing as its particles are now."""
@@ -195,7 +202,7 @@ class Program:
         packing, n = self.scene.packing, len(self.order_n)
         shapes = packing.shapes
         if shapes is not None:
-            shapes = Spheroids(shapes.aspect_n, coordinate_rd[n:])
+            shapes = shapes.at_coordinates(coordinate_rd[n:], packing.radius_n)
         return packing.replace(position_nd=coordinate_rd[:n], box=box, shapes=shapes)
 
     def place(self, coordinate_rd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
@@ -207,8 +214,8 @@ class Program:
         Parameters
         ----------
         coordinate_rd
-            (R, d) positions, and directors below them, in the order of the scene's packing [length]; with N of them
-            directors stay as they are.
+            (R, d) positions, and turns below them, in the order of the scene's packing [length]; with N of them
+            turns stay as they are.
         lattice_dd
             (d, d) lattice vectors as columns [length]; the present box when left out.
 
@@ -260,7 +267,7 @@ class Program:
         return np.asarray(np.einsum("l,la,lb->ab", links.multiplier_l / distance, vector, vector))
 
     def coordinates(self) -> NDArray[np.float64]:
-        """Return the (R, d) positions, and directors below them, in the order of the scene's packing [length]."""
+        """Return the (R, d) positions, and turns below them, in the order of the scene's packing [length]."""
         d, n = len(self.axes), len(self.order_n)
         coordinate = np.empty((len(self.row), d))
         coordinate[self._order_r] = self.row[:, :d]
@@ -494,14 +501,6 @@ class Minimization:
             steps=self.steps,
             force_evaluations=self.force_evaluations + 1,
         )
-
-
-def coordinates_of(packing: Packing) -> NDArray[np.float64]:
-    """Return the (R, d) coordinates of a packing: its positions, and below them directors times radii of gyration."""
-    shapes = packing.shapes
-    if shapes is None:
-        return packing.position_nd
-    return np.concatenate([packing.position_nd, shapes.director_nd * shapes.gyration(packing.radius_n)[:, None]])
 
 
 def space_order(packing: Packing) -> NDArray[np.int64]:

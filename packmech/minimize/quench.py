@@ -333,9 +333,9 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
     return {"crossing_links": pairs_crossing(after), "crossed_links": pairs_crossing(after - before)}
 
 
-def directors_of(packings: Sequence[Packing]) -> NDArray[np.float64] | None:
-    """Return the (T, N, d) directors of packings with shapes; None of others."""
-    found = [one.shapes.director_nd for one in packings if one.shapes is not None]
+def orientations_of(packings: Sequence[Packing]) -> NDArray[np.float64] | None:
+    """Return the (T, N, q) orientations of packings with shapes; None of others."""
+    found = [one.shapes.orientation_nq for one in packings if one.shapes is not None]
     return np.array(found) if found else None
 
 
@@ -369,4 +369,4 @@ class _TraceBuilder:
         if packings is None:
             return Trace.of_rows(self.rows)
         position = np.array([one.position_nd for one in packings])
-        return Trace.of_rows(self.rows, position_tnd=position, director_tnd=directors_of(packings))
+        return Trace.of_rows(self.rows, position_tnd=position, orientation_tnq=orientations_of(packings))

@@ -12,6 +12,7 @@ from packmech.linalg.mandel import mandel_basis
 from packmech.mechanics.shape_sums import shape_sums, turning
 from packmech.minimize.soft_network import REACH, SoftNetwork, energy_between
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 
 class ShapeNetwork(SoftNetwork):
@@ -21,7 +22,11 @@ class ShapeNetwork(SoftNetwork):
 
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon."""
-        return candidate_shapes(packing, 1.0 + REACH)
+        shapes = packing.shapes
+        assert shapes is not None
+        # beads move by more than turns, measured in radii of gyration
+        arm = float((shapes.reach(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
+        return candidate_shapes(packing, 1.0 + REACH, 2.0 * REACH * arm if isinstance(shapes, Beads) else 0.0)
 
     def near(self, packing: Packing) -> ShapeContacts:
         """Return the pairs of the list, touching or not, as they are in a packing."""
@@ -65,7 +70,7 @@ class ShapeNetwork(SoftNetwork):
     def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""
         one, packing = self.contacts, self.packing
-        curved = shape_contacts(packing, Candidates(one.i_c, one.j_c, one.image_cd), second=True)
+        curved = shape_contacts(packing, one.pairs, second=True)
         sums = shape_sums(curved, self._turn_nkt, self.first_c, self.second_c)
         count, n, d = one.count_n(), packing.particles, packing.dimension
         free = np.hstack([np.ones((n, d), dtype=bool), turning(self._turn_nkt)])

@@ -1,10 +1,12 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Shapes inside the loops of minimizers: directors are rows of their own below those of the particles.
+"""Shapes inside the loops of minimizers: how particles are turned stands in rows below those of their positions.
 
-The row of a director holds the director times the radius of gyration, so that its changes are lengths and the forces on
-it torques over that radius. Its length has no force: what makes it longer turns nobody, and it is put right where a
-program's particles are placed. Minimizers walk over these rows as over all others. What the shapes are travels in the
-tuple of effects as a record of its own, so that loops of discs and spheres have no code for them.
+The row of an ellipse or spheroid holds its director times the radius of gyration, so that its changes are lengths and
+the forces on it torques over that radius. Its length has no force: what makes it longer turns nobody, and it is put
+right where a program's particles are placed. The row of a rigid body of beads holds the rotation since the program was
+built (the angle first in a plane, the rotation vector in space) times the radius of gyration. Minimizers walk over
+these rows as over all others. What the shapes are travels in the tuple of effects as a record of its own, so that loops
+of discs and spheres have no code for them.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from packmech.contacts.contact_distance import exact_root, height, pair_of, roug
 from packmech.contacts.scaled_contact import touch_of
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 
 class ShapeRows(NamedTuple):
@@ -29,6 +32,25 @@ class ShapeRows(NamedTuple):
     across_n: NDArray[np.float64]
     gyration_n: NDArray[np.float64]
     unit_nd: NDArray[np.float64]
+    dimension: int
+
+
+class BeadRows(NamedTuple):
+    """Radii and radii of gyration, first beads, beads in their bodies' frames, and what turned of these, by rows; d.
+
+    `rate_nk` are one over the radii of gyration about the axes of the bodies, 0 where nothing turns (in a plane the
+    third one); frames are 3 x 3, axes in columns.
+    """
+
+    radius_n: NDArray[np.float64]
+    gyration_n: NDArray[np.float64]
+    start_n: NDArray[np.int64]
+    offset_bd: NDArray[np.float64]
+    size_b: NDArray[np.float64]
+    rate_nk: NDArray[np.float64]
+    reference_ndd: NDArray[np.float64]
+    frame_ndd: NDArray[np.float64]
+    arm_bd: NDArray[np.float64]
     dimension: int
 
 
@@ -49,11 +71,13 @@ class ShapeTouch(NamedTuple):
     jz: float
 
 
-def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows, ...]:
+def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows | BeadRows, ...]:
     """Return the shapes by rows; nothing for discs and spheres."""
     shapes = packing.shapes
     if shapes is None:
         return ()
+    if isinstance(shapes, Beads):
+        return (_bead_rows(packing.radius_n[order_n], shapes.select(order_n)),)
     along, across = shapes.semi_axes(packing.radius_n)
     sizes = (packing.radius_n, along, across, shapes.gyration(packing.radius_n))
     unit = np.zeros((packing.particles, 3))
@@ -61,26 +85,44 @@ def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows,
     return (ShapeRows(radius, along, across, gyration, unit, packing.dimension),)
 
 
+def _bead_rows(radius_n: NDArray[np.float64], shapes: Beads) -> BeadRows:
+    """Return bodies as they stand one after another."""
+    n, d = len(shapes), shapes.dimension
+    frame, offset, rate = np.zeros((n, 3, 3)), np.zeros((len(shapes.size_b), 3)), np.zeros((n, 3))
+    frame[:, 2, 2] = 1.0
+    frame[:, :d, :d] = shapes.frames()
+    offset[:, :d] = shapes.offset_bd * radius_n[shapes.particle_b, None]
+    rates = shapes.turn_rates(radius_n)
+    rate[:, 3 - rates.shape[1] :] = rates
+    gyration, size = shapes.gyration(radius_n), shapes.bead_radius(radius_n)
+    return BeadRows(
+        radius_n, gyration, shapes.start_n, offset, size, rate, frame, frame.copy(), np.zeros_like(offset), d
+    )
+
+
+def _kind(one: Any) -> Any:
+    """Return the class of a record, or of numba's type of one."""
+    return getattr(one, "instance_class", type(one))
+
+
 def has_shapes(effects: Any) -> bool:
     """Return whether a tuple of effects, or numba's type of one, holds shapes."""
-    kinds = (getattr(one, "instance_class", type(one)) for one in effects)
-    return any(kind is ShapeRows for kind in kinds)
+    return any(_kind(one) in (ShapeRows, BeadRows) for one in effects)
 
 
 def shapes_of(effects: Any) -> Any:
     """Return the shapes among the effects."""
-    return next(one for one in effects if isinstance(one, ShapeRows))
+    return next(one for one in effects if isinstance(one, ShapeRows | BeadRows))
 
 
 @compiled_form(shapes_of)
 def _choose_shapes_of(effects: Any) -> Any:
-    place = next(k for k, one in enumerate(effects) if getattr(one, "instance_class", None) is ShapeRows)
+    place = next(k for k, one in enumerate(effects) if _kind(one) in (ShapeRows, BeadRows))
     return lambda effects: effects[place]
 
 
 @device
-def _keep_directors(effects, row):
-    shapes = shapes_of(effects)
+def _keep_directors(shapes, row):
     n = shapes.radius_n.shape[0]
     for i in range(n):
         x, y, z = row[n + i, 0], row[n + i, 1], row[n + i, 2]
@@ -88,16 +130,74 @@ def _keep_directors(effects, row):
         shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2] = inverse * x, inverse * y, inverse * z
 
 
-def keep_directors(effects: Any, row: Any) -> None:
-    """Keep the unit directors of the rows as they are, for the pass that follows."""
-    if has_shapes(effects):
-        _keep_directors(effects, row)
+@device
+def _keep_frames(shapes, row):
+    n = shapes.radius_n.shape[0]
+    turn = np.zeros((3, 3))
+    for i in range(n):
+        inverse = 1.0 / shapes.gyration_n[i]
+        if shapes.dimension == 2:
+            x, y, z = 0.0, 0.0, inverse * row[n + i, 0]
+        else:
+            x, y, z = inverse * row[n + i, 0], inverse * row[n + i, 1], inverse * row[n + i, 2]
+        first, b, _ = _rotation_factors(x * x + y * y + z * z)
+        # Rodrigues' formula
+        turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - b * (y * y + z * z), b * x * y - first * z, b * x * z + first * y
+        turn[1, 0], turn[1, 1], turn[1, 2] = b * x * y + first * z, 1.0 - b * (x * x + z * z), b * y * z - first * x
+        turn[2, 0], turn[2, 1], turn[2, 2] = b * x * z - first * y, b * y * z + first * x, 1.0 - b * (x * x + y * y)
+        for k in range(3):
+            for m in range(3):
+                shapes.frame_ndd[i, k, m] = (
+                    turn[k, 0] * shapes.reference_ndd[i, 0, m]
+                    + turn[k, 1] * shapes.reference_ndd[i, 1, m]
+                    + turn[k, 2] * shapes.reference_ndd[i, 2, m]
+                )
+        for bead in range(shapes.start_n[i], shapes.start_n[i + 1]):
+            u, v, w = shapes.offset_bd[bead, 0], shapes.offset_bd[bead, 1], shapes.offset_bd[bead, 2]
+            for k in range(3):
+                shapes.arm_bd[bead, k] = (
+                    shapes.frame_ndd[i, k, 0] * u + shapes.frame_ndd[i, k, 1] * v + shapes.frame_ndd[i, k, 2] * w
+                )
 
 
-@compiled_form(keep_directors)
-def _choose_keep_directors(effects: Any, row: Any) -> Any:
+@device
+def _rotation_factors(square):
+    """Return sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3, for the square of an angle t."""
+    if square < 1e-4:
+        first = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0))
+        second = 0.5 - square / 24.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0))
+        third = (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))) / 6.0
+        return first, second, third
+    angle = math.sqrt(square)
+    sine = math.sin(angle)
+    half = math.sin(0.5 * angle)
+    return sine / angle, 2.0 * half * half / square, (angle - sine) / (square * angle)
+
+
+def _keeper(shapes: Any) -> Any:
+    return _keep_frames if _kind(shapes) is BeadRows else _keep_directors
+
+
+def _keep_turned(shapes: Any, row: Any) -> None:
+    _keeper(shapes)(shapes, row)
+
+
+@compiled_form(_keep_turned)
+def _choose_keep_turned(shapes: Any, row: Any) -> Any:
+    own = _keeper(shapes)
+    return lambda shapes, row: own(shapes, row)
+
+
+def keep_turned(effects: Any, row: Any) -> None:
+    """Keep the shapes as the rows turn them, for the pass that follows."""
     if has_shapes(effects):
-        return lambda effects, row: _keep_directors(effects, row)
+        _keep_turned(shapes_of(effects), row)
+
+
+@compiled_form(keep_turned)
+def _choose_keep_shapes(effects: Any, row: Any) -> Any:
+    if has_shapes(effects):
+        return lambda effects, row: _keep_turned(shapes_of(effects), row)
     return lambda effects, row: None
 
 
@@ -109,8 +209,7 @@ def _shape(shapes, i):
 
 
 @inlined
-def shape_touch(shapes, i, j, dx, dy, dz, d):
-    """Return the ShapeTouch of two particles whose centers are (dx, dy, dz) apart."""
+def _touch_of_spheroids(shapes, i, j, k, dx, dy, dz, d):
     one, other = _shape(shapes, i), _shape(shapes, j)
     sigma = shapes.radius_n[i] + shapes.radius_n[j]
     square = dx * dx + dy * dy + dz * dz
@@ -129,25 +228,123 @@ def shape_touch(shapes, i, j, dx, dy, dz, d):
     )  # fmt: skip
 
 
+@inlined
+def _touch_of_beads(shapes, i, j, k, dx, dy, dz, d):
+    """Return the ShapeTouch of the k-th pair of beads of two bodies."""
+    others = shapes.start_n[j + 1] - shapes.start_n[j]
+    one, other = shapes.start_n[i] + k // others, shapes.start_n[j] + k % others
+    ax, ay, az = shapes.arm_bd[one, 0], shapes.arm_bd[one, 1], shapes.arm_bd[one, 2]
+    bx, by, bz = shapes.arm_bd[other, 0], shapes.arm_bd[other, 1], shapes.arm_bd[other, 2]
+    sigma = shapes.size_b[one] + shapes.size_b[other]
+    x, y, z = dx + bx - ax, dy + by - ay, dz + bz - az
+    square = x * x + y * y + z * z
+    if square >= sigma * sigma:
+        return ShapeTouch(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    rho = math.sqrt(square)
+    if square == 0.0:
+        x, inverse = 1.0, 1.0
+    else:
+        inverse = 1.0 / rho
+    x, y, z = inverse * x, inverse * y, inverse * z
+    return ShapeTouch(
+        True, rho, sigma, x, y, z,
+        az * y - ay * z, ax * z - az * x, ay * x - ax * y,
+        by * z - bz * y, bz * x - bx * z, bx * y - by * x,
+    )  # fmt: skip
+
+
+def _toucher(shapes: Any) -> Any:
+    return _touch_of_beads if _kind(shapes) is BeadRows else _touch_of_spheroids
+
+
+def shape_touch(shapes: Any, i: int, j: int, k: int, dx: float, dy: float, dz: float, d: int) -> ShapeTouch:
+    """Return the k-th ShapeTouch of two particles whose centers are (dx, dy, dz) apart."""
+    found: ShapeTouch = _toucher(shapes)(shapes, i, j, k, dx, dy, dz, d)
+    return found
+
+
+@compiled_form(shape_touch, inline=True)
+def _choose_shape_touch(shapes: Any, i: Any, j: Any, k: Any, dx: Any, dy: Any, dz: Any, d: Any) -> Any:
+    return _toucher(shapes)
+
+
+def touches(shapes: Any, i: int, j: int) -> int:
+    """Return in how many places two particles may touch: one of spheroids, every pair of beads of bodies."""
+    return _pairs_of_beads(shapes, i, j) if isinstance(shapes, BeadRows) else 1
+
+
 @device
-def flat_spin(row, velocity_nd, k):
-    """Return the rate at which the director of a row turns in its plane."""
+def _pairs_of_beads(shapes, i, j):
+    start = shapes.start_n
+    return (start[i + 1] - start[i]) * (start[j + 1] - start[j])
+
+
+@compiled_form(touches, inline=True)
+def _choose_touches(shapes: Any, i: Any, j: Any) -> Any:
+    return _pairs_of_beads if _kind(shapes) is BeadRows else lambda shapes, i, j: 1
+
+
+@device
+def _turning_vector(shapes, row, velocity_nd, i):
+    """Return the angular velocity of a body whose row holds a rotation in space."""
+    k = shapes.radius_n.shape[0] + i
+    inverse = 1.0 / shapes.gyration_n[i]
+    x, y, z = inverse * row[k, 0], inverse * row[k, 1], inverse * row[k, 2]
+    u, v, w = inverse * velocity_nd[k, 0], inverse * velocity_nd[k, 1], inverse * velocity_nd[k, 2]
+    _, second, third = _rotation_factors(x * x + y * y + z * z)
+    cx, cy, cz = y * w - z * v, z * u - x * w, x * v - y * u
+    return (
+        u + second * cx + third * (y * cz - z * cy),
+        v + second * cy + third * (z * cx - x * cz),
+        w + second * cz + third * (x * cy - y * cx),
+    )
+
+
+@device
+def _flat_turning(shapes, row, velocity_nd, i):
+    return velocity_nd[shapes.radius_n.shape[0] + i, 0] / shapes.gyration_n[i]
+
+
+@device
+def _flat_spin(shapes, row, velocity_nd, i):
+    """Return the rate at which a director turns in its plane."""
+    k = shapes.radius_n.shape[0] + i
     x, y = row[k, 0], row[k, 1]
     return (x * velocity_nd[k, 1] - y * velocity_nd[k, 0]) / (x * x + y * y)
 
 
 @device
-def spin_of(row, velocity_nd, k):
-    """Return the angular velocity of the director of a row, across it."""
+def _spin(shapes, row, velocity_nd, i):
+    """Return the angular velocity of a director, across it."""
+    k = shapes.radius_n.shape[0] + i
     x, y, z = row[k, 0], row[k, 1], row[k, 2]
     u, v, w = velocity_nd[k, 0], velocity_nd[k, 1], velocity_nd[k, 2]
     inverse = 1.0 / (x * x + y * y + z * z)
     return inverse * (y * w - z * v), inverse * (z * u - x * w), inverse * (x * v - y * u)
 
 
+def flat_spin(shapes: Any, row: Any, velocity_nd: Any, i: int) -> Any:
+    """Return the rate at which a particle turns in its plane."""
+    return (_flat_turning if isinstance(shapes, BeadRows) else _flat_spin)(shapes, row, velocity_nd, i)
+
+
+@compiled_form(flat_spin)
+def _choose_flat_spin(shapes: Any, row: Any, velocity_nd: Any, i: Any) -> Any:
+    return _flat_turning if _kind(shapes) is BeadRows else _flat_spin
+
+
+def spin_of(shapes: Any, row: Any, velocity_nd: Any, i: int) -> Any:
+    """Return the angular velocity of a particle in space."""
+    return (_turning_vector if isinstance(shapes, BeadRows) else _spin)(shapes, row, velocity_nd, i)
+
+
+@compiled_form(spin_of)
+def _choose_spin_of(shapes: Any, row: Any, velocity_nd: Any, i: Any) -> Any:
+    return _turning_vector if _kind(shapes) is BeadRows else _spin
+
+
 @device
-def _turn_rows(effects, axes, row, force_nd, velocity_nd):
-    shapes = shapes_of(effects)
+def _turn_directors(shapes, axes, row, force_nd, velocity_nd):
     n = shapes.radius_n.shape[0]
     power = 0.0
     whole = 0.0
@@ -177,16 +374,63 @@ def _turn_rows(effects, axes, row, force_nd, velocity_nd):
     return power, whole, largest
 
 
+@device
+def _turn_bodies(shapes, axes, row, force_nd, velocity_nd):
+    n = shapes.radius_n.shape[0]
+    power = 0.0
+    whole = 0.0
+    largest = 0.0
+    for i in range(n):
+        k = n + i
+        inverse = 1.0 / shapes.gyration_n[i]
+        if len(axes) == 2:
+            torque = force_nd[k, 0]
+            fx = inverse * torque
+            force_nd[k, 0] = fx
+            whole += fx * fx
+            power += fx * velocity_nd[k, 0]
+            largest = max(largest, (torque * shapes.rate_nk[i, 2]) ** 2)
+        else:
+            tx, ty, tz = force_nd[k, 0], force_nd[k, 1], force_nd[k, 2]
+            x, y, z = inverse * row[k, 0], inverse * row[k, 1], inverse * row[k, 2]
+            _, second, third = _rotation_factors(x * x + y * y + z * z)
+            cx, cy, cz = y * tz - z * ty, z * tx - x * tz, x * ty - y * tx
+            # the transpose of what makes an angular velocity of the rate of a rotation vector
+            fx = inverse * (tx - second * cx + third * (y * cz - z * cy))
+            fy = inverse * (ty - second * cy + third * (z * cx - x * cz))
+            fz = inverse * (tz - second * cz + third * (x * cy - y * cx))
+            force_nd[k, 0] = fx
+            force_nd[k, 1] = fy
+            force_nd[k, 2] = fz
+            whole += fx * fx + fy * fy + fz * fz
+            power += fx * velocity_nd[k, 0] + fy * velocity_nd[k, 1] + fz * velocity_nd[k, 2]
+            own = 0.0
+            for m in range(3):
+                frame = shapes.frame_ndd
+                about = frame[i, 0, m] * tx + frame[i, 1, m] * ty + frame[i, 2, m] * tz
+                own += (about * shapes.rate_nk[i, m]) ** 2
+            largest = max(largest, own)
+    return power, whole, largest
+
+
+def _turner(effects: Any) -> Any:
+    beads = any(_kind(one) is BeadRows for one in effects)
+    return _turn_bodies if beads else _turn_directors
+
+
 def turn_rows(effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> tuple[float, float, float]:
-    """Make forces on directors of the torques in their rows; return F.v, F.F, and the square of the largest."""
+    """Make forces on turns of the torques in their rows; return F.v, F.F, and the square of the largest."""
     if has_shapes(effects):
-        power, whole, largest = _turn_rows(effects, axes, row, force_nd, velocity_nd)
+        power, whole, largest = _turner(effects)(shapes_of(effects), axes, row, force_nd, velocity_nd)
         return power, whole, largest
     return 0.0, 0.0, 0.0
 
 
 @compiled_form(turn_rows)
 def _choose_turn_rows(effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> Any:
+    own = _turner(effects)
     if has_shapes(effects):
-        return lambda effects, axes, row, force_nd, velocity_nd: _turn_rows(effects, axes, row, force_nd, velocity_nd)
+        return lambda effects, axes, row, force_nd, velocity_nd: own(
+            shapes_of(effects), axes, row, force_nd, velocity_nd
+        )
     return lambda effects, axes, row, force_nd, velocity_nd: (0.0, 0.0, 0.0)

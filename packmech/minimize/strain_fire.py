@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.minimize.fire import Fire, steer
-from packmech.minimize.program import Evaluation, Program, coordinates_of
+from packmech.minimize.program import Evaluation, Program
 from packmech.minimize.soft_network import Load, isochoric_part
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -93,7 +93,7 @@ class StrainedFire:
             packing = self.constraints.projected(packing)
         # what is strained with the box: directors are not
         self._centers = slice(packing.particles)
-        self.coordinate_rd, self.box = coordinates_of(packing).copy(), packing.box
+        self.coordinate_rd, self.box = self.program.coordinates_of(packing).copy(), packing.box
         self._velocity_nd, self._rate_dd = np.zeros_like(self.coordinate_rd), np.zeros((packing.dimension,) * 2)
         self._dt, self._mixing, self._downhill, self._mobility = _FIRE.dt, _FIRE.mixing, 0.0, 1.0
         # length that a unit strain counts as

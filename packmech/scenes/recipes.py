@@ -26,12 +26,14 @@ from packmech.generate import (
     Bidisperse,
     Cluster,
     Dimer,
+    Ellipses,
     LinearCluster,
     LogNormal,
     Mixture,
     Monodisperse,
     Normal,
     RingCluster,
+    Shape,
     Sizes,
     StarCluster,
     Trimer,
@@ -46,17 +48,19 @@ from packmech.generate import (
 from packmech.links import Links
 from packmech.packing import Packing, masses_of_density
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads, Shapes, Spheroids
 
 Vectors = tuple[tuple[float, ...], ...]
 P = TypeVar("P", bound=Callable[..., Packing])
 
 _SIZES, _LAW, _SPRING = Bidisperse(), Harmonic(), LinearSpring()
 
+_CLUSTERS = kinds_of((Cluster, Dimer, Trimer, RingCluster, StarCluster, LinearCluster))
 # the records that may stand in the fields of a packing, by name
 NESTED = {
     "sizes": kinds_of((Monodisperse, Bidisperse, Mixture, Uniform, Normal, LogNormal)),
-    "shape": kinds_of((Cluster, Dimer, Trimer, RingCluster, StarCluster, LinearCluster)),
+    "shape": _CLUSTERS,
+    "shapes": _CLUSTERS | kinds_of((Ellipses,)),
 }
 # the functions that make packings, by kind
 PACKINGS: dict[str, Callable[..., Packing]] = {}
@@ -109,7 +113,6 @@ _FIELD_TYPES: dict[str, Any] = {
     "form": str | tuple[int, ...],
     "winding": tuple[int, ...] | None,
     "seed": int,
-    "aspect": float | tuple[float, ...] | None,
 }
 
 
@@ -177,7 +180,7 @@ def _prepared(
     law: Law = _LAW,
     force_tolerance: float = 1e-10,
     density: float | None = None,
-    aspect: float | tuple[float, ...] | None = None,
+    shapes: Ellipses | Shape | None = None,
 ) -> Packing:
     """Return a random packing at its energy minimum under the law, without friction and bonds.
 
@@ -187,7 +190,7 @@ def _prepared(
     if side is not None and lattice_vectors is not None:
         raise ValueError(f"side must be left out where lattice_vectors are given, got {side!r}")
     drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed}
-    drawing |= {"density": density, "aspect": aspect}
+    drawing |= {"density": density, "shapes": shapes}
     if side is not None:
         drawn = fill_box(Box.cubic(side, dimension), particles, **drawing)
     elif lattice_vectors is not None:
@@ -223,10 +226,16 @@ def _inline(
     density: float | None = None,
     aspects: tuple[float, ...] | None = None,
     directors: Vectors | None = None,
+    bead_starts: tuple[int, ...] | None = None,
+    bead_offsets: Vectors | None = None,
+    bead_sizes: tuple[float, ...] | None = None,
+    gyration_radii: Vectors | None = None,
+    orientations: Vectors | None = None,
 ) -> Packing:
     """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each.
 
-    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids.
+    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids; with the other fields, which are
+    those of `pm.Beads`, rigid bodies.
     """
     box = Box(_columns(lattice_vectors))
     if masses is not None and density is not None:
@@ -240,9 +249,23 @@ def _inline(
         pairs, images = _pairs("link_", link_pairs, link_images, box.dimension)
         shape = None if link_shapes is None else np.array(link_shapes, dtype=bool)
         links = Links(pairs[:, 0], pairs[:, 1], images, np.array(link_lengths), shape)
-    shapes = None
-    if aspects is None:
+    bodies = {
+        "bead_offsets": bead_offsets,
+        "bead_sizes": bead_sizes,
+        "gyration_radii": gyration_radii,
+        "orientations": orientations,
+    }
+    shapes: Shapes | None = None
+    if bead_starts is not None:
+        _left_out({"directors": directors, "aspects": aspects}, "bead_starts")
+        missing = next((name for name, value in bodies.items() if value is None), None)
+        if missing is not None:
+            raise ValueError(f"{missing} must be given with bead_starts, got nothing")
+        arrays = [np.array(value) if name == "bead_sizes" else _rows(name, value) for name, value in bodies.items()]  # type: ignore[arg-type]
+        shapes = Beads(np.array(bead_starts), *arrays)
+    elif aspects is None:
         _left_out({"directors": directors}, "aspects")
+        _left_out(bodies, "bead_starts")
     elif directors is None:
         raise ValueError("directors must be given with aspects, got nothing")
     else:
@@ -263,6 +286,11 @@ FIELD_OF = {
     "aspect_n": "aspects",
     "director_nd": "directors",
     "shapes": "directors",
+    "start_n": "bead_starts",
+    "offset_bd": "bead_offsets",
+    "size_b": "bead_sizes",
+    "gyration_nk": "gyration_radii",
+    "orientation_nq": "orientations",
     "i_l": "link_pairs",
     "j_l": "link_pairs",
     "links": "link_pairs",
@@ -287,7 +315,10 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     if packing.given_mass_n is not None:
         table["masses"] = packing.given_mass_n.tolist()
     links, shapes = packing.links, packing.shapes
-    if shapes is not None:
+    if isinstance(shapes, Beads):
+        for name in ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"):
+            table[FIELD_OF[name]] = getattr(shapes, name).tolist()
+    elif shapes is not None:
         table["aspects"] = shapes.aspect_n.tolist()
         table["directors"] = shapes.director_nd.tolist()
     if links is not None:

@@ -22,6 +22,7 @@ from packmech.honors import honors
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Beads, Spheroids
 from packmech.view import drawing
 
 # the largest side of a picture [pixel]
@@ -260,8 +261,7 @@ class _Picture:
 
     def _paint_discs(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8]) -> None:
         shapes, radius = self.packing.shapes, self.packing.radius_n
-        along, across = (radius, radius) if shapes is None else shapes.semi_axes(radius)
-        largest = float(np.maximum(along, across).max())
+        largest = float((radius if shapes is None else shapes.reach(radius)).max())
         reach = 0.5 * np.array(self.size) + self.scale * largest
 
         def paint(center: NDArray[np.float64], seen: Any, color: NDArray[np.float64]) -> None:
@@ -269,8 +269,14 @@ class _Picture:
                 paint_discs(image, center, self.scale * radius[seen], color)
                 return
             # pixels go down
-            axis = shapes.director_nd[seen] * np.array([1.0, -1.0])
-            paint_ellipses(image, center, self.scale * along[seen], self.scale * across[seen], axis, color)
+            down = np.array([1.0, -1.0])
+            if isinstance(shapes, Beads):
+                own, size = shapes.select(seen), self.scale * radius[seen]
+                place = center[own.particle_b] + own.arms(size) * down
+                paint_discs(image, place, own.bead_radius(size), color[own.particle_b])
+                return
+            along, across = shapes.semi_axes(self.scale * radius)
+            paint_ellipses(image, center, along[seen], across[seen], shapes.director_nd[seen] * down, color)
 
         for shift in np.ndindex(3, 3):
             moved = self.cell.inside_nd + self.cell.box.lattice_dd @ (np.array(shift) - 1.0)
@@ -294,15 +300,18 @@ class _Picture:
 
         depth = np.full(image.shape[:2], -np.inf)
         center = self.place(self.cell.inside_nd)
+        shapes, radius = self.packing.shapes, self.beads * self.scale * self.packing.radius_n
+        if isinstance(shapes, Beads):
+            center = center[shapes.particle_b] + shapes.arms(radius) @ self.axes_ds
+            color_nc, radius = color_nc[shapes.particle_b], shapes.bead_radius(radius)
         order = np.argsort(center[:, 2], kind="stable")
-        size = self.beads * self.scale
         color = lit(color_nc[order], center[order, 2])
-        if self.packing.shapes is None:
-            paint_spheres(image, depth, center[order], size * self.packing.radius_n[order], color)
-        else:
-            along, across = self.packing.shapes.semi_axes(size * self.packing.radius_n)
-            axis = self.packing.shapes.director_nd @ self.axes_ds
+        if isinstance(shapes, Spheroids):
+            along, across = shapes.semi_axes(radius)
+            axis = shapes.director_nd @ self.axes_ds
             paint_spheroids(image, depth, center[order], along[order], across[order], axis[order], color)
+        else:
+            paint_spheres(image, depth, center[order], radius[order], color)
         end = self.place(np.concatenate([one.end_sed for one in lines]))
         middle = end[:, :, 2].mean(axis=1)
         color = lit(np.concatenate([one.color_sc for one in lines]), middle)

@@ -20,6 +20,7 @@ from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import Touching, touching_of
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import same_but_turned
 from packmech.view import drawing
 from packmech.view.frame import drawn_contacts
 from packmech.view.recording import (
@@ -245,7 +246,7 @@ class _Writer:
         if (packing.links is None) == self.linked:
             raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
         if packing.shapes is not None and mine.shapes is not None:
-            same = np.array_equal(packing.shapes.aspect_n, mine.shapes.aspect_n)
+            same = same_but_turned(packing.shapes, mine.shapes)
         else:
             same = packing.shapes is mine.shapes
         if not same:

@@ -30,6 +30,7 @@ from packmech.measure.stress import pressure
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
+from packmech.shapes import Beads, Spheroids
 from packmech.view import drawing
 from packmech.view.trajectory import (
     Curve,
@@ -193,7 +194,7 @@ class World:
             stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
             for name, place in {"particles/copies": 20.0, "particles": 30.0, "box": 60.0, **order}.items():
                 kind: Any = rr.Arrows2D if name in arrows else rr.LineStrips2D
-                if name.startswith("particles") and packing.shapes is None:
+                if name.startswith("particles") and not isinstance(packing.shapes, Spheroids):
                     kind = rr.Points2D
                 stream.log(f"world/{name}", kind.from_fields(draw_order=place), static=True)
         else:
@@ -204,8 +205,11 @@ class World:
             radii = None if width is None else width * packing.reference_diameter
             stream.log(f"world/{name}", kind.from_fields(radii=radii, colors=color), static=True)
         stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
-        if packing.shapes is not None:
+        if isinstance(packing.shapes, Spheroids):
             stream.log("state/aspect", rr.AnyValues(aspect_n=packing.shapes.aspect_n), static=True)
+        elif packing.shapes is not None:
+            bodies = {name: getattr(packing.shapes, name) for name in ("start_n", "offset_bd", "size_b", "gyration_nk")}
+            stream.log("state/beads", rr.AnyValues(**bodies), static=True)
         if summary:
             stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
 
@@ -214,6 +218,9 @@ class World:
         packing, shapes = self.packing, self.packing.shapes
         if shapes is None:
             return self.points.from_fields(radii=packing.radius_n, colors=self.color_nc)
+        if isinstance(shapes, Beads):
+            radii = shapes.bead_radius(packing.radius_n)
+            return self.points.from_fields(radii=radii, colors=self.color_nc[shapes.particle_b])
         if self.flat:
             # outlines, whose corners change
             return rr.LineStrips2D.from_fields(radii=SHAPE_RIM * packing.reference_diameter)
@@ -225,8 +232,11 @@ class World:
         )
 
     def _send_shapes(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
-        """Send particles with shapes of several frames: ellipses as their outlines, spheroids as such."""
-        shapes_f = [one.shapes for one in packing_f if one.shapes is not None]
+        """Send particles with shapes of several frames: ellipses as outlines, spheroids as such, bodies as beads."""
+        if isinstance(self.packing.shapes, Beads):
+            self._send_beads(clock, packing_f, drawing_f)
+            return
+        shapes_f = [one.shapes for one in packing_f if isinstance(one.shapes, Spheroids)]
         count_f = [len(one.center_nd) for one in drawing_f]
         radius = self.packing.radius_n
         if not self.flat:
@@ -255,6 +265,29 @@ class World:
         )  # fmt: skip
         self.send(clock, "world/particles/copies", copies, [len(one) for one in owner_f])
 
+    def _send_beads(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
+        radius = self.packing.radius_n
+        shapes_f = [one.shapes for one in packing_f if isinstance(one.shapes, Beads)]
+        place_f = [
+            one.center_nd[shapes.particle_b] + shapes.arms(radius)
+            for one, shapes in zip(drawing_f, shapes_f, strict=True)
+        ]
+        columns = self.points.columns(positions=np.concatenate(place_f))
+        self.send(clock, "world/particles", columns, [len(one) for one in place_f])
+        if not self.flat:
+            return
+        places, sizes, colors, count_f = [], [], [], []
+        for one, shapes in zip(drawing_f, shapes_f, strict=True):
+            own, size = shapes.select(one.copy_of_k), radius[one.copy_of_k]
+            places.append(one.copy_center_kd[own.particle_b] + own.arms(size))
+            sizes.append(own.bead_radius(size))
+            colors.append(drawing.dimmed(self.color_nc[one.copy_of_k][own.particle_b]))
+            count_f.append(len(own.size_b))
+        copies = self.points.columns(
+            positions=np.concatenate(places), radii=np.concatenate(sizes), colors=np.concatenate(colors)
+        )
+        self.send(clock, "world/particles/copies", copies, count_f)
+
     def send(self, clock: Clock, path: str, columns: Any, sizes: Sequence[int]) -> None:
         """Send columns of several frames, so many rows of each."""
         self.stream.send_columns(path, clock, columns.partition(sizes))
@@ -271,8 +304,9 @@ class World:
         count_f = [len(one) for one in center_f]
         if self.packing.shapes is not None:
             self._send_shapes(clock, packing_f, drawing_f)
-            directors = [one.shapes.director_nd for one in packing_f if one.shapes is not None]
-            self.send_state(clock, "director", "director_nd", directors)
+            turned = [one.shapes.orientation_nq for one in packing_f if one.shapes is not None]
+            name = "orientation" if isinstance(self.packing.shapes, Beads) else "director"
+            self.send_state(clock, name, "orientation_nq" if name == "orientation" else "director_nd", turned)
         else:
             self.send(clock, "world/particles", self.points.columns(positions=centers), count_f)
         if self.flat and self.packing.shapes is None:

@@ -17,13 +17,13 @@ from packmech.dynamics.simulation import MotionTrace
 from packmech.links import image_offsets
 from packmech.measure.stress import energy, force_balance, pressure
 from packmech.mechanics.rattling import rattlers_in
-from packmech.minimize.quench import directors_of
+from packmech.minimize.quench import orientations_of
 from packmech.observables import OBSERVABLES, State, measure_added
 from packmech.packing import Packing
 from packmech.result import Run, Trace
 from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
+from packmech.shapes import Shapes
 from packmech.view import drawing
 
 Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -155,7 +155,7 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
             scene.packing.replace(
                 position_nd=trace.position_tnd[t],
                 box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
-                shapes=_turned_to(scene.packing, None if trace.director_tnd is None else trace.director_tnd[t]),
+                shapes=_turned_to(scene.packing, None if trace.orientation_tnq is None else trace.orientation_tnq[t]),
             ),
         )
         for t in chosen
@@ -164,10 +164,10 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
 
 
-def _turned_to(packing: Packing, director_nd: NDArray[np.float64] | None) -> Spheroids | None:
-    """Return the shapes of a packing with other directors."""
+def _turned_to(packing: Packing, orientation_nq: NDArray[np.float64] | None) -> Shapes | None:
+    """Return the shapes of a packing with other orientations."""
     shapes = packing.shapes
-    return shapes if shapes is None or director_nd is None else Spheroids(shapes.aspect_n, director_nd)
+    return shapes if shapes is None or orientation_nq is None else shapes.oriented(orientation_nq)
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -336,7 +336,7 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
         rows,
         position_tnd=np.array([_in_images_of(scene.packing, one.packing) for one in scenes]),
         lattice_tdd=np.array([one.packing.box.lattice_dd for one in scenes]),
-        director_tnd=directors_of([one.packing for one in scenes]),
+        orientation_tnq=orientations_of([one.packing for one in scenes]),
     )
 
 

@@ -35,11 +35,11 @@ def main(d):
     plain = nanoseconds(pm.Scene(pm.random_packing(PARTICLES, **drawing), (pm.Repulsion(),)))
     print(f"d = {d}: round {plain:.1f} ns a contact")
     for aspect in (1.1, 1.5, 3.0):
-        own = nanoseconds(pm.Scene(pm.random_packing(PARTICLES, **drawing, aspect=aspect), (pm.Repulsion(),)))
+        own = nanoseconds(pm.Scene(pm.random_packing(PARTICLES, **drawing, shapes=pm.Ellipses(aspect)), (pm.Repulsion(),)))
         print(f"  aspect {aspect}: {own:.1f} ns a contact, {own / plain:.1f} times")
     for count in (64, 1024):
         for seed in range(3):
-            start = pm.random_packing(count, dimension=2, packing_fraction=0.6, seed=seed, aspect=1.5)
+            start = pm.random_packing(count, dimension=2, packing_fraction=0.6, seed=seed, shapes=pm.Ellipses(1.5))
             run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic", check=False)
             print(f"  jam N = {count}: {run.outcome.name}, residual {run.residual:.1e}, {run.seconds:.2f} s CPU")
 

@@ -10,7 +10,7 @@ import packmech as pm
 
 @functools.cache
 def jammed(d=2, count=24, aspect=1.6, seed=3, pressure=1e-3, strain="free"):
-    start = pm.random_packing(count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, aspect=aspect)
+    start = pm.random_packing(count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, shapes=pm.Ellipses(aspect))
     scene = pm.Scene(start, (pm.Repulsion(),))
     return scene.replace(packing=pm.jam(scene, pressure=pressure, strain=strain).packing)
 
@@ -171,7 +171,7 @@ def test_floppy_modes_of_shapes_stretch_nothing():
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_packing_whose_particles_all_rattle_has_nothing(d):
-    start = pm.random_packing(6, dimension=d, packing_fraction=0.01, seed=1, aspect=1.5)
+    start = pm.random_packing(6, dimension=d, packing_fraction=0.01, seed=1, shapes=pm.Ellipses(1.5))
     few = pm.Packing(
         [[1.0] * d, [1.9, *[1.0] * (d - 1)]], [0.5, 0.5], pm.Box.cubic(8.0, d),
         shapes=pm.Spheroids([1.5, 1.2], np.eye(d)[:2]),

@@ -11,7 +11,7 @@ METHODS = (pm.Fire(), pm.Fire2(), pm.LBFGS(), pm.ConjugateGradient(), pm.Gradien
 
 def crowd(d, count=20, seed=1, aspect=1.6):
     fraction = 0.95 if d == 2 else 0.85
-    packing = pm.random_packing(count, dimension=d, packing_fraction=fraction, seed=seed, aspect=aspect)
+    packing = pm.random_packing(count, dimension=d, packing_fraction=fraction, seed=seed, shapes=pm.Ellipses(aspect))
     return pm.Scene(packing, (pm.Repulsion(),))
 
 
@@ -117,7 +117,7 @@ def test_deep_overlaps_under_a_law_that_diverges_are_relaxed_first():
 def test_traces_keep_directors():
     scene = crowd(2)
     run = pm.quench(scene, force_tolerance=1e-4, trace_every=20, trace_positions=True)
-    assert run.trace.director_tnd.shape == run.trace.position_tnd.shape
-    shapes = pm.Spheroids(scene.packing.shapes.aspect_n, run.trace.director_tnd[-1])
+    assert run.trace.orientation_tnq.shape == run.trace.position_tnd.shape
+    shapes = pm.Spheroids(scene.packing.shapes.aspect_n, run.trace.orientation_tnq[-1])
     there = scene.replace(packing=run.packing.replace(position_nd=run.trace.position_tnd[-1], shapes=shapes))
     assert pm.energy(there) == pytest.approx(run.trace.energy_t[-1], rel=1e-10)

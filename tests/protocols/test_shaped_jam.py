@@ -9,7 +9,7 @@ import packmech as pm
 
 
 def start(d=2, count=20, aspect=1.5, seed=1):
-    packing = pm.random_packing(count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, aspect=aspect)
+    packing = pm.random_packing(count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, shapes=pm.Ellipses(aspect))
     return pm.Scene(packing, (pm.Repulsion(),))
 
 
@@ -104,15 +104,15 @@ def test_a_seed_gives_the_same_bits_twice():
 
 def test_random_packings_of_ellipses_have_the_radii_and_places_of_discs():
     plain = pm.random_packing(50, dimension=2, packing_fraction=0.8, seed=3)
-    shaped = pm.random_packing(50, dimension=2, packing_fraction=0.8, seed=3, aspect=1.7)
+    shaped = pm.random_packing(50, dimension=2, packing_fraction=0.8, seed=3, shapes=pm.Ellipses(1.7))
     assert np.array_equal(plain.position_nd, shaped.position_nd) and np.array_equal(plain.radius_n, shaped.radius_n)
     assert (shaped.shapes.aspect_n == 1.7).all() and pm.packing_fraction(shaped) == pm.packing_fraction(plain)
     each = np.linspace(0.5, 2.0, 50)
     assert np.array_equal(
-        pm.random_packing(50, dimension=3, packing_fraction=0.5, seed=3, aspect=each).shapes.aspect_n, each
+        pm.random_packing(50, dimension=3, packing_fraction=0.5, seed=3, shapes=pm.Ellipses(each)).shapes.aspect_n, each
     )
     # directions alike: the mean of mu mu^T is that of the sphere
-    many = pm.random_packing(4000, dimension=3, packing_fraction=0.5, seed=1, aspect=2.0).shapes.director_nd
+    many = pm.random_packing(4000, dimension=3, packing_fraction=0.5, seed=1, shapes=pm.Ellipses(2.0)).shapes.director_nd
     assert np.abs(many.T @ many / 4000 - np.eye(3) / 3).max() < 0.02
 
 
@@ -125,4 +125,4 @@ def test_scene_files_keep_shapes_and_draw_them(tmp_path):
     text = "\n".join(["[packing]", *lines, "", "[[effects]]", 'kind = "repulsion"', ""])
     (tmp_path / "drawn.toml").write_text(text, encoding="utf-8")
     drawn = pm.read_scene(tmp_path / "drawn.toml").packing
-    assert drawn == pm.random_packing(12, dimension=2, packing_fraction=0.8, seed=2, aspect=1.4)
+    assert drawn == pm.random_packing(12, dimension=2, packing_fraction=0.8, seed=2, shapes=pm.Ellipses(1.4))

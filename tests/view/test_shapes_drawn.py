@@ -65,7 +65,7 @@ def test_quaternions_turn_the_first_axis_to_the_director():
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_recordings_are_written_and_take_shapes_of_the_scene_alone(tmp_path, d):
-    start = pm.random_packing(8, dimension=d, packing_fraction=0.9, seed=1, aspect=1.6)
+    start = pm.random_packing(8, dimension=d, packing_fraction=0.9, seed=1, shapes=pm.Ellipses(1.6))
     scene = pm.Scene(start, (pm.Repulsion(),))
     run = pm.quench(scene, force_tolerance=1e-6, trace_every=20, trace_positions=True)
     path = pm.record_run(run, tmp_path / "run.rrd", scene=scene)
@@ -90,7 +90,7 @@ def test_the_command_jams_ellipses_and_resumes(tmp_path):
 
 
 def test_the_report_counts_turns_and_names_what_it_judges_by(tmp_path, capsys):
-    start = pm.random_packing(20, dimension=2, packing_fraction=0.6, seed=1, aspect=1.5)
+    start = pm.random_packing(20, dimension=2, packing_fraction=0.6, seed=1, shapes=pm.Ellipses(1.5))
     scene = pm.Scene(start, (pm.Repulsion(),))
     pm.write_packing(pm.jam(scene, pressure=1e-6, strain="isotropic").packing, tmp_path / "one.npz", law=pm.Harmonic())
     assert execute(["analyze", str(tmp_path / "one.npz"), "--json", str(tmp_path / "one.json")]) == 0

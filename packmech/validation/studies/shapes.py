@@ -84,7 +84,7 @@ def start_of(dimension: int, particles: int, aspect: float, seed: int) -> pm.Sce
         sizes=pm.Bidisperse(ratio=1.4),
         packing_fraction=_START[dimension],
         seed=seed,
-        aspect=aspect,
+        shapes=pm.Ellipses(aspect),
     )
     return pm.Scene(packing, (pm.Repulsion(),))
 
