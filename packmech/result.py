@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 # name, value in words, what the value is or its unit
 Row = tuple[str, str, str]
@@ -128,10 +129,12 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def particles_in_words(packing: Packing) -> str:
-    """Return how many discs or spheres, ellipses or spheroids there are, in words."""
+    """Return how many discs or spheres, ellipses or spheroids, or rigid bodies there are, in words."""
     kinds = ("disc", "sphere") if packing.shapes is None else ("ellipse", "spheroid")
-    kind = kinds[packing.dimension - 2]
-    return f"{packing.particles} {kind}{'' if packing.particles == 1 else 's'}"
+    one, many = kinds[packing.dimension - 2], f"{kinds[packing.dimension - 2]}s"
+    if isinstance(packing.shapes, Beads):
+        one, many = "rigid body", "rigid bodies"
+    return f"{packing.particles} {one if packing.particles == 1 else many}"
 
 
 @dataclass(frozen=True)
