@@ -133,9 +133,8 @@ class Packing:
                 f"shapes must be of as many particles and axes as position_nd, {self.position_nd.shape}, "
                 f"got {(len(shapes), shapes.dimension)}"
             )
-        for name in ("links", "tangential"):
-            if getattr(self, name) is not None:
-                raise ValueError(f"shapes must be left out where a packing has {name}, got {type(shapes).__name__}")
+        if self.links is not None:
+            raise ValueError(f"shapes must be left out where a packing has links, got {type(shapes).__name__}")
 
     def _check_tangential(self, tangential: Any) -> None:
         instance("tangential", tangential, TangentialDisplacements)

@@ -116,7 +116,7 @@ def _choose_with_friction(acting: Any, coefficient: Any) -> Any:
 
     def another(acting, coefficient):
         old = acting.friction
-        return Acting(acting.pairs, acting.bodies, Friction(coefficient, old.stiffness, old.damping))
+        return Acting(acting.pairs, acting.bodies, Friction(coefficient, old.stiffness, old.damping), acting.shapes)
 
     return another
 

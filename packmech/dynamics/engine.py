@@ -43,14 +43,16 @@ from packmech.dynamics.pair_lists import (
 )
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
-from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity
+from packmech.effects import BackgroundDamping, Bonds, Friction, Walls, held_particles, held_velocity
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
 from packmech.minimize.pair_list import SKIN_FULL
 from packmech.minimize.program import space_order
+from packmech.minimize.shape_rows import ShapeRows, shape_rows
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Spheroids
 from packmech.tangential import TangentialDisplacements
 
 # skin of the wide pair list in units of the harmonic mean diameter
@@ -350,7 +352,9 @@ class Engine:
         held = self.stretches()
         now = np.zeros_like(held.stretch_ck)
         where = held.i_c, held.j_c, held.image_cd.astype(float)
-        displacements_now(self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now)
+        displacements_now(
+            self.acting.shapes, self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now
+        )
         some = now.any(axis=1)
         # a run that went astray has nothing to hand on
         if not some.any() or not np.isfinite(now).all():
@@ -361,8 +365,29 @@ class Engine:
         return TangentialDisplacements(i, j, image, now[some])
 
     def packing(self) -> Packing:
-        """Return the packing as it is now, with its box and tangential displacements."""
-        return self.scene.packing.replace(position_nd=self.positions(), box=self.box(), tangential=self.tangential())
+        """Return the packing as it is now, with its box, turns and tangential displacements."""
+        return self.packing_at(self.positions(), self.orientations(), self.box(), self.tangential())
+
+    def packing_at(
+        self,
+        position_nd: NDArray[np.float64],
+        orientation_nq: NDArray[np.float64] | None,
+        box: Box,
+        tangential: TangentialDisplacements | None = None,
+    ) -> Packing:
+        """Return the packing with these places and orientations (None without shapes)."""
+        shapes = self.scene.packing.shapes
+        if shapes is not None and orientation_nq is not None:
+            shapes = shapes.oriented(orientation_nq)
+        return self.scene.packing.replace(position_nd=position_nd, box=box, tangential=tangential, shapes=shapes)
+
+    def orientations(self) -> NDArray[np.float64] | None:
+        """Return the (N, d) directors in the order of the packing; None without shapes."""
+        if self.acting.shapes is None:
+            return None
+        director = np.empty((len(self.order_n), len(self.axes)))
+        director[self.order_n] = self.acting.shapes.unit_nd[:, : len(self.axes)]
+        return director
 
     def wrap(self) -> None:
         """Move particles that left the cell by whole lattice vectors, and take better ones where these are flat."""
@@ -437,6 +462,8 @@ class Engine:
         }
         if state.last is not None:
             found["last_push_nk"] = state.last.copy()
+        if self.acting.shapes is not None:
+            found["unit_nd"] = self.acting.shapes.unit_nd.copy()
         if self.track is not None:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
@@ -492,6 +519,9 @@ class Engine:
         state.push[:] = saved("push_nk", state.push)
         if state.last is not None:
             state.last[:] = saved("last_push_nk", state.last)
+        if self.acting.shapes is not None:
+            unit = self.acting.shapes.unit_nd
+            unit[:] = saved("unit_nd", unit)
         if self.space.flow is not None:
             numbers = saved("profile", _numbers(self.profile))
             if not isinstance(self.profile, Driven):
@@ -575,6 +605,7 @@ def refuse_misfits(scene: Scene) -> None:
     Bonds without a length have no direction to push in; walls across z mean nothing in a plane; a pair has one
     tangential spring.
     """
+    _refuse_shapes(scene)
     for kind in (Friction, Bonds):
         number = sum(isinstance(one, kind) for one in scene.effects)
         if number > 1:
@@ -596,6 +627,27 @@ def refuse_misfits(scene: Scene) -> None:
         smallest = int(np.argmin(length))
         if length[smallest] == 0.0:
             raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {smallest}")
+
+
+def _refuse_shapes(scene: Scene) -> None:
+    """Refuse rigid bodies, friction of spheroids, and what would take shapes for discs or spheres."""
+    shapes = scene.packing.shapes
+    if shapes is None:
+        return
+    if not isinstance(shapes, Spheroids):
+        raise ValueError(
+            "scene.packing must be of discs, spheres, ellipses or spheroids to be stepped through time, got "
+            f"{type(shapes).__name__}: pm.quench and pm.jam know those"
+        )
+    for k, one in enumerate(scene.effects):
+        kind = type(one).__qualname__
+        alone = hasattr(type(one), "body_force") and not isinstance(one, BackgroundDamping)
+        rough = isinstance(one, Friction) and shapes.dimension == 3
+        if alone or rough or hasattr(one, "particles") or isinstance(one, Bonds):
+            raise ValueError(
+                f"scene.effects must hold no {kind} for {type(shapes).__name__}{' in space' if rough else ''}, which "
+                f"it would take for discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
+            )
 
 
 def build_engine(
@@ -642,13 +694,14 @@ def build_engine(
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
     friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
     bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
-    turns = friction is not None or bonds is not None
+    shapes = packing.shapes
+    turns = friction is not None or bonds is not None or shapes is not None
     spins = 0 if not turns else 1 if d == 2 else 3
     lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
     order = space_order(packing)
     n = packing.particles
     body = aligned_rows(n, 4 + d + spins)
-    body[:, 3] = packing.radius_n[order]
+    body[:, 3] = (packing.radius_n if shapes is None else shapes.reach(packing.radius_n))[order]
     body[:, 4 : 4 + d] = velocity_nd[order]
     if turns and spin_nk is not None:
         body[:, 4 + d : 4 + d + spins] = spin_nk[order]
@@ -657,6 +710,10 @@ def build_engine(
     body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
     mass = np.ascontiguousarray(mass_n[order])
     inertia = (0.5 if d == 2 else 0.4) * mass * body[:, 3] ** 2
+    shape = next((one for one in shape_rows(packing, order) if isinstance(one, ShapeRows)), None)
+    if shape is not None and shapes is not None:
+        shape.unit_nd[:, :d] = shapes.orientation_nq[order]
+        inertia = mass * shape.gyration_n**2
     weight = np.zeros((n, 2))
     weight[:, 0] = 1.0 / mass
     if turns:
@@ -683,7 +740,7 @@ def build_engine(
         change_dd=change,
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
-        acting=Acting(pairs or None, bodies or None, friction),
+        acting=Acting(pairs or None, bodies or None, friction, shape),
         state=State(
             tuple(range(spins)),
             body,

@@ -247,8 +247,8 @@ def _choose_turning_axes(friction: Any, axes: Any) -> Any:
 
 
 @device
-def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
-    ai, aj, slip = slip_in_plane(body, contact)
+def spring_in_plane(friction, stretch_pk, p, slip, normal, pace):
+    """Return the tangential force of a contact in a plane, its spring taken along."""
     stretch = stretch_pk[p, 0] + pace.before * slip
     force = uncapped_force(friction, stretch, slip)
     cap = friction.coefficient * normal
@@ -258,8 +258,14 @@ def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
     capped = min(max(force, -cap), cap)
     less = stretch + (capped - force) * soft
     stretch = min(max(less, min(stretch, 0.0)), max(stretch, 0.0))
-    force = capped
     stretch_pk[p, 0] = stretch + pace.after * slip
+    return capped
+
+
+@device
+def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
+    ai, aj, slip = slip_in_plane(body, contact)
+    force = spring_in_plane(friction, stretch_pk, p, slip, normal, pace)
     # along t = (-ny, nx); the moment n x t is one
     return force * -contact.ny, force * contact.nx, 0.0, 0.0, 0.0, force, ai, aj
 

@@ -15,6 +15,7 @@ from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
 from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, with_flow
 from packmech.dynamics.friction import Contact, rotated, slip_in_space, uncapped_force
+from packmech.dynamics.shape_pairs import measure_shapes, spinning_shapes
 from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import device, inlined, lean
 
@@ -229,7 +230,7 @@ def measure_pair(effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx
 
 
 @inlined
-def measure_pairs(effects, friction, flowing, axes, body, pairs, stretch_pk, pace, out):
+def measure_pairs(shapes, effects, friction, flowing, axes, body, pairs, stretch_pk, pace, out):
     """Write the observables of touching pairs; nothing where no effect acts on them."""
     if effects is None:
         return
@@ -249,7 +250,20 @@ def measure_pairs(effects, friction, flowing, axes, body, pairs, stretch_pk, pac
                 dy += shift_kd[k, 1]
                 if len(axes) == 3:
                     dz += shift_kd[k, 2]
-            if is_touching(body, i, j, dx, dy, dz):
+            if shapes is not None:
+                touching, energy, spring, sliding, normal, fx, fy, fz = measure_shapes(
+                    shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+                )
+                if touching:
+                    potential += energy
+                    tangential += spring
+                    contacts += 1.0
+                    slides += sliding
+                    total += normal
+                    force = dyad(axes, force, fx, fy, fz, dx, dy, dz)
+                    # torques on both make up for that of the forces about either center
+                    torque = moment(axes, torque, 1.0, 0.0, dx, dy, dz, fx, fy, fz)
+            elif is_touching(body, i, j, dx, dy, dz):
                 energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = measure_pair(
                     effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
                 )
@@ -351,10 +365,11 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
     out[STRAIN], out[RATE] = strain_of(space.flow, time)
     body = state.body
     stretch_pk = None if track is None else track.inner_pk
-    measure_pairs(acting.pairs, acting.friction, flowing, axes, body, pairs, stretch_pk, pace, out)
+    measure_pairs(acting.shapes, acting.pairs, acting.friction, flowing, axes, body, pairs, stretch_pk, pace, out)
     measure_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
     out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
     measure_motion(axes, state, flowing, out)
+    spinning_shapes(acting.shapes, axes, state, SPINNING, out)
     measure_links(links, axes, state, out)
 
 

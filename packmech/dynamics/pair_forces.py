@@ -14,6 +14,7 @@ from packmech.dynamics.deformation import rates
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.observables import bond_forces, is_touching, measure_pair
 from packmech.dynamics.pair_lists import listed_pairs
+from packmech.dynamics.shape_pairs import measure_shapes
 from packmech.jit.compiled import device, kernel, lean
 from packmech.links import one_way
 
@@ -152,7 +153,9 @@ class Touching(NamedTuple):
 
 
 @lean
-def _measure_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, stretch_pk, seen_p, figure_pk):
+def _measure_contacts(
+    acting_shapes, acting, axes, state, space, pace, i_p, j_p, image_pd, stretch_pk, seen_p, figure_pk
+):
     """Mark the pairs that touch; write normal force, sliding and force on i of each."""
     flowing = rates(space.flow)
     body, lattice = state.body, space.frame.lattice_dd
@@ -162,6 +165,13 @@ def _measure_contacts(acting, axes, state, space, pace, i_p, j_p, image_pd, stre
         dx = body[j, 0] - body[i, 0] + (lattice[0, 0] * x + lattice[0, 1] * y + lattice[0, 2] * z)
         dy = body[j, 1] - body[i, 1] + (lattice[1, 0] * x + lattice[1, 1] * y + lattice[1, 2] * z)
         dz = body[j, 2] - body[i, 2] + (lattice[2, 0] * x + lattice[2, 1] * y + lattice[2, 2] * z)
+        if acting_shapes is not None:
+            seen_p[p], _, _, sliding, normal, fx, fy, fz = measure_shapes(
+                acting_shapes, acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+            )
+            figure_pk[p, 0], figure_pk[p, 1] = normal, sliding
+            figure_pk[p, 2], figure_pk[p, 3], figure_pk[p, 4] = fx, fy, fz
+            continue
         seen_p[p] = is_touching(body, i, j, dx, dy, dz)
         if not seen_p[p]:
             continue
@@ -201,6 +211,7 @@ def touching_of(engine: Engine) -> Touching:
     if len(i) and engine.acting.pairs is not None:
         held = None if engine.track is None else _held(engine, i, j, image)
         _measure_contacts(
+            engine.acting.shapes,
             engine.acting,
             engine.axes,
             engine.state,

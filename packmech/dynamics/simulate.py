@@ -20,7 +20,7 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.scene import Scene
 
 
-@honors("repulsion damping friction bonds gravity walls drag held links")
+@honors("repulsion damping friction bonds gravity walls drag held links shapes")
 def simulate(
     scene: Scene,
     *,
@@ -166,7 +166,7 @@ def simulate(
     return task.run(begin)
 
 
-@honors("repulsion damping friction bonds gravity walls drag held links")
+@honors("repulsion damping friction bonds gravity walls drag held links shapes")
 def resume(
     path: str | os.PathLike[str],
     scene: Scene,

@@ -256,11 +256,21 @@ class Simulation(Run):
 
 
 class Snapshot(NamedTuple):
-    """What is kept with positions: (d, d) lattice vectors, (N, k) spins (None where nothing turns), contacts."""
+    """What is kept with positions: lattice vectors, (N, k) spins (None where nothing turns), contacts, orientations.
+
+    Orientations are (N, d) directors, None of discs and spheres.
+    """
 
     lattice_dd: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None
     touching: Touching
+    orientation_nq: NDArray[np.float64] | None = None
+
+
+def orientations_at(snapshots: Sequence[Snapshot]) -> NDArray[np.float64] | None:
+    """Return the (T, N, d) directors of snapshots; None of discs and spheres, or where nothing was kept."""
+    kept = [one.orientation_nq for one in snapshots if one.orientation_nq is not None]
+    return np.array(kept) if kept else None
 
 
 def snapshot_arrays(kept: Sequence[Snapshot]) -> Arrays:
@@ -270,6 +280,9 @@ def snapshot_arrays(kept: Sequence[Snapshot]) -> Arrays:
     arrays: Arrays = {"snapshot_lattice_tdd": np.array([one.lattice_dd for one in kept])}
     if kept[0].spin_nk is not None:
         arrays["snapshot_spin_tnk"] = np.array([one.spin_nk for one in kept])
+    turned = orientations_at(kept)
+    if turned is not None:
+        arrays["snapshot_orientation_tnq"] = turned
     arrays["snapshot_count_t"] = np.array([len(one.touching.i_c) for one in kept], dtype=np.int64)
     for name in Touching._fields:
         arrays[f"snapshot_{name}"] = np.concatenate([getattr(one.touching, name) for one in kept])
@@ -287,7 +300,11 @@ def snapshot_bounds(particles: int, dimension: int) -> dict[str, IndexBounds]:
 
 
 def snapshots_of(
-    arrays: Mapping[str, Any], steps: int, spins: tuple[int, int] | None, dimension: int
+    arrays: Mapping[str, Any],
+    steps: int,
+    spins: tuple[int, int] | None,
+    dimension: int,
+    orientations: tuple[int, int] | None = None,
 ) -> list[Snapshot]:
     """Return what `snapshot_arrays` took at so many steps, step by step.
 
@@ -301,6 +318,8 @@ def snapshots_of(
         Shape of the spins at each of them; None where there are none.
     dimension
         Of the packing.
+    orientations
+        Shape of the directors at each of them; None of discs and spheres.
 
     Raises
     ------
@@ -312,6 +331,7 @@ def snapshots_of(
         return []
     lattice_tdd = saved_array(arrays, "snapshot_lattice_tdd", (steps, dimension, dimension))
     spin_tnk = None if spins is None else saved_array(arrays, "snapshot_spin_tnk", (steps, *spins))
+    turned = None if orientations is None else saved_array(arrays, "snapshot_orientation_tnq", (steps, *orientations))
     count_t = arrays["snapshot_count_t"]
     if len(count_t) != steps:
         raise ValueError(f"snapshot_count_t must be of length {steps}, as many as steps were kept, got {len(count_t)}")
@@ -323,7 +343,12 @@ def snapshots_of(
             )
     parts = [np.split(column, np.cumsum(count_t)[:-1]) for column in columns]
     return [
-        Snapshot(lattice, None if spin_tnk is None else spin_tnk[t], Touching(*(part[t] for part in parts)))
+        Snapshot(
+            lattice,
+            None if spin_tnk is None else spin_tnk[t],
+            Touching(*(part[t] for part in parts)),
+            None if turned is None else turned[t],
+        )
         for t, lattice in enumerate(lattice_tdd)
     ]
 
@@ -394,6 +419,7 @@ def trace_of_rows(
         velocity_tnd=None if position_t is None else np.array(velocity_t),
         spin_tnk=np.array([one.spin_nk for one in snapshots]) if turning else None,
         touching_t=tuple(one.touching for one in snapshots) if snapshots else None,
+        orientation_tnq=orientations_at(snapshots),
     )
 
 
@@ -569,7 +595,7 @@ class SimulationTask:
     def _keep(self, now: NDArray[np.float64]) -> None:
         engine, largest, d = self.engine, self.largest, len(self.engine.axes)
         self.last, self.reached = now, engine.steps
-        self.state = engine.positions(), engine.velocities()
+        self.state, self.orientation_nq = (engine.positions(), engine.velocities()), engine.orientations()
         self.box, self.spin_nk, self.tension_l = engine.box(), engine.spins(), engine.tensions()
         moved = float(np.abs(now[MOMENTUM : MOMENTUM + d] - self.start[MOMENTUM : MOMENTUM + d]).max())
         potential, kinetic = float(now[POTENTIAL] + now[TANGENTIAL]), float(now[KINETIC] + now[ROTATIONAL])
@@ -583,7 +609,8 @@ class SimulationTask:
             if self.position_t is not None:
                 self.position_t.append(self.state[0])
                 self.velocity_t.append(self.state[1])
-                self.snapshots.append(Snapshot(self.box.lattice_dd, self.spin_nk, touching_of(engine)))
+                kept = (self.box.lattice_dd, self.spin_nk, touching_of(engine), self.orientation_nq)
+                self.snapshots.append(Snapshot(*kept))
 
     def _measured(self) -> State:
         """Return what added observables are measured of."""
@@ -623,6 +650,8 @@ class SimulationTask:
         arrays["state_lattice_dd"], arrays["state_tension_l"] = self.box.lattice_dd, self.tension_l
         if self.spin_nk is not None:
             arrays["state_spin_nk"] = self.spin_nk
+        if self.orientation_nq is not None:
+            arrays["state_orientation_nq"] = self.orientation_nq
         numbers = {
             "reached": self.reached,
             "end": self.end,
@@ -654,7 +683,7 @@ class SimulationTask:
             )
             self.position_t = [position_tnd[t] for t in chosen]
             self.velocity_t = [velocity_tnd[t] for t in chosen]
-            snapshots = snapshots_of(arrays, len(step_t), turning, d)
+            snapshots = snapshots_of(arrays, len(step_t), turning, d, None if packing.shapes is None else (n, d))
             self.snapshots = [snapshots[t] for t in chosen]
         position_nd, velocity_nd = (
             saved_array(arrays, f"state_{name}_nd", (n, d)) for name in ("position", "velocity")
@@ -663,6 +692,8 @@ class SimulationTask:
         self.state = packing.replace(position_nd=position_nd, box=self.box).position_nd, velocity_nd
         self.tension_l = saved_array(arrays, "state_tension_l", self.tension_l.shape)
         self.spin_nk = None if turning is None else saved_array(arrays, "state_spin_nk", turning)
+        if packing.shapes is not None:
+            self.orientation_nq = saved_array(arrays, "state_orientation_nq", (n, d))
         self.largest = {name: float(table["largest"][name]) for name in self.largest}
         self.watch = dataclasses.replace(self.watch, **table["watch"])
         self.end, self.seconds_before = min(int(table["end"]), self.settings.steps), float(table["seconds"])
@@ -706,7 +737,7 @@ class SimulationTask:
         # a run that went astray goes back to an earlier step, whose springs are gone
         there = final and self.engine.steps == self.reached
         tangential = self.engine.tangential() if there else None
-        return self.scene.packing.replace(position_nd=self.state[0], box=self.box, tangential=tangential)
+        return self.engine.packing_at(self.state[0], self.orientation_nq, self.box, tangential)
 
     def _trace(self) -> MotionTrace | None:
         if self.settings.trace_every is None or not self.kept:

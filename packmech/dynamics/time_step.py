@@ -16,6 +16,7 @@ from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, m
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.pair_lists import collect, deform_images, is_stale, largest_contact, update_lists
+from packmech.dynamics.shape_pairs import shapes_of_block, turn_shapes
 from packmech.dynamics.threads import broadcast, is_first, largest, share, wait
 from packmech.effects import body_force, spin_drag
 from packmech.jit.compiled import device, inlined, lean
@@ -206,11 +207,12 @@ WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
 
 
 class Acting(NamedTuple):
-    """What acts: effects on pairs and on single particles (None without), friction (None without)."""
+    """What acts: effects on pairs and on single particles, friction, and the shapes they act on (None without)."""
 
     pairs: Any
     bodies: Any
     friction: Any
+    shapes: Any = None
 
 
 class State(NamedTuple):
@@ -235,6 +237,15 @@ def move_box(flow, frame, time):
     """Set the box to its shape at a time."""
     if flow is not None:
         flow_to(flow, frame, time)
+
+
+@inlined
+def pairs_of_block(shapes, effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
+    """Add what touching pairs of a block's rows do, of discs and spheres or of shapes."""
+    if shapes is None:
+        contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b)
+    else:
+        shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b)
 
 
 @inlined
@@ -321,6 +332,7 @@ def take_steps(
         time = (first + step) * dt
         if start == WHOLE_STEP:
             square = kick_and_drift(space.flow, axes, state, low, high, time, dt, early, ahead)
+            turn_shapes(acting.shapes, axes, state, low, high, dt)
             moved = math.sqrt(largest(thread, square))
             status = RUNNING
             if is_first(thread):
@@ -338,7 +350,9 @@ def take_steps(
         flowing = rates(space.flow)
         for b in range(low_b, high_b):
             body_forces(acting.bodies, axes, state, flowing, row_b[b], row_b[b + 1])
-            contacts_of_block(acting.pairs, acting.friction, flowing, axes, body, push, pairs, stretch_pk, pace, b)
+            pairs_of_block(
+                acting.shapes, acting.pairs, acting.friction, flowing, axes, body, push, pairs, stretch_pk, pace, b
+            )
             bonds_of_block(space.bonds, flowing, axes, body, push, lattice, pace, b)
         wait(thread)
         for b in range(low_b, high_b):

@@ -36,7 +36,7 @@ from packmech.dynamics.observables import (
     tensors,
 )
 from packmech.dynamics.pair_forces import Touching, touching_of
-from packmech.dynamics.simulation import Snapshot, snapshot_arrays, snapshot_bounds, snapshots_of
+from packmech.dynamics.simulation import Snapshot, orientations_at, snapshot_arrays, snapshot_bounds, snapshots_of
 from packmech.effects import Bonds, Friction
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.checkpoint import Arrays, IndexBounds, saved_array, scene_fingerprints
@@ -113,6 +113,7 @@ class StrainRun(Run):
     position_fnd: NDArray[np.float64]
     lattice_fdd: NDArray[np.float64]
     spin_fnk: NDArray[np.float64] | None = None
+    orientation_fnq: NDArray[np.float64] | None = None
     touching_f: tuple[Touching, ...] = ()
     held_n: NDArray[np.bool_] | None = None
     added: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
@@ -192,12 +193,13 @@ R = TypeVar("R", bound=StrainRun)
 
 
 class _Motion(NamedTuple):
-    """Positions in a box, peculiar velocities, and spins (None where particles do not turn)."""
+    """Positions in a box, peculiar velocities, spins (None where nothing turns), directors (None of discs, spheres)."""
 
     position_nd: NDArray[np.float64]
     box: Box
     velocity_nd: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None
+    orientation_nq: NDArray[np.float64] | None
 
     @property
     def is_finite(self) -> bool:
@@ -313,20 +315,21 @@ class StrainTask:
         if len(self.position_f) < len(self.due_f) and engine.steps >= self.due_f[len(self.position_f)]:
             self.frame_time_f.append(engine.time)
             self.position_f.append(engine.positions())
-            self.snapshot_f.append(Snapshot(engine.box().lattice_dd, self._spins(), touching_of(engine)))
+            kept = (engine.box().lattice_dd, self._spins(), touching_of(engine), engine.orientations())
+            self.snapshot_f.append(Snapshot(*kept))
 
     def _measure_added(self) -> None:
         """Measure the added observables, at the start and wherever a row is kept."""
         engine = self.engine
         if added_observables() and (self.driven_rows is not None or engine.steps % self.every == 0):
             scene = self.settings.scene
-            packing = scene.packing.replace(position_nd=engine.positions(), box=engine.box())
+            packing = engine.packing_at(engine.positions(), engine.orientations(), engine.box())
             state = State(packing, scene.effects, engine.steps, engine.time, engine.velocities(), self._spins())
             self.added.append(measure_added(lambda: state))
 
     def _now(self) -> _Motion:
         engine = self.engine
-        return _Motion(engine.positions(), engine.box(), engine.velocities(), self._spins())
+        return _Motion(engine.positions(), engine.box(), engine.velocities(), self._spins(), engine.orientations())
 
     def _spins(self) -> NDArray[np.float64] | None:
         return self.engine.spins() if _turns(self.settings.scene) else None
@@ -418,7 +421,8 @@ class StrainTask:
         frame_time_f = saved_array(kept, "frame_time_f", (frames,))
         position_fnd = saved_array(kept, "position_fnd", (frames, n, d))
         spins = self._spins()
-        snapshots = snapshots_of(kept, frames, None if spins is None else (n, spins.shape[1]), d)
+        turned = None if self.settings.scene.packing.shapes is None else (n, d)
+        snapshots = snapshots_of(kept, frames, None if spins is None else (n, spins.shape[1]), d, turned)
         if self.walls is not None:
             self.walls.restore(kept, steps)
         self.engine.restore(kept)
@@ -482,7 +486,7 @@ class StrainTask:
         seconds = self.seconds()
         snapshots = self.snapshot_f
         return {
-            "packing": packing.replace(position_nd=motion.position_nd, box=motion.box, tangential=tangential),
+            "packing": engine.packing_at(motion.position_nd, motion.orientation_nq, motion.box, tangential),
             "outcome": outcome,
             "residual": residual,
             "steps": engine.steps,
@@ -509,10 +513,12 @@ class StrainTask:
             "lattice_fdd": np.array([one.lattice_dd for one in snapshots]).reshape(-1, d, d),
             "spin_fnk": np.array([one.spin_nk for one in snapshots]) if snapshots and _turns(settings.scene) else None,
             "touching_f": tuple(one.touching for one in snapshots),
+            "orientation_fnq": orientations_at(snapshots),
             "held_n": settings.held_n,
             "added": columns_of(self.added) if self.added and self.added[0] else {},
         }
 
 
 def _turns(scene: Scene) -> bool:
-    return any(isinstance(one, Friction | Bonds) for one in scene.effects)
+    rough = any(isinstance(one, Friction | Bonds) for one in scene.effects)
+    return rough or scene.packing.shapes is not None

@@ -184,7 +184,8 @@ def _of_strain(run: StrainRun, scene: Scene, frames: int) -> Trajectory:
         time_f, step_f = run.time_t[[0, -1]], np.array([0, max(run.steps, 1)])
         position = np.array([one.position_nd for one in packings])
         lattice = np.array([one.box.lattice_dd for one in packings])
-    about, kept = run.about(), (step_f, time_f, position, lattice, run.spin_fnk, run.touching_f or None)
+    about = run.about()
+    kept = (step_f, time_f, position, lattice, run.spin_fnk, run.touching_f or None, run.orientation_fnq)
     shear = f"stress {''.join('xyz'[a] for a in run.axes)}"
     columns = {
         "strain": run.strain_t,
@@ -215,7 +216,8 @@ def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Traje
         "kinetic": trace.kinetic_t,
         **trace.added,
     }
-    kept = (trace.step_t, trace.time_t, trace.position_tnd, lattice, trace.spin_tnk, trace.touching_t)
+    turning = (trace.spin_tnk, trace.touching_t, trace.orientation_tnq)
+    kept = (trace.step_t, trace.time_t, trace.position_tnd, lattice, *turning)
     held_n = getattr(run, "held_n", None)
     return _in_motion(scene, _frames_of(scene, *kept, frames), trace.step_t, columns, "stress xy", held_n, {})
 
@@ -246,6 +248,7 @@ def _frames_of(
     lattice_fdd: NDArray[np.float64],
     spin_fnk: NDArray[np.float64] | None,
     touching_f: Sequence[Touching] | None,
+    orientation_fnq: NDArray[np.float64] | None,
     frames: int,
 ) -> tuple[Frame, ...]:
     mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, scene.packing.dimension)
@@ -253,7 +256,11 @@ def _frames_of(
         Frame(
             int(step_f[f]),
             float(time_f[f]),
-            scene.packing.replace(position_nd=position_fnd[f], box=Box(lattice_fdd[f])),
+            scene.packing.replace(
+                position_nd=position_fnd[f],
+                box=Box(lattice_fdd[f]),
+                shapes=_turned_to(scene.packing, None if orientation_fnq is None else orientation_fnq[f]),
+            ),
             None if touching_f is None else touching_f[f],
             None if mark is None else mark[f],
         )

@@ -100,3 +100,27 @@ def test_the_report_counts_turns_and_names_what_it_judges_by(tmp_path, capsys):
     numbers = json.loads((tmp_path / "one.json").read_text(encoding="utf-8"))
     assert numbers["local_minimum"] and numbers["quartic_modes"] == numbers["floppy_modes"] > 0
     assert numbers["least_quartic_curvature"] > 0.0 and "collective" not in numbers
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_bodies_are_drawn_as_their_beads_are(d):
+    bodies = pm.random_packing(8, dimension=d, packing_fraction=0.3, seed=1, shapes=pm.Trimer(0.7, 2.0))
+    one, other = (pm.draw_frame(each, size=(240, 200)) for each in (bodies, pm.bead_packing(bodies)))
+    # colors are those of sizes, of which bodies have two and their beads as many
+    ground = np.array(drawing.BACKGROUND)
+    covered = [np.abs(each.astype(float) - ground).max(axis=2) > 12.0 for each in (one, other)]
+    assert np.mean(covered[0] != covered[1]) < 0.01
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_recordings_of_bodies_hold_their_beads_and_orientations(d, tmp_path):
+    start = pm.random_packing(6, dimension=d, packing_fraction=0.9, seed=1, shapes=pm.Dimer(0.8))
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    run = pm.quench(scene, force_tolerance=1e-8, trace_every=20, trace_positions=True)
+    assert run.trace.orientation_tnq.shape[1:] == start.shapes.orientation_nq.shape
+    path = pm.record_run(run, tmp_path / "bodies.rrd", scene=scene)
+    assert path.stat().st_size > 1000
+    with pm.Recording(tmp_path / "live.rrd", scene) as recording:
+        recording.add(run.packing, figures={"energy": 1.0})
+        with pytest.raises(ValueError, match="shapes as the scene has"):
+            recording.add(pm.random_packing(6, dimension=d, packing_fraction=0.9, seed=1, shapes=pm.Dimer(0.7)))
