@@ -12,6 +12,7 @@ from packmech.check import finite_array, positive
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Spheroids
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
@@ -127,18 +128,21 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
     at their rest lengths, and for walls, by half their stiffness, as a single particle moves there where otherwise two
     do. Tangential springs and dashpots count 3 fold in a plane, 3.5 fold in space: they turn particles as well as move
-    them, with the inertia m r^2 / 2 or 2 m r^2 / 5.
+    them, with the inertia m r^2 / 2 or 2 m r^2 / 5. Ellipses and spheroids count by `Spheroids.stiffening`.
     """
     sizes = np.unique(scene.packing.diameter_n).tolist()
     turned = 3.0 if scene.packing.dimension == 2 else 3.5
+    steep, shapes = 1.0, scene.packing.shapes
+    if isinstance(shapes, Spheroids):
+        steep, turned = shapes.stiffening(scene.packing.radius_n)
     stiff, damped, drag = [0.0], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     for sigma in sizes:
         for overlap in _OVERLAPS:
             r = (1.0 - overlap) * sigma
-            stiff.append(abs(sum(pair_second(one, r, sigma) for one in pairs)))
+            stiff.append(steep * abs(sum(pair_second(one, r, sigma) for one in pairs)))
             rates = (sum(pair_first(one, r, sigma, rate) for one in pairs) for rate in (1.0, 0.0))
-            damped.append(abs(next(rates) - next(rates)))
+            damped.append(steep * abs(next(rates) - next(rates)))
     for one in scene.effects:
         if isinstance(one, Friction):
             stiff.append(turned * one.stiffness)

@@ -81,7 +81,7 @@ class Equilibration(Run):
 
 
 @listed(AtRest)
-@honors("repulsion damping friction bonds gravity walls drag")
+@honors("repulsion damping friction bonds gravity walls drag shapes")
 def equilibrate(
     scene: Scene,
     *,
@@ -250,7 +250,9 @@ class _Minimum:
     def arrays(self) -> Arrays:
         """Return what a checkpoint keeps."""
         stages = json.dumps([dataclasses.asdict(one) for one in self.stages])
-        return {"position_nd": self.packing.position_nd, "stages": np.array(stages)}
+        kept = {"position_nd": self.packing.position_nd, "stages": np.array(stages)}
+        shapes = self.packing.shapes
+        return kept if shapes is None else kept | {"orientation_nq": shapes.orientation_nq}
 
     def index_bounds(self) -> dict[str, IndexBounds]:
         """Return that there are no arrays of integers."""
@@ -258,7 +260,9 @@ class _Minimum:
 
     def restore(self, kept: Arrays) -> None:
         """Take what a checkpoint kept."""
-        self.packing = self.scene.packing.replace(position_nd=kept["position_nd"])
+        shapes = self.scene.packing.shapes
+        turned = None if shapes is None else shapes.oriented(kept["orientation_nq"])
+        self.packing = self.scene.packing.replace(position_nd=kept["position_nd"], shapes=turned)
         self.stages = [Stage(**one) for one in json.loads(str(kept["stages"]))]
 
 

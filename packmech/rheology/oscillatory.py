@@ -212,7 +212,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds gravity walls drag")
+@honors("repulsion damping friction bonds gravity walls drag shapes")
 def oscillatory_shear(
     scene: Scene,
     *,

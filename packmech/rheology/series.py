@@ -82,7 +82,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
 
 
 @listed(Several)
-@honors("repulsion damping friction bonds gravity walls drag")
+@honors("repulsion damping friction bonds gravity walls drag shapes")
 def amplitude_sweep(
     scene: Scene,
     *,

@@ -43,7 +43,7 @@ _REPORT = 100
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds gravity walls drag")
+@honors("repulsion damping friction bonds gravity walls drag shapes")
 def ramp_strain(
     scene: Scene,
     *,
@@ -226,7 +226,7 @@ class FlowCurve:
 
 
 @listed(Several)
-@honors("repulsion damping friction bonds gravity walls drag")
+@honors("repulsion damping friction bonds gravity walls drag shapes")
 def steady_shear(
     scene: Scene,
     *,
@@ -375,7 +375,7 @@ class Creep(StrainRun):
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds gravity walls drag")
+@honors("repulsion damping friction bonds gravity walls drag shapes")
 def creep(
     scene: Scene,
     *,

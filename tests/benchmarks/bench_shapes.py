@@ -35,7 +35,9 @@ def main(d):
     plain = nanoseconds(pm.Scene(pm.random_packing(PARTICLES, **drawing), (pm.Repulsion(),)))
     print(f"d = {d}: round {plain:.1f} ns a contact")
     for aspect in (1.1, 1.5, 3.0):
-        own = nanoseconds(pm.Scene(pm.random_packing(PARTICLES, **drawing, shapes=pm.Ellipses(aspect)), (pm.Repulsion(),)))
+        own = nanoseconds(
+            pm.Scene(pm.random_packing(PARTICLES, **drawing, shapes=pm.Ellipses(aspect)), (pm.Repulsion(),))
+        )
         print(f"  aspect {aspect}: {own:.1f} ns a contact, {own / plain:.1f} times")
     for count in (64, 1024):
         for seed in range(3):

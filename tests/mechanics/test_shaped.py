@@ -10,7 +10,9 @@ import packmech as pm
 
 @functools.cache
 def jammed(d=2, count=24, aspect=1.6, seed=3, pressure=1e-3, strain="free"):
-    start = pm.random_packing(count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, shapes=pm.Ellipses(aspect))
+    start = pm.random_packing(
+        count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, shapes=pm.Ellipses(aspect)
+    )
     scene = pm.Scene(start, (pm.Repulsion(),))
     return scene.replace(packing=pm.jam(scene, pressure=pressure, strain=strain).packing)
 

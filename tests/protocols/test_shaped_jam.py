@@ -9,7 +9,9 @@ import packmech as pm
 
 
 def start(d=2, count=20, aspect=1.5, seed=1):
-    packing = pm.random_packing(count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, shapes=pm.Ellipses(aspect))
+    packing = pm.random_packing(
+        count, dimension=d, packing_fraction=0.6 if d == 2 else 0.4, seed=seed, shapes=pm.Ellipses(aspect)
+    )
     return pm.Scene(packing, (pm.Repulsion(),))
 
 
@@ -112,7 +114,9 @@ def test_random_packings_of_ellipses_have_the_radii_and_places_of_discs():
         pm.random_packing(50, dimension=3, packing_fraction=0.5, seed=3, shapes=pm.Ellipses(each)).shapes.aspect_n, each
     )
     # directions alike: the mean of mu mu^T is that of the sphere
-    many = pm.random_packing(4000, dimension=3, packing_fraction=0.5, seed=1, shapes=pm.Ellipses(2.0)).shapes.director_nd
+    many = pm.random_packing(
+        4000, dimension=3, packing_fraction=0.5, seed=1, shapes=pm.Ellipses(2.0)
+    ).shapes.director_nd
     assert np.abs(many.T @ many / 4000 - np.eye(3) / 3).max() < 0.02
 
 
