@@ -1,4 +1,4 @@
-"""Which particles with shapes rattle: their contacts can balance no force and torque on them."""
+"""Which particles with shapes rattle, as contacts can balance no force and torque on them; and what turns freely."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, slopes_of_ends
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 
 def shape_rattlers(packing: Packing, contacts: ShapeContacts) -> NDArray[np.bool_]:
@@ -56,3 +57,24 @@ def _balance(wrench_kq: NDArray[np.float64]) -> bool:
     right[-1] = 1.0
     share, left = nnls(matrix, right)
     return bool(left <= BALANCED and share.sum() > 0.5)
+
+
+def free_turns(packing: Packing, contacts: ShapeContacts) -> int:
+    """Return the number of turns of rigid bodies about all the beads with which they touch others; none of ellipses.
+
+    Nothing resists a turn about the only bead that is touched, nor in space about a line of those that are. Rattlers
+    must have been taken out.
+    """
+    shapes = packing.shapes
+    if not isinstance(shapes, Beads) or not len(contacts):
+        return 0
+    site = np.unique(np.concatenate([contacts.site_i_c, contacts.site_j_c]))
+    owner = shapes.particle_b[site]
+    turns_n = (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)
+    free = 0
+    for n in np.unique(owner):
+        place = shapes.offset_bd[site[owner == n]]
+        spanned = np.linalg.matrix_rank(place - place[0], tol=1e-9)
+        # a row of beads does not turn about itself
+        free += int(turns_n[n]) if spanned == 0 else int(spanned == 1 and turns_n[n] == 3)
+    return free

@@ -31,6 +31,7 @@ from packmech.jamming.contact_selection import (
 )
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
+from packmech.jamming.shaped import classify_shaped
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
 from packmech.jit.blas import single_thread
 from packmech.measure.counting import without
@@ -207,7 +208,7 @@ STRAINS = ("free", "isochoric")
 BOUNDS = ("ball", "box")
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links shapes", at_rest=True)
 def classify_jamming(
     packing: Packing | Scene,
     *,
@@ -228,6 +229,10 @@ def classify_jamming(
     it. Motions are judged to first order, which decides for discs and spheres. Particles whose contacts can carry no
     force are taken out too if the others are jammed by themselves. Two contacts of a particle that are opposite to
     within 1e-8 rad count as opposite: held by forces smaller than that part of the others nothing is jammed for sure.
+
+    Ellipses, spheroids and rigid bodies are judged at the contacts that overlap: to first order where these leave no
+    motion, else by what the contact forces do to the motions that are left (quartic modes), the strict question at
+    fixed volume; the reason says which. The settings of the solvers have no part in it.
 
     With rigid links motions keep these, and the certificate holds their forces, of either sign, beside those of the
     contacts. There a first-order motion may be blocked at second order: where the Hessian says so (`prestress_stable`,
@@ -294,6 +299,9 @@ def classify_jamming(
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
     no_own_images("packing", packing)
+    if packing.shapes is not None and not packing.shapes.turns_n.any():
+        packing = packing.replace(shapes=None)
+        scene = None if scene is None else scene.replace(packing=packing)
     one_of("method", method, METHODS)
     one_of("solver", solver, SOLVERS)
     one_of("strain", strain, STRAINS)
@@ -306,6 +314,13 @@ def classify_jamming(
     integer("seed", seed, at_least=0)
     if method == "loads" and solver == "highs":
         bound = "box"
+    if packing.shapes is not None:
+        if contacts is not None:
+            raise ValueError(f"contacts must be left out for {type(packing.shapes).__name__}, got {len(contacts)}")
+        with single_thread():
+            return classify_shaped(
+                packing, scene, strain=strain, gap_tolerance=gap_tolerance, rest_tolerance=rest_tolerance
+            )
 
     def decide(cone: MotionCone) -> Finding:
         if method == "certificate":

@@ -111,7 +111,8 @@ class Verdict:
         (N,) particles that are not part of the backbone: not held by their contacts, or, while the others are jammed,
         held by contacts that carry no force in any state of self stress, or able to move together against the others.
     network
-        The contacts between backbone particles, in the packing's own numbers.
+        The contacts between backbone particles, in the packing's own numbers; `ShapeContacts` of particles with shapes,
+        by their numbers among the backbone particles.
     touching
         Which pairs were taken for contacts, and what a tenth and ten times the gap tolerance would have given.
     rest
@@ -445,8 +446,9 @@ def _answer_row(numbers: Mapping[str, Any], name: str, where: str) -> Row:
     grounds = [where]
     force = numbers[f"{name}_smallest_force"]
     if numbers[name] == "jammed" and not np.isnan(force):
+        softest = numbers[f"{name}_smallest_singular_value"]
         grounds += [
-            f"smallest singular value {numbers[f'{name}_smallest_singular_value']:.1e}",
+            numbers[f"{name}_reason"] if np.isnan(softest) else f"smallest singular value {softest:.1e}",
             f"smallest force {force:.1e} of the mean",
             f"balanced to {numbers[f'{name}_balance']:.0e}",
         ]

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import packmech as pm
+from packmech.contacts.shape_rattlers import free_turns
+from packmech.mechanics.shaped import shaped_network
 from packmech.validation.studies.rows import complete_rows
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.view.figures import COLORS, MARKERS, styled_figure
@@ -65,24 +67,9 @@ def body_shape(beads: int, shape: float) -> pm.Dimer | pm.Trimer | pm.LinearClus
     return pm.Trimer(_FUSED, math.radians(shape))
 
 
-def turning_freely(packing: pm.Packing) -> int:
-    """Return the number of turns of bodies, rattlers left out, about all the beads with which they touch others.
-
-    Nothing resists a turn about the only bead that is touched, nor in space about a line of those that are.
-    """
-    contacts, held, shapes = pm.find_shape_contacts(packing), ~pm.find_rattlers(packing), packing.shapes
-    assert isinstance(shapes, pm.Beads)
-    there = held[contacts.i_c] & held[contacts.j_c]
-    sites = np.unique(np.concatenate([contacts.site_i_c[there], contacts.site_j_c[there]]))
-    owner = shapes.particle_b[sites]
-    turns_n = (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)
-    free = 0
-    for n in np.unique(owner):
-        place = shapes.offset_bd[sites[owner == n]]
-        spanned = np.linalg.matrix_rank(place - place[0], tol=1e-9)
-        # a row of beads does not turn about itself
-        free += int(turns_n[n]) if spanned == 0 else int(spanned == 1 and turns_n[n] == 3)
-    return free
+def _free_turns(packing: pm.Packing) -> int:
+    network = shaped_network(packing, second=False)
+    return free_turns(network.packing, network.contacts)
 
 
 def jam_bodies(
@@ -115,7 +102,7 @@ def jam_bodies(
             report["contacts"],
             report["isostatic_contacts"],
             report["floppy_modes"],
-            turning_freely(run.packing),
+            _free_turns(run.packing),
             report["states_of_self_stress"],
             int(report.get("rank_certain", False) and run.ok),
             run.residual,
