@@ -246,8 +246,6 @@ def test_effects_that_know_discs_only_are_refused(effect):
 
 
 def test_what_is_not_stepped_is_refused_by_name():
-    with pytest.raises(ValueError, match="must hold no Friction for Spheroids in space"):
-        pm.simulate(pm.Scene(pair(3), ROUGH), steps=1, dt=0.01)
     bodies = pm.random_packing(4, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Dimer())
     with pytest.raises(ValueError, match="to be stepped through time, got Beads"):
         pm.simulate(pm.Scene(bodies, REPULSION), steps=1, dt=0.01)
