@@ -279,9 +279,10 @@ def _add(axes, row_nk, n, fx, fy, fz, tx, ty, tz):
 @inlined
 def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
     """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
-    for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
-        pairs.slots.push_qk[q] = 0.0
+    slot_qk = pairs.slots.push_qk
     if effects is None:
+        for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
+            slot_qk[q] = 0.0
         return
     special = pairs.start_s[2 * b + 1]
     for p in range(pairs.start_s[2 * b], pairs.start_s[2 * b + 2]):
@@ -294,6 +295,9 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
             dx += pairs.shift_kd[k, 0]
             dy += pairs.shift_kd[k, 1]
             dz += pairs.shift_kd[k, 2]
+        if slot != NO_SLOT:
+            # a slot is its pair's alone; other slots of this block are filled while other blocks are dealt with
+            slot_qk[slot] = 0.0
         reach = body[i, 3] + body[j, 3]
         if dx * dx + dy * dy + dz * dz >= reach * reach:
             reset_stretch(axes, stretch_pk, p)
@@ -306,7 +310,7 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
             if slot == NO_SLOT:
                 _add(axes, push, j, -fx, -fy, -fz, jx, jy, jz)
             else:
-                _add(axes, pairs.slots.push_qk, slot, -fx, -fy, -fz, jx, jy, jz)
+                _add(axes, slot_qk, slot, -fx, -fy, -fz, jx, jy, jz)
 
 
 @inlined
