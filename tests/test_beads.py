@@ -7,6 +7,7 @@ import pytest
 
 import packmech as pm
 from packmech.contacts.fused_volume import union_moments
+from packmech.validation.studies.bodies import turning_freely
 
 REPULSION = (pm.Repulsion(),)
 BENT = pm.Cluster([[0.0, 0.0], [0.7, 0.0], [1.0, 0.5]], [0.5, 0.4, 0.3])
@@ -198,14 +199,22 @@ def test_jammed_bodies_are_isostatic_but_for_those_that_turn_freely(d, shapes):
     start = pm.random_packing(24, dimension=d, packing_fraction=0.5 if d == 2 else 0.3, seed=2, shapes=shapes)
     run = pm.jam(pm.Scene(start, REPULSION), pressure=1e-7)
     assert run.outcome is pm.Outcome.CONVERGED and run.residual < 1e-5
-    network = pm.find_shape_contacts(run.packing)
-    held = ~pm.find_rattlers(run.packing)
-    # a body all whose contacts are on one bead turns freely about that
-    free = 0
-    for n in np.flatnonzero(held):
-        sites = np.concatenate([network.site_i_c[network.i_c == n], network.site_j_c[network.j_c == n]])
-        free += (1 if d == 2 else 3) * (len(np.unique(sites)) == 1)
+    free = turning_freely(run.packing)
     assert run.report["floppy_modes"] == free and run.report["states_of_self_stress"] == 1
+
+
+def test_bodies_that_start_across_each_other_part():
+    for shapes in (pm.Dimer(0.8), pm.LinearCluster(3, 0.8)):
+        for seed in range(4):
+            start = pm.random_packing(30, dimension=2, packing_fraction=0.6, seed=seed, shapes=shapes)
+            run = pm.quench(pm.Scene(start, REPULSION), force_tolerance=1e-6)
+            assert run.report["deep_overlaps"] == 0
+    cross = pm.Packing([[2.0, 2.5], [3.0, 2.5], [2.5, 2.0], [2.5, 3.0]], [0.55] * 4, pm.Box.cubic(6.0, 2))
+    bodies = pm.rigid_packing(cross, [0, 0, 1, 1])
+    nudged = bodies.replace(position_nd=bodies.position_nd + [[0.0, 0.0], [0.02, 0.01]])
+    run = pm.quench(pm.Scene(nudged, REPULSION), force_tolerance=1e-6)
+    assert run.report["deep_overlaps"] == 0 and run.stages[0].name == "deep overlaps"
+    assert pm.energy(pm.Scene(run.packing, REPULSION)) < 1e-12
 
 
 def test_a_body_touches_its_own_image():

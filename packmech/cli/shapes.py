@@ -1,4 +1,4 @@
-"""`packmech shapes`: jam ellipses or spheroids of many aspects; or follow their shear modulus upward from jamming."""
+"""`packmech shapes`: jam ellipses, spheroids or rigid bodies of many shapes; or follow shear moduli up from jamming."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from packmech.check import integer
 from packmech.cli.output import show, table, working
+from packmech.validation.studies.bodies import JammedBodies, draw_bodies, jam_bodies
 from packmech.validation.studies.shapes import (
     ASPECTS,
     MODULUS_ASPECTS,
@@ -20,15 +21,17 @@ from packmech.validation.studies.shapes import (
     draw_moduli,
     exponent,
     jam_all,
+    mean_and_error,
     over_aspect,
     shear_all,
 )
 
+_PHI = "jamming_packing_fraction"
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 
 
 def shapes(
-    study: Literal["jammed", "moduli"] = "jammed",
+    study: Literal["jammed", "moduli", "bodies"] = "jammed",
     *,
     out: Path = Path("shapes"),
     dimension: int = 2,
@@ -38,18 +41,19 @@ def shapes(
     pressure: float = PRESSURE,
     seed: int = 0,
 ) -> None:
-    """Jam ellipses or spheroids of many aspects, or follow their shear modulus; resumes what it finds.
+    """Jam ellipses, spheroids or rigid bodies of many shapes, or follow shear moduli; resumes what it finds.
 
     Parameters
     ----------
     study
-        jammed: packing fraction, contacts and quartic modes over the aspect; moduli: G over the distance above jamming
+        jammed: packing fraction, contacts and quartic modes over the aspect; moduli: G over the distance above jamming;
+        bodies: dimers over their asymmetry and trimers over their bend, every strain free
     out
         folder to write to
     dimension
         2: ellipses; 3: spheroids; sizes 1:1.4 in halves
     particles
-        number of particles (default: 128 ellipses, 64 spheroids; for moduli 256)
+        number of particles (default: 128 ellipses, 64 spheroids or bodies; for moduli 256)
     packings
         of each aspect, from seeds that follow each other
     aspects
@@ -84,6 +88,9 @@ def shapes(
         _show_jammed(jammed)
         show(f"wrote jammed-{dimension}d.csv, its packings, and jammed-{dimension}d.png in {out}")
         return
+    if study == "bodies":
+        _jam_bodies(out, dimension, 64 if particles is None else particles, pressure, seeds)
+        return
     count = particles if particles is not None else 256
     with working("shapes") as say:
 
@@ -109,6 +116,30 @@ def shapes(
     head = ("aspect", "1e-5 to 1e-4", "to 1e-3", "to 1e-2", "to 1e-1")
     show(table("exponents of G over the distance above jamming", head, rows, right=tuple(range(len(head)))))
     show(f"wrote moduli-{dimension}d.csv and moduli-{dimension}d.png in {out}")
+
+
+def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seeds: range) -> None:
+    """Jam bodies of all shapes, and print and draw what came of each."""
+    with working("shapes") as say:
+
+        def told(done: int, of: int, last: JammedBodies | None) -> None:
+            note = "" if last is None else f"; {last.beads} beads gave {last.packing_fraction:.4f}"
+            say(f"shapes: {done} of {of} packings{note}")
+
+        found = jam_bodies(out, dimension=dimension, particles=particles, pressure=pressure, seeds=seeds, progress=told)
+    draw_bodies(found, out / f"bodies-{dimension}d.png")
+    rows = []
+    for beads, shape in sorted({(one.beads, one.shape) for one in found}):
+        part = [one for one in found if (one.beads, one.shape) == (beads, shape)]
+        certain = [one for one in part if one.certain]
+        means = [mean_and_error([getattr(one, name) for one in part]) for name in (_PHI, "coordination_number")]
+        isostatic = sum(one.states_of_self_stress == 1 and one.floppy_modes == one.turning_freely for one in certain)
+        free = sum(one.turning_freely for one in part) / len(part)
+        cells = [f"{mean:.4f} +- {error:.4f}" for mean, error in means]
+        rows.append((f"{beads}", f"{shape:g}", *cells, f"{free:.1f}", f"{len(certain)} of {len(part)}", f"{isostatic}"))
+    head = ("beads", "radii or angle", "packing fraction", "z", "free turns", "certain", "isostatic but for these")
+    show(table(f"N = {particles}, d = {dimension}", head, rows, right=tuple(range(len(head)))))
+    show(f"wrote bodies-{dimension}d.csv and bodies-{dimension}d.png in {out}")
 
 
 def _show_jammed(found: list[Jammed]) -> None:

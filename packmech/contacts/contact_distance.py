@@ -225,10 +225,11 @@ def distances(normal_pd, radius_pk, aspect_pk, director_pkd, level):
 
 
 def contact_distance(
-    vector_pd: ArrayLike,
-    radius_pk: ArrayLike,
-    aspect_pk: ArrayLike,
-    director_pkd: ArrayLike,
+    vector_cd: ArrayLike,
+    semi_axes_i_ck: ArrayLike,
+    director_i_cd: ArrayLike,
+    semi_axes_j_ck: ArrayLike,
+    director_j_cd: ArrayLike,
     *,
     level: str = "exact",
 ) -> NDArray[np.float64]:
@@ -241,21 +242,19 @@ def contact_distance(
 
     Parameters
     ----------
-    vector_pd
-        (P, d) vectors from the first to the second particle, in two or three dimensions, of any length [length].
-    radius_pk
-        (P, 2) radii of the discs or spheres of equal area or volume [length].
-    aspect_pk
-        (P, 2) aspects: the axis along the director over that across it, above or below 1 [1].
-    director_pkd
-        (P, 2, d) directors, of any length.
+    vector_cd
+        (C, d) vectors from the first to the second particle, in two or three dimensions, of any length [length].
+    semi_axes_i_ck, semi_axes_j_ck
+        (C, 2) semi-axes of the first and of the second particles, along their directors and across them [length].
+    director_i_cd, director_j_cd
+        (C, d) their directors, of any length.
     level
         "gaussian", "linear", "quadratic" or "exact".
 
     Returns
     -------
     ndarray
-        (P,) distances [length]; infinite where the linear or quadratic level finds no contact.
+        (C,) distances [length]; infinite where the linear or quadratic level finds no contact.
 
     Raises
     ------
@@ -265,30 +264,36 @@ def contact_distance(
     Examples
     --------
     >>> import packmech as pm
-    >>> along, across = [1.0, 0.0], [0.0, 1.0]
-    >>> pm.contact_distance([[3.0, 0.0]], [[0.5, 0.5]], [[4.0, 4.0]], [[along, across]]).tolist()
+    >>> along, across = [[1.0, 0.0]], [[0.0, 1.0]]
+    >>> pm.contact_distance([[3.0, 0.0]], [[1.0, 0.25]], along, [[1.0, 0.25]], across).tolist()
     [1.25]
 
     """
     number = LEVELS.index(one_of("level", level, LEVELS))
-    vector = finite_array("vector_pd", vector_pd, shape=(None, None), what="pair")
+    vector = finite_array("vector_cd", vector_cd, shape=(None, None), what="pair")
     count, d = vector.shape
     if d not in (2, 3):
-        raise ValueError(f"vector_pd must have shape (P, 2) or (P, 3), got {vector.shape}")
-    radius = positive_array("radius_pk", radius_pk, shape=(count, 2), what="pair")
-    aspect = positive_array("aspect_pk", aspect_pk, shape=(count, 2), what="pair")
-    director = finite_array("director_pkd", director_pkd, shape=(count, 2, d), what="pair")
-    units = []
-    for name, given in (("vector_pd", vector), ("director_pkd", director)):
-        # by the largest component first, so that any unit of length has a direction
-        largest = np.abs(given).max(axis=-1, keepdims=True)
-        if (largest == 0.0).any():
-            raise ValueError(
-                f"{name} must have a direction, got zeros for pair {int(np.argwhere(largest == 0.0)[0, 0])}"
-            )
-        scaled = given / largest
-        units.append(scaled / np.sqrt((scaled**2).sum(axis=-1, keepdims=True)))
+        raise ValueError(f"vector_cd must have shape (C, 2) or (C, 3), got {vector.shape}")
+    semi = [
+        positive_array(name, given, shape=(count, 2), what="pair")
+        for name, given in (("semi_axes_i_ck", semi_axes_i_ck), ("semi_axes_j_ck", semi_axes_j_ck))
+    ]
+    director_i = finite_array("director_i_cd", director_i_cd, shape=(count, d), what="pair")
+    director_j = finite_array("director_j_cd", director_j_cd, shape=(count, d), what="pair")
+    ways = {"vector_cd": vector, "director_i_cd": director_i, "director_j_cd": director_j}
+    normal, *director = (unit_rows(name, one) for name, one in ways.items())
     # sizes of order one: products of eight of them must neither overflow nor vanish
-    unit = radius.max(axis=1)
-    found: Any = distances(units[0], radius / unit[:, None], aspect, units[1], number)
+    unit = np.maximum(semi[0].max(axis=1), semi[1].max(axis=1))
+    along, across = (np.stack([one[:, k] / unit for one in semi], axis=1) for k in (0, 1))
+    aspect = along / across
+    found: Any = distances(normal, across * aspect ** (1.0 / d), aspect, np.stack(director, axis=1), number)
     return np.asarray(unit * found)
+
+
+def unit_rows(name: str, given_cd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rows with unit length, by the largest component first, so that any unit of length has a direction."""
+    largest = np.abs(given_cd).max(axis=1, keepdims=True)
+    if (largest == 0.0).any():
+        raise ValueError(f"{name} must have a direction, got zeros for pair {int(np.argmin(largest))}")
+    scaled = given_cd / largest
+    return np.asarray(scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True)))

@@ -520,6 +520,7 @@ class SimulationTask:
         self.position_t: list[NDArray[np.float64]] | None = [] if settings.trace_positions else None
         self.velocity_t: list[NDArray[np.float64]] = []
         self.snapshots: list[Snapshot] = []
+        self.orientation_nq = self.engine.orientations()
         self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
         self.watch = watch_of(scene, strain, settings.dt)
         # at least so often is what happens observed: often enough that an interrupt is seen

@@ -16,10 +16,10 @@ from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.measure.shaped import check_pairs_only
+from packmech.minimize.bodies_apart import deep_overlaps, separate
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.lbfgs import LBFGS
-from packmech.minimize.links_apart import separate_links
 from packmech.minimize.minimizers import check_minimizer
 from packmech.minimize.newton import Newton, polish
 from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
@@ -27,6 +27,7 @@ from packmech.observables import State, measure_added
 from packmech.packing import Packing
 from packmech.result import Outcome, Run, Stage, Trace
 from packmech.scene import Scene
+from packmech.shapes import Beads
 
 # the default route hands over to Newton's method here, where contacts no longer change
 _HAND_OVER = 1e-6
@@ -63,6 +64,8 @@ def quench(
     With links in two dimensions, overlaps deeper than a quarter are relaxed first by steps that let no links pass
     through each other. From there on contacts keep them apart by themselves, unless links are longer than sqrt(2) times
     the diameter or the packing is so dense that overlaps stay deep: `report` tells which links crossed all the same.
+    Rigid bodies whose beads overlap by more than a quarter are shrunk in place first and grown again little by little,
+    so that none stay across each other; `report["deep_overlaps"]` counts the pairs that do all the same.
 
     Parameters
     ----------
@@ -125,7 +128,7 @@ def quench(
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
 
     def work() -> Outcome:
-        descent.separate_links()
+        descent.separate()
         failed = descent.relax_deep_overlaps()
         if failed is not None:
             return failed
@@ -188,17 +191,15 @@ class _Descent:
             links is not None and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
         )
 
-    def separate_links(self) -> None:
-        """Relax deep overlaps of linked particles in the plane without links that pass through each other."""
+    def separate(self) -> None:
+        """Relax deep overlaps of linked particles in the plane, and of rigid bodies, that nothing passes through."""
         began = self._now()
-        packing, steps = separate_links(
-            self.program, self.packing(), step_limit=self.step_limit, look=self.loop.check_time
-        )
+        packing, steps = separate(self.program, self.packing(), step_limit=self.step_limit, look=self.loop.check_time)
         if steps:
             self.program.put(packing)
             self.steps += steps
             self.evaluations += steps
-            self._keep("deep overlaps of links", self.program.evaluate(), steps, steps, began)
+            self._keep("deep overlaps", self.program.evaluate(), steps, steps, began)
 
     def relax_deep_overlaps(self) -> Outcome | None:
         """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
@@ -323,7 +324,12 @@ def pairs_crossing(crossings: set[tuple[int, ...]]) -> tuple[tuple[int, ...], ..
 
 
 def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
-    """Return which links cross at the end, and which of them did not at the start; nothing but in two dimensions."""
+    """Return which links cross at the end, and which of them did not at the start; of rigid bodies, deep overlaps.
+
+    Links in two dimensions only.
+    """
+    if isinstance(end.shapes, Beads):
+        return {"deep_overlaps": deep_overlaps(end)}
     if end.links is None or end.dimension != 2:
         return {}
     # the lists stand in one order, and images are those of the positions as they are in both

@@ -11,7 +11,7 @@ from packmech.contacts.network import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
-from packmech.minimize.links_apart import separate_links
+from packmech.minimize.bodies_apart import separate
 from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
@@ -153,7 +153,7 @@ def compress_linked(
     with protocol.stage("compression") as figures:
         taken = 0
         while True:
-            packing, separated = separate_links(protocol.program, packing)
+            packing, separated = separate(protocol.program, packing)
             figures.steps += separated
             figures.force_evaluations += separated
             packing, done = protocol.relax(packing, tolerance, steps, floor=_TOUCHING)
@@ -190,7 +190,7 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
             return packing, Outcome.NOT_JAMMED
         return follow_pressure(protocol, packing, now, pressure)
     with protocol.stage("quench") as figures:
-        packing, separated = separate_links(protocol.program, protocol.scene.packing)
+        packing, separated = separate(protocol.program, protocol.scene.packing)
         packing, done = protocol.relax(packing, _FIRE_TOLERANCES[0], step_limit)
         figures.take(done)
         figures.steps += separated

@@ -34,6 +34,7 @@ from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.shaped import shaped_network
+from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
@@ -43,6 +44,7 @@ from packmech.minimize.strain_fire import StrainedFire, StrainRelaxation
 from packmech.packing import Packing
 from packmech.result import Outcome, Run, Stage
 from packmech.scene import Scene
+from packmech.shapes import Beads
 
 # numbers times steps of a relaxation between two packings that an interrupt leaves, and steps where someone watches
 _PORTION, _WATCHED = 5_000_000, 20
@@ -449,6 +451,8 @@ def shaped_count(packing: Packing, strain: str) -> dict[str, Any]:
     """
     network = shaped_network(packing, second=False)
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
+    if isinstance(packing.shapes, Beads):
+        none["deep_overlaps"] = deep_overlaps(packing)
     if not len(network.contacts):
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
     states = states_of_self_stress(

@@ -265,7 +265,7 @@ class _Picture:
         reach = 0.5 * np.array(self.size) + self.scale * largest
 
         def paint(center: NDArray[np.float64], seen: Any, color: NDArray[np.float64]) -> None:
-            if shapes is None:
+            if shapes is None or not len(center):
                 paint_discs(image, center, self.scale * radius[seen], color)
                 return
             # pixels go down

@@ -208,7 +208,9 @@ class World:
         if isinstance(packing.shapes, Spheroids):
             stream.log("state/aspect", rr.AnyValues(aspect_n=packing.shapes.aspect_n), static=True)
         elif packing.shapes is not None:
-            bodies = {name: getattr(packing.shapes, name) for name in ("start_n", "offset_bd", "size_b", "gyration_nk")}
+            names = ("start_n", "offset_bd", "size_b", "gyration_nk")
+            # rows one after the other: columns of this kind are flat
+            bodies = {name: getattr(packing.shapes, name).ravel() for name in names}
             stream.log("state/beads", rr.AnyValues(**bodies), static=True)
         if summary:
             stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
@@ -278,6 +280,9 @@ class World:
             return
         places, sizes, colors, count_f = [], [], [], []
         for one, shapes in zip(drawing_f, shapes_f, strict=True):
+            if not len(one.copy_of_k):
+                count_f.append(0)
+                continue
             own, size = shapes.select(one.copy_of_k), radius[one.copy_of_k]
             places.append(one.copy_center_kd[own.particle_b] + own.arms(size))
             sizes.append(own.bead_radius(size))

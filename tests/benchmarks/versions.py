@@ -523,7 +523,7 @@ class Versions:
         self.module = importlib.import_module("packmech")
         if side == "head":
             for place in LEFT_OUT:
-                importlib.import_module(place).separate_links = lambda program, packing, **_: (packing, 0)
+                importlib.import_module(place).separate = lambda program, packing, **_: (packing, 0)
 
     def __getattr__(self, name: str) -> Any:
         """Return a public name: what it is where nothing is to be stated or translated, else a call."""

@@ -231,7 +231,7 @@ def test_no_links_pass_through_each_other_where_chains_that_overlap_are_quenched
         assert pm.find_contacts(packing).overlap_c.max() > 0.3
         run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-6)
         assert run.ok and len(pm.crossing_links(run.packing)) == 0
-        assert run.stages[0].name == "deep overlaps of links" and run.stages[0].steps <= 400
+        assert run.stages[0].name == "deep overlaps" and run.stages[0].steps <= 400
 
 
 @pytest.mark.slow

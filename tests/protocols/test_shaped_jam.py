@@ -124,7 +124,13 @@ def test_scene_files_keep_shapes_and_draw_them(tmp_path):
     scene = jammed()
     pm.write_scene(scene, tmp_path / "ellipses.toml")
     assert pm.read_scene(tmp_path / "ellipses.toml").packing == scene.packing
-    fields = {"kind": '"random"', "particles": 12, "packing_fraction": 0.8, "seed": 2, "aspect": 1.4}
+    fields = {
+        "kind": '"random"',
+        "particles": 12,
+        "packing_fraction": 0.8,
+        "seed": 2,
+        "shapes": "{ kind = 'ellipses', aspect = 1.4 }",
+    }
     lines = [f"{name} = {value}" for name, value in fields.items()]
     text = "\n".join(["[packing]", *lines, "", "[[effects]]", 'kind = "repulsion"', ""])
     (tmp_path / "drawn.toml").write_text(text, encoding="utf-8")

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts.contact_distance import LEVELS, contact_distance, distances
+from packmech.contacts.contact_distance import LEVELS, distances
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, styled_figure
@@ -96,7 +96,7 @@ def _log(error: float) -> str:
 
 
 class Pairs(NamedTuple):
-    """Unlike ellipses at random angles: what `contact_distance` takes."""
+    """Unlike ellipses at random angles: what `distances` takes."""
 
     vector_pd: NDArray[np.float64]
     radius_pk: NDArray[np.float64]
@@ -124,7 +124,7 @@ def _nanoseconds(work: Callable[[], object], pairs: int) -> float:
 def measure(aspect: float, level: str, pairs: int = PAIRS, timed: int = TIMED) -> Level:
     """Return what a level does at an aspect."""
     drawn = draw_pairs(aspect, pairs, SEED)
-    exact, rough = contact_distance(*drawn), contact_distance(*drawn, level=level)
+    exact, rough = (distances(*drawn, LEVELS.index(one)) for one in ("exact", level))
     found = np.isfinite(rough)
     error = np.abs(rough[found] / exact[found] - 1.0)
     few = Pairs(*(part[:timed] for part in drawn))

@@ -1,0 +1,153 @@
+"""Jammed rigid bodies over their shape: dimers over their asymmetry, trimers over their bend."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+import packmech as pm
+from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.shapes import mean_and_error
+from packmech.view.figures import COLORS, MARKERS, styled_figure
+
+DIMER, TRIMER = 2, 3
+# the smaller bead's radius over the larger one's; angles between the arms of trimers, straight last [degrees]
+ASYMMETRIES = (0.2, 0.4, 0.6, 0.8, 1.0)
+ANGLES = (60.0, 90.0, 120.0, 150.0, 180.0)
+# beads of a body are this much nearer than where they just touch
+_FUSED = 0.8
+_START = {2: 0.5, 3: 0.3}
+
+
+@dataclass(frozen=True)
+class JammedBodies:
+    """One jammed packing of bodies: what it was asked for, and what came of it.
+
+    `turning_freely` counts the turns that nothing resists.
+    """
+
+    dimension: int
+    particles: int
+    beads: int
+    shape: float
+    pressure: float
+    seed: int
+    packing_fraction: float
+    jamming_packing_fraction: float
+    coordination_number: float
+    rattlers: int
+    contacts: int
+    isostatic_contacts: int
+    floppy_modes: int
+    turning_freely: int
+    states_of_self_stress: int
+    certain: int
+    residual: float
+    seconds: float
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What it was asked for."""
+        return tuple(getattr(self, one.name) for one in fields(self)[:6])
+
+
+def body_shape(beads: int, shape: float) -> pm.Dimer | pm.Trimer | pm.LinearCluster:
+    """Return the dimer of this asymmetry, or the trimer of this angle."""
+    if beads == DIMER:
+        return pm.Dimer(_FUSED * 0.5 * (1.0 + shape), radii=(0.5, 0.5 * shape))
+    if shape == 180.0:
+        return pm.LinearCluster(3, _FUSED)
+    return pm.Trimer(_FUSED, math.radians(shape))
+
+
+def turning_freely(packing: pm.Packing) -> int:
+    """Return the number of turns of bodies, rattlers left out, about all the beads with which they touch others.
+
+    Nothing resists a turn about the only bead that is touched, nor in space about a line of those that are.
+    """
+    contacts, held, shapes = pm.find_shape_contacts(packing), ~pm.find_rattlers(packing), packing.shapes
+    assert isinstance(shapes, pm.Beads)
+    there = held[contacts.i_c] & held[contacts.j_c]
+    sites = np.unique(np.concatenate([contacts.site_i_c[there], contacts.site_j_c[there]]))
+    owner = shapes.particle_b[sites]
+    turns_n = (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)
+    free = 0
+    for n in np.unique(owner):
+        place = shapes.offset_bd[sites[owner == n]]
+        spanned = np.linalg.matrix_rank(place - place[0], tol=1e-9)
+        # a row of beads does not turn about itself
+        free += int(turns_n[n]) if spanned == 0 else int(spanned == 1 and turns_n[n] == 3)
+    return free
+
+
+def jam_bodies(
+    folder: Path,
+    *,
+    dimension: int,
+    particles: int,
+    pressure: float,
+    seeds: Sequence[int],
+    progress: Callable[[int, int, JammedBodies | None], None],
+) -> list[JammedBodies]:
+    """Return packings of all shapes and seeds, every strain free; each is written once it is there."""
+
+    def make(dimension: int, particles: int, beads: int, shape: float, pressure: float, seed: int) -> JammedBodies:
+        start = pm.random_packing(
+            int(particles),
+            dimension=int(dimension),
+            packing_fraction=_START[int(dimension)],
+            seed=int(seed),
+            shapes=body_shape(int(beads), shape),
+        )
+        run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, check=False)
+        report = run.report
+        return JammedBodies(
+            *(dimension, particles, beads, shape, pressure, seed),
+            report["packing_fraction"],
+            report.get("jamming_packing_fraction", math.nan),
+            2.0 * report["contacts"] / (particles - report["rattlers"]),
+            report["rattlers"],
+            report["contacts"],
+            report["isostatic_contacts"],
+            report["floppy_modes"],
+            turning_freely(run.packing),
+            report["states_of_self_stress"],
+            int(report.get("rank_certain", False) and run.ok),
+            run.residual,
+            run.seconds,
+        )
+
+    shapes = [(DIMER, each) for each in ASYMMETRIES] + [(TRIMER, each) for each in ANGLES]
+    wanted = [(dimension, particles, *shape, pressure, seed) for shape, seed in itertools.product(shapes, seeds)]
+    return complete_rows(folder / f"bodies-{dimension}d.csv", JammedBodies, wanted, make, progress)
+
+
+def draw_bodies(found: Sequence[JammedBodies], path: Path) -> None:
+    """Write the figure: packing fraction and contacts over asymmetry and bend."""
+    with styled_figure(path, (9.0, 6.4)) as figure:
+        axes = figure.subplots(2, 2, sharex="col")
+        columns = ((DIMER, "radius of the smaller bead over the larger"), (TRIMER, "angle of trimers [degrees]"))
+        rows = (("jamming_packing_fraction", "packing fraction at jamming"), ("coordination_number", "contacts a body"))
+        for column, (beads, along) in enumerate(columns):
+            part = [one for one in found if one.beads == beads]
+            shapes = sorted({one.shape for one in part})
+            for row, (name, label) in enumerate(rows):
+                figures = [
+                    mean_and_error([float(getattr(one, name)) for one in part if one.shape == each]) for each in shapes
+                ]
+                mean, error = np.array(figures).T
+                axes[row, column].errorbar(
+                    shapes, mean, error, color=COLORS[row], marker=MARKERS[row], markersize=4.0, capsize=2.0
+                )
+                axes[row, column].set_ylabel(label)
+            axes[1, column].set_xlabel(along)
+        one = found[0]
+        seeds = len({each.seed for each in found})
+        figure.suptitle(
+            f"{seeds} packings each of N = {one.particles}, d = {one.dimension}, pressure {one.pressure:g}", fontsize=10
+        )
