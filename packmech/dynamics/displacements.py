@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 
 from packmech.dynamics.deformation import rates, relative
-from packmech.dynamics.observables import is_touching, slip_of, stretch_now
+from packmech.dynamics.friction import stretch_now
+from packmech.dynamics.observables import is_touching, slip_of
 from packmech.dynamics.shape_pairs import slip_of_shapes
 from packmech.jit.compiled import device, lean
 
@@ -20,8 +21,7 @@ def _slip(shapes, axes, body, lattice, flowing, i, j, x, y, z):
     if len(axes) == 3:
         dz = body[j, 2] - body[i, 2] + (lattice[2, 0] * x + lattice[2, 1] * y + lattice[2, 2] * z)
     if shapes is not None:
-        touching, slip = slip_of_shapes(shapes, axes, body, flowing, i, j, dx, dy, dz)
-        return touching, (0.0, 0.0, slip, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return slip_of_shapes(shapes, axes, body, flowing, i, j, dx, dy, dz)
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     inverse = 1.0 / r if r > 0.0 else 0.0
     ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)

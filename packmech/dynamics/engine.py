@@ -41,6 +41,7 @@ from packmech.dynamics.pair_lists import (
     search,
     write_stretches,
 )
+from packmech.dynamics.shape_pairs import rows_of_spins, spins_of_rows
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
 from packmech.effects import BackgroundDamping, Bonds, Friction, Walls, held_particles, held_velocity
@@ -183,8 +184,9 @@ class Engine:
         turns = len(self.state.spins)
         if not turns:
             return None
-        spin = np.empty((len(self.order_n), turns))
-        spin[self.order_n] = self.state.body[:, 4 + d : 4 + d + turns]
+        spin, row = np.empty((len(self.order_n), turns)), self.state.body[:, 4 + d : 4 + d + turns]
+        shapes = self.acting.shapes
+        spin[self.order_n] = row if shapes is None or d == 2 else spins_of_rows(shapes, row)
         return spin
 
     def set_velocities(self, velocity_nd: NDArray[np.float64]) -> None:
@@ -630,7 +632,7 @@ def refuse_misfits(scene: Scene) -> None:
 
 
 def _refuse_shapes(scene: Scene) -> None:
-    """Refuse rigid bodies, friction of spheroids, and what would take shapes for discs or spheres."""
+    """Refuse rigid bodies, and what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
     if shapes is None:
         return
@@ -642,11 +644,10 @@ def _refuse_shapes(scene: Scene) -> None:
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         alone = hasattr(type(one), "body_force") and not isinstance(one, BackgroundDamping)
-        rough = isinstance(one, Friction) and shapes.dimension == 3
-        if alone or rough or hasattr(one, "particles") or isinstance(one, Bonds):
+        if alone or hasattr(one, "particles") or isinstance(one, Bonds):
             raise ValueError(
-                f"scene.effects must hold no {kind} for {type(shapes).__name__}{' in space' if rough else ''}, which "
-                f"it would take for discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
+                f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it "
+                f"would take for discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
             )
 
 
@@ -703,8 +704,6 @@ def build_engine(
     body = aligned_rows(n, 4 + d + spins)
     body[:, 3] = (packing.radius_n if shapes is None else shapes.reach(packing.radius_n))[order]
     body[:, 4 : 4 + d] = velocity_nd[order]
-    if turns and spin_nk is not None:
-        body[:, 4 + d : 4 + d + spins] = spin_nk[order]
     fraction = packing.position_nd @ packing.box.inverse_dd.T
     wrap = np.floor(fraction).astype(np.int64)
     body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
@@ -714,6 +713,9 @@ def build_engine(
     if shape is not None and shapes is not None:
         shape.unit_nd[:, :d] = shapes.orientation_nq[order]
         inertia = mass * shape.gyration_n**2
+    if turns and spin_nk is not None:
+        row = spin_nk[order]
+        body[:, 4 + d : 4 + d + spins] = row if shape is None or d == 2 else rows_of_spins(shape, row)
     weight = np.zeros((n, 2))
     weight[:, 0] = 1.0 / mass
     if turns:

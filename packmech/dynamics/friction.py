@@ -18,8 +18,10 @@ from numba import types
 
 from packmech.effects import Bonds, Friction
 from packmech.effects.pair import hook_of
-from packmech.jit.compiled import compiled_form, device
+from packmech.jit.compiled import compiled_form, device, inlined
+from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Spheroids
 
 
 class Contact(NamedTuple):
@@ -193,8 +195,19 @@ def store_reaction(axes, spins, slot_qk, q, done):
 
 # a little more than 1/3: oscillations up to omega dt = 1/3 then fall, by less than (omega dt)^4 / 100 a step
 _SHARE = 0.35
-# (omega dt)^2 of the fastest tangential springs, over stiffness dt^2 / mass: with 6 neighbors, or 12 in space
-_FASTEST = {2: 36.0, 3: 84.0}
+# (omega dt)^2 of the fastest springs, over stiffness dt^2 / mass: with 6 neighbors, or 12 in space
+_FASTEST = {2: 12.0, 3: 24.0}
+
+
+def stiffening(packing: Packing) -> tuple[float, float]:
+    """Return how many fold the stiffness of contacts, and of tangential springs, counts over mass.
+
+    Tangential ones turn particles as well as move them, with the inertia m r^2 / 2 or 2 m r^2 / 5; of ellipses and
+    spheroids this is `Spheroids.stiffening`.
+    """
+    if isinstance(packing.shapes, Spheroids):
+        return packing.shapes.stiffening(packing.radius_n)
+    return 1.0, 3.0 if packing.dimension == 2 else 3.5
 
 
 def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
@@ -217,7 +230,8 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
             springs.append((one.stiffness, one.damping))
         if isinstance(one, Bonds) and len(one):
             springs.append((one.tangential_stiffness, one.tangential_damping))
-    weak = 0.25 * _FASTEST[scene.packing.dimension] * dt**3 / smallest_mass
+    fastest = _FASTEST[scene.packing.dimension] * stiffening(scene.packing)[1]
+    weak = 0.25 * fastest * dt**3 / smallest_mass
     return _SHARE if any(k > 0.0 and c < weak * k * k for k, c in springs) else 0.0
 
 
@@ -271,8 +285,8 @@ def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
 
 
 @device
-def _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace):
-    slip = slip_in_space(body, contact)
+def spring_in_space(friction, stretch_pk, p, contact, slip, normal, pace):
+    """Return the tangential force of a contact in space, its spring taken along."""
     x, y, z = stretch_before(stretch_pk, p, contact, slip, pace.before)
     fx = uncapped_force(friction, x, slip.sx)
     fy = uncapped_force(friction, y, slip.sy)
@@ -293,6 +307,13 @@ def _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace):
         fy *= scale
         fz *= scale
     stretch_after(stretch_pk, p, x, y, z, slip, pace.after)
+    return fx, fy, fz
+
+
+@device
+def _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace):
+    slip = slip_in_space(body, contact)
+    fx, fy, fz = spring_in_space(friction, stretch_pk, p, contact, slip, normal, pace)
     return with_moment(contact, slip, fx, fy, fz)
 
 
@@ -304,6 +325,45 @@ def tangential_force_of_pair(friction, axes, body, stretch_pk, p, contact, norma
     if len(axes) == 2:
         return _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace)
     return _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace)
+
+
+@device
+def stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after):
+    """Return the stretch at this time, from the one that a pass has taken half a step ahead."""
+    if len(axes) == 2:
+        return stretch_pk[p, 0] - after * sx, 0.0, 0.0
+    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], ox, oy, oz, -after)
+    return x - after * sx, y - after * sy, z - after * sz
+
+
+@device
+def along_contact(axes, nx, ny, x, y, z):
+    """Return a tangential vector in Cartesian components."""
+    if len(axes) == 2:
+        return x * -ny, x * nx, 0.0
+    return x, y, z
+
+
+@inlined
+def measure_spring(friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz, normal, after):
+    """Return energy of a tangential spring, whether it slides, and its force on i."""
+    x, y, z = stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after)
+    cap = friction.coefficient * normal
+    if len(axes) == 2:
+        fx, fy, fz = uncapped_force(friction, x, sx), 0.0, 0.0
+        size = abs(fx)
+        square = x * x
+    else:
+        fx, fy, fz = uncapped_force(friction, x, sx), uncapped_force(friction, y, sy), uncapped_force(friction, z, sz)
+        size = math.sqrt(fx * fx + fy * fy + fz * fz)
+        square = x * x + y * y + z * z
+    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
+    sliding = 1.0 if size >= cap * (1.0 - 1e-9) else 0.0
+    if size > cap:
+        scale = cap / size
+        fx, fy, fz = fx * scale, fy * scale, fz * scale
+    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
+    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz
 
 
 @device

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, positive
+from packmech.dynamics.friction import stiffening
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
@@ -127,14 +127,10 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
 
     k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
     at their rest lengths, and for walls, by half their stiffness, as a single particle moves there where otherwise two
-    do. Tangential springs and dashpots count 3 fold in a plane, 3.5 fold in space: they turn particles as well as move
-    them, with the inertia m r^2 / 2 or 2 m r^2 / 5. Ellipses and spheroids count by `Spheroids.stiffening`.
+    do. All count as often as `stiffening` says.
     """
     sizes = np.unique(scene.packing.diameter_n).tolist()
-    turned = 3.0 if scene.packing.dimension == 2 else 3.5
-    steep, shapes = 1.0, scene.packing.shapes
-    if isinstance(shapes, Spheroids):
-        steep, turned = shapes.stiffening(scene.packing.radius_n)
+    steep, turned = stiffening(scene.packing)
     stiff, damped, drag = [0.0], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     for sigma in sizes:

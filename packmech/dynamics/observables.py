@@ -14,7 +14,7 @@ from packmech.constraints.compiled_links import ERROR
 from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
 from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, with_flow
-from packmech.dynamics.friction import Contact, rotated, slip_in_space, uncapped_force
+from packmech.dynamics.friction import Contact, along_contact, measure_spring, slip_in_space, stretch_now
 from packmech.dynamics.shape_pairs import measure_shapes, spinning_shapes
 from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import device, inlined, lean
@@ -144,15 +144,6 @@ def measure_motion(axes, state, flowing, out):
 
 
 @device
-def stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after):
-    """Return the stretch at this time, from the one that a pass has taken half a step ahead."""
-    if len(axes) == 2:
-        return stretch_pk[p, 0] - after * sx, 0.0, 0.0
-    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], ox, oy, oz, -after)
-    return x - after * sx, y - after * sy, z - after * sz
-
-
-@device
 def slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
     """Return arms, the slip (its first number in a plane), and how fast the contact turns."""
     if len(axes) == 2:
@@ -164,14 +155,6 @@ def slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
     return ai, aj, sx, sy, sz, ox, oy, oz
 
 
-@device
-def along_contact(axes, nx, ny, x, y, z):
-    """Return a tangential vector in Cartesian components."""
-    if len(axes) == 2:
-        return x * -ny, x * nx, 0.0
-    return x, y, z
-
-
 @inlined
 def measure_friction(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
     """Return energy of a tangential spring, whether it slides, its force on i, and arms; zeros without friction."""
@@ -179,23 +162,10 @@ def measure_friction(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, 
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # numbers one by one: records here would round some sums in another way
     ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, pace.after)
-    cap = friction.coefficient * normal
-    if len(axes) == 2:
-        fx, fy, fz = uncapped_force(friction, x, sx), 0.0, 0.0
-        size = abs(fx)
-        square = x * x
-    else:
-        fx, fy, fz = uncapped_force(friction, x, sx), uncapped_force(friction, y, sy), uncapped_force(friction, z, sz)
-        size = math.sqrt(fx * fx + fy * fy + fz * fz)
-        square = x * x + y * y + z * z
-    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-    sliding = 1.0 if size >= cap * (1.0 - 1e-9) else 0.0
-    if size > cap:
-        scale = cap / size
-        fx, fy, fz = fx * scale, fy * scale, fz * scale
-    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
-    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz, ai, aj
+    spring, sliding, fx, fy, fz = measure_spring(
+        friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz, normal, pace.after
+    )
+    return spring, sliding, fx, fy, fz, ai, aj
 
 
 @device
@@ -369,7 +339,7 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
     measure_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
     out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
     measure_motion(axes, state, flowing, out)
-    spinning_shapes(acting.shapes, axes, state, SPINNING, out)
+    spinning_shapes(acting.shapes, axes, state, ROTATIONAL, SPINNING, out)
     measure_links(links, axes, state, out)
 
 

@@ -100,6 +100,15 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, pair_list):
                 dx += pairs.shift_kd[k, 0]
                 dy += pairs.shift_kd[k, 1]
                 dz += pairs.shift_kd[k, 2]
+            if acting.shapes is not None:
+                touching, _, _, _, _, fx, fy, fz = measure_shapes(
+                    acting.shapes, acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz,
+                    pace,
+                )  # fmt: skip
+                if touching:
+                    _write(pair_list, count, i, j, (fx, fy, fz), (dx, dy, dz))
+                    count += 1
+                continue
             square = dx * dx + dy * dy + dz * dz
             # coincident centers push along no branch vector
             if square == 0.0 or not is_touching(body, i, j, dx, dy, dz):

@@ -1,9 +1,13 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Ellipses and spheroids in a time step: their contacts, tangential springs in a plane, turns and observables.
+"""Ellipses and spheroids in a time step: their contacts, tangential springs, turns and observables.
 
 Contacts are those of minimization (`shape_touch`): a distance rho with slopes along the vector between the centers and
-the rotations of both. A dashpot sees the rate of rho. Where two ellipses touch, the arms of a tangential force are the
-distances of the centers from the tangent, rho / sigma times the supports of the ellipses along the normal.
+the rotations of both. A dashpot sees the rate of rho. A tangential force acts where the two touch when both are scaled
+by s = rho / sigma. With the supports g = sqrt(n A n) of the shapes along the normal n this is s A_i n / g_i from one
+center, and -s A_j n / g_j from the other; in a plane only their lengths along n count.
+
+In space the row of a spheroid holds its angular momentum over its moment of inertia across the director, not its
+angular velocity (`spin_in_space`): a free director turns at just this rate, which nothing but torques changes.
 """
 
 from __future__ import annotations
@@ -12,14 +16,22 @@ import math
 
 import numpy as np
 from numba import literal_unroll
+from numpy.typing import NDArray
 
 from packmech.dynamics.deformation import relative
-from packmech.dynamics.friction import reset_stretch, spring_in_plane, uncapped_force
+from packmech.dynamics.friction import (
+    Contact,
+    Slip,
+    measure_spring,
+    reset_stretch,
+    spring_in_plane,
+    spring_in_space,
+)
 from packmech.dynamics.pair_lists import NO_SLOT
 from packmech.effects import pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import inlined
 from packmech.minimize.kernels import coincident_direction
-from packmech.minimize.shape_rows import shape_touch
+from packmech.minimize.shape_rows import ShapeRows, shape_touch
 
 
 @inlined
@@ -71,8 +83,8 @@ def _arm(shapes, touch, i, nx, ny):
 
 
 @inlined
-def _slip(shapes, body, touch, i, j, ux, uy):
-    """Return the normal, arms, and the slip along t = (-ny, nx), in a plane."""
+def _slip_in_plane(shapes, body, touch, i, j, ux, uy):
+    """Return the normal, arms, and the slip along t = (-ny, nx)."""
     inverse = 1.0 / math.sqrt(touch.x * touch.x + touch.y * touch.y)
     nx, ny = inverse * touch.x, inverse * touch.y
     ai, aj = _arm(shapes, touch, i, nx, ny), _arm(shapes, touch, j, nx, ny)
@@ -80,14 +92,155 @@ def _slip(shapes, body, touch, i, j, ux, uy):
 
 
 @inlined
-def _friction(friction, shapes, body, stretch_pk, p, touch, i, j, ux, uy, elastic, pace):
-    """Return the friction on i in a plane, and its torques on both; nothing without."""
+def excess_of_spin(along, across):
+    """Return by how much the moment of inertia across the director exceeds that about it, over the latter [1]."""
+    return 0.5 * (along - across) * (along + across) / (across * across)
+
+
+@inlined
+def spin_in_space(shapes, body, i):
+    """Return the angular velocity of a spheroid."""
+    x, y, z = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+    about = body[i, 7] * x + body[i, 8] * y + body[i, 9] * z
+    about *= excess_of_spin(shapes.along_n[i], shapes.across_n[i])
+    return body[i, 7] + about * x, body[i, 8] + about * y, body[i, 9] + about * z
+
+
+def rows_of_spins(shapes: ShapeRows, spin_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what the rows of spheroids in space hold for angular velocities."""
+    about = (spin_nk * shapes.unit_nd).sum(axis=1, keepdims=True)
+    excess = excess_of_spin(shapes.along_n, shapes.across_n)[:, None]
+    return np.asarray(spin_nk - excess / (1.0 + excess) * about * shapes.unit_nd)
+
+
+def spins_of_rows(shapes: ShapeRows, row_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angular velocities of spheroids in space."""
+    about = (row_nk * shapes.unit_nd).sum(axis=1, keepdims=True)
+    return np.asarray(row_nk + excess_of_spin(shapes.along_n, shapes.across_n)[:, None] * about * shapes.unit_nd)
+
+
+@inlined
+def dragged_to(shapes, axes, i, wx, wy, wz):
+    """Return what the row of a particle holds where it turns with a flow in space."""
+    if shapes is None or len(axes) == 2:
+        return wx, wy, wz
+    x, y, z = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+    excess = excess_of_spin(shapes.along_n[i], shapes.across_n[i])
+    about = -excess / (1.0 + excess) * (wx * x + wy * y + wz * z)
+    return wx + about * x, wy + about * y, wz + about * z
+
+
+@inlined
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _support(shapes, i, normal):
+    """Return a shape's support g along a normal, and the point A n / g of its surface where this is the normal."""
+    unit = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+    a, b = shapes.along_n[i], shapes.across_n[i]
+    square, along = b * b, (a - b) * (a + b) * _dot(unit, normal)
+    x = square * normal[0] + along * unit[0]
+    y = square * normal[1] + along * unit[1]
+    z = square * normal[2] + along * unit[2]
+    size = math.sqrt(x * normal[0] + y * normal[1] + z * normal[2])
+    inverse = 1.0 / size
+    return size, (inverse * x, inverse * y, inverse * z)
+
+
+@inlined
+def _radii(shapes, i, size, point):
+    """Return xx, xy, xz, yy, yz, zz of (A - p p) / g, which makes the change of the point p of one of the normal."""
+    a, b = shapes.along_n[i], shapes.across_n[i]
+    over, square, share = 1.0 / size, b * b, (a - b) * (a + b)
+    x, y, z = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+    return (
+        over * (square + share * x * x - point[0] * point[0]),
+        over * (share * x * y - point[0] * point[1]),
+        over * (share * x * z - point[0] * point[2]),
+        over * (square + share * y * y - point[1] * point[1]),
+        over * (share * y * z - point[1] * point[2]),
+        over * (square + share * z * z - point[2] * point[2]),
+    )
+
+
+@inlined
+def _times(m, v):
+    return (
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
+        m[2] * v[0] + m[4] * v[1] + m[5] * v[2],
+    )
+
+
+@inlined
+def _slip_in_space(shapes, body, touch, i, j, ux, uy, uz):
+    """Return the normal, the point of contact from either center (of j: with the other sign), and the slip.
+
+    With r = s (p_i + p_j), its rate and p' = w x p + R (n' - w x n), R of `_radii`, the normal turns by
+    (R_i + R_j) n' = R_i (w_i x n) + R_j (w_j x n) + (v - r (v n) / (r n)) / s, v the velocity of contact points.
+    """
+    inverse = 1.0 / math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
+    n = inverse * touch.x, inverse * touch.y, inverse * touch.z
+    gi, pi = _support(shapes, i, n)
+    gj, pj = _support(shapes, j, n)
+    wi, wj = spin_in_space(shapes, body, i), spin_in_space(shapes, body, j)
+    scale = touch.rho / touch.sigma
+    one, other = _cross(wi, pi), _cross(wj, pj)
+    vx, vy, vz = ux - scale * (one[0] + other[0]), uy - scale * (one[1] + other[1]), uz - scale * (one[2] + other[2])
+    apart = _dot((vx, vy, vz), n)
+    ri, rj = _radii(shapes, i, gi, pi), _radii(shapes, j, gj, pj)
+    one, other = _times(ri, _cross(wi, n)), _times(rj, _cross(wj, n))
+    under, share = 1.0 / scale, apart / (gi + gj) / scale
+    turned = (
+        one[0] + other[0] + under * vx - share * (pi[0] + pj[0]),
+        one[1] + other[1] + under * vy - share * (pi[1] + pj[1]),
+        one[2] + other[2] + under * vz - share * (pi[2] + pj[2]),
+    )
+    m = ri[0] + rj[0], ri[1] + rj[1], ri[2] + rj[2], ri[3] + rj[3], ri[4] + rj[4], ri[5] + rj[5]
+    # across n the inverse of m is (trace - m) over the product of its two eigenvalues, by Cayley and Hamilton
+    trace = m[0] + m[3] + m[5]
+    product = m[0] * m[3] - m[1] * m[1] + m[0] * m[5] - m[2] * m[2] + m[3] * m[5] - m[4] * m[4]
+    bent = _times(m, turned)
+    rate = (
+        (trace * turned[0] - bent[0]) / product,
+        (trace * turned[1] - bent[1]) / product,
+        (trace * turned[2] - bent[2]) / product,
+    )
+    ox, oy, oz = _cross(n, rate)
+    about = 0.5 * (_dot(wi, n) + _dot(wj, n))
+    slip = Slip(
+        0.0, 0.0, vx - apart * n[0], vy - apart * n[1], vz - apart * n[2],
+        ox + about * n[0], oy + about * n[1], oz + about * n[2],
+    )  # fmt: skip
+    return (
+        n,
+        (scale * pi[0], scale * pi[1], scale * pi[2]),
+        (scale * pj[0], scale * pj[1], scale * pj[2]),
+        slip,
+    )
+
+
+@inlined
+def _friction(friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, uz, elastic, pace):
+    """Return the friction on i, and its torques on both; zeros without."""
     if friction is None:
-        return 0.0, 0.0, 0.0, 0.0
-    nx, ny, ai, aj, slip = _slip(shapes, body, touch, i, j, ux, uy)
-    normal = abs(elastic) * math.sqrt(touch.x * touch.x + touch.y * touch.y)
-    force = spring_in_plane(friction, stretch_pk, p, slip, normal, pace)
-    return force * -ny, force * nx, ai * force, aj * force
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    normal = abs(elastic) * math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
+    if len(axes) == 2:
+        nx, ny, ai, aj, slip = _slip_in_plane(shapes, body, touch, i, j, ux, uy)
+        force = spring_in_plane(friction, stretch_pk, p, slip, normal, pace)
+        return (force * -ny, force * nx, 0.0), (0.0, 0.0, ai * force), (0.0, 0.0, aj * force)
+    n, pi, pj, turning = _slip_in_space(shapes, body, touch, i, j, ux, uy, uz)
+    contact = Contact(i, j, n[0], n[1], n[2], ux, uy, uz, touch.rho, touch.sigma)
+    across = spring_in_space(friction, stretch_pk, p, contact, turning, normal, pace)
+    return across, _cross(pi, across), _cross(pj, across)
 
 
 @inlined
@@ -100,11 +253,13 @@ def _forces(shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, d
     ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
     rate = _rate(axes, body, touch, i, j, ux, uy, uz)
     first, elastic = _push(effects, touch.rho, touch.sigma, rate)
-    fx, fy, ti, tj = _friction(friction, shapes, body, stretch_pk, p, touch, i, j, ux, uy, elastic, pace)
+    (fx, fy, fz), (ix, iy, iz), (jx, jy, jz) = _friction(
+        friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, uz, elastic, pace
+    )
     return (
-        True, first * touch.x + fx, first * touch.y + fy, first * touch.z,
-        -first * touch.ix, -first * touch.iy, ti - first * touch.iz,
-        -first * touch.jx, -first * touch.jy, tj - first * touch.jz,
+        True, first * touch.x + fx, first * touch.y + fy, first * touch.z + fz,
+        ix - first * touch.ix, iy - first * touch.iy, iz - first * touch.iz,
+        jx - first * touch.jx, jy - first * touch.jy, jz - first * touch.jz,
     )  # fmt: skip
 
 
@@ -124,9 +279,10 @@ def _add(axes, row_nk, n, fx, fy, fz, tx, ty, tz):
 @inlined
 def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
     """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
-    for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
-        pairs.slots.push_qk[q] = 0.0
+    slot_qk = pairs.slots.push_qk
     if effects is None:
+        for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
+            slot_qk[q] = 0.0
         return
     special = pairs.start_s[2 * b + 1]
     for p in range(pairs.start_s[2 * b], pairs.start_s[2 * b + 2]):
@@ -139,6 +295,9 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
             dx += pairs.shift_kd[k, 0]
             dy += pairs.shift_kd[k, 1]
             dz += pairs.shift_kd[k, 2]
+        if slot != NO_SLOT:
+            # a slot is its pair's alone; other slots of this block are filled while other blocks are dealt with
+            slot_qk[slot] = 0.0
         reach = body[i, 3] + body[j, 3]
         if dx * dx + dy * dy + dz * dz >= reach * reach:
             reset_stretch(axes, stretch_pk, p)
@@ -151,12 +310,12 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
             if slot == NO_SLOT:
                 _add(axes, push, j, -fx, -fy, -fz, jx, jy, jz)
             else:
-                _add(axes, pairs.slots.push_qk, slot, -fx, -fy, -fz, jx, jy, jz)
+                _add(axes, slot_qk, slot, -fx, -fy, -fz, jx, jy, jz)
 
 
 @inlined
 def turn_shapes(shapes, axes, state, low, high, dt):
-    """Turn the directors of rows by a step at the spins of `half`; nothing without shapes."""
+    """Turn the directors of rows by a step at what `half` holds of turns; nothing without shapes."""
     if shapes is None:
         return
     unit, half = shapes.unit_nd, state.half
@@ -184,13 +343,23 @@ def turn_shapes(shapes, axes, state, low, high, dt):
 
 
 @inlined
+def _slip(shapes, axes, body, touch, i, j, ux, uy, uz):
+    """Return the first two numbers of the normal, the slip (its first number in a plane), and how the contact turns."""
+    if len(axes) == 2:
+        nx, ny, _, _, slip = _slip_in_plane(shapes, body, touch, i, j, ux, uy)
+        return nx, ny, slip, 0.0, 0.0, 0.0, 0.0, 0.0
+    n, _, _, turning = _slip_in_space(shapes, body, touch, i, j, ux, uy, uz)
+    return n[0], n[1], turning.sx, turning.sy, turning.sz, turning.ox, turning.oy, turning.oz
+
+
+@inlined
 def slip_of_shapes(shapes, axes, body, flowing, i, j, dx, dy, dz):
-    """Return whether two rows touch, and their slip in a plane."""
+    """Return whether two rows touch, and their slip as `slip_of` does."""
     touch = _touch(shapes, axes, i, j, dx, dy, dz)
     if not touch.touching:
-        return False, 0.0
-    ux, uy, _ = relative(flowing, axes, body, i, j, dx, dy, dz)
-    return True, _slip(shapes, body, touch, i, j, ux, uy)[4]
+        return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
+    return True, _slip(shapes, axes, body, touch, i, j, ux, uy, uz)
 
 
 @inlined
@@ -204,31 +373,27 @@ def measure_shapes(shapes, effects, friction, flowing, axes, body, stretch_pk, p
     energy = _energy(effects, touch.rho, touch.sigma)
     first, elastic = _push(effects, touch.rho, touch.sigma, rate)
     normal = abs(elastic) * math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
-    spring, sliding, fx, fy = _measure_friction(
-        friction, shapes, body, stretch_pk, p, touch, i, j, ux, uy, normal, pace
+    spring, sliding, fx, fy, fz = _measure_friction(
+        friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, uz, normal, pace
     )
-    return True, energy, spring, sliding, normal, first * touch.x + fx, first * touch.y + fy, first * touch.z
+    return True, energy, spring, sliding, normal, first * touch.x + fx, first * touch.y + fy, first * touch.z + fz
 
 
 @inlined
-def _measure_friction(friction, shapes, body, stretch_pk, p, touch, i, j, ux, uy, normal, pace):
+def _measure_friction(friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, uz, normal, pace):
     """Return the energy of a tangential spring, whether it slides, and its force on i; zeros without friction."""
     if friction is None:
-        return 0.0, 0.0, 0.0, 0.0
-    nx, ny, _, _, slip = _slip(shapes, body, touch, i, j, ux, uy)
-    stretch = stretch_pk[p, 0] - pace.after * slip
-    force, cap = uncapped_force(friction, stretch, slip), friction.coefficient * normal
-    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-    sliding = 1.0 if abs(force) >= cap * (1.0 - 1e-9) else 0.0
-    force = min(max(force, -cap), cap)
-    return 0.5 * friction.stiffness * stretch * stretch, sliding, force * -ny, force * nx
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    nx, ny, sx, sy, sz, ox, oy, oz = _slip(shapes, axes, body, touch, i, j, ux, uy, uz)
+    return measure_spring(friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz, normal, pace.after)
 
 
 @inlined
 def inertial_stress(shapes, axes, state, i, work_dd):
     """Write the integral of a x over a turning shape, a the acceleration by its rotation, its symmetric part.
 
-    With S the integral of x x: w (S w) - w^2 S, and what the angular acceleration adds.
+    With S the integral of x x: w (S w) - w^2 S, and what the angular acceleration adds. Half the second derivative of S
+    is that for the row's rate of turning, less the flux of momentum, which is that of the angular velocity.
     """
     d = len(axes)
     a, b = shapes.along_n[i], shapes.across_n[i]
@@ -249,25 +414,49 @@ def inertial_stress(shapes, axes, state, i, work_dd):
         if k < d:
             work_dd[1, k, k] += share * b * b
     s = work_dd[1]
+    bent = (
+        ox * s[0, 0] + oy * s[1, 0] + oz * s[2, 0],
+        ox * s[0, 1] + oy * s[1, 1] + oz * s[2, 1],
+        ox * s[0, 2] + oy * s[1, 2] + oz * s[2, 2],
+    )
     for m in range(3):
         work_dd[2, 0, m] = py * s[2, m] - pz * s[1, m]
         work_dd[2, 1, m] = pz * s[0, m] - px * s[2, m]
         work_dd[2, 2, m] = px * s[1, m] - py * s[0, m]
     for k in range(3):
         for m in range(3):
-            along = ox * s[0, m] + oy * s[1, m] + oz * s[2, m]
-            work_dd[0, k, m] = spin[k] * along - square * s[k, m] + 0.5 * (work_dd[2, k, m] + work_dd[2, m, k])
+            along = spin[k] * bent[m] + spin[m] * bent[k] + work_dd[2, k, m] + work_dd[2, m, k]
+            work_dd[0, k, m] = 0.5 * along - square * s[k, m]
+    if d == 3:
+        own = spin_in_space(shapes, state.body, i)
+        flux = share * b * b
+        for k in range(3):
+            work_dd[0, k, k] += flux * (square - _dot(own, own))
+            for m in range(3):
+                work_dd[0, k, m] += flux * (own[k] * own[m] - spin[k] * spin[m])
 
 
 @inlined
-def spinning_shapes(shapes, axes, state, place, out):
-    """Write the sum of `inertial_stress` to a row of observables; nothing without shapes."""
+def _energy_about_director(shapes, axes, state, i):
+    """Return what the spin about its director adds to the energy of rotation that the row alone gives."""
+    if len(axes) == 2 or state.weight_nk[i, 1] == 0.0:
+        return 0.0
+    about = 0.0
+    for k in range(3):
+        about += state.body[i, 7 + k] * shapes.unit_nd[i, k]
+    return 0.5 / state.weight_nk[i, 1] * excess_of_spin(shapes.along_n[i], shapes.across_n[i]) * about * about
+
+
+@inlined
+def spinning_shapes(shapes, axes, state, rotational, place, out):
+    """Write the sum of `inertial_stress` to a row of observables, and add to its energy of rotation; else nothing."""
     if shapes is None:
         return
     work = np.zeros((3, 3, 3))
     for k in range(9):
         out[place + k] = 0.0
     for i in range(state.body.shape[0]):
+        out[rotational] += _energy_about_director(shapes, axes, state, i)
         inertial_stress(shapes, axes, state, i, work)
         for k in range(3):
             for m in range(3):

@@ -16,7 +16,7 @@ from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, m
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.pair_lists import collect, deform_images, is_stale, largest_contact, update_lists
-from packmech.dynamics.shape_pairs import shapes_of_block, turn_shapes
+from packmech.dynamics.shape_pairs import dragged_to, shapes_of_block, turn_shapes
 from packmech.dynamics.threads import broadcast, is_first, largest, share, wait
 from packmech.effects import body_force, spin_drag
 from packmech.jit.compiled import device, inlined, lean
@@ -249,7 +249,7 @@ def pairs_of_block(shapes, effects, friction, rates, axes, body, push, pairs, st
 
 
 @inlined
-def body_forces(bodies, axes, state, rates, low, high):
+def body_forces(shapes, bodies, axes, state, rates, low, high):
     """Set push of rows, which is zero, to the forces on single particles; nothing where nothing acts on them."""
     if bodies is None:
         return
@@ -277,9 +277,10 @@ def body_forces(bodies, axes, state, rates, low, high):
             if d == 2:
                 push[i, 2] = slow * (body[i, 6] - wz)
             else:
-                push[i, 3] = slow * (body[i, 7] - wx)
-                push[i, 4] = slow * (body[i, 8] - wy)
-                push[i, 5] = slow * (body[i, 9] - wz)
+                ox, oy, oz = dragged_to(shapes, axes, i, wx, wy, wz)
+                push[i, 3] = slow * (body[i, 7] - ox)
+                push[i, 4] = slow * (body[i, 8] - oy)
+                push[i, 5] = slow * (body[i, 9] - oz)
 
 
 @inlined
@@ -349,7 +350,7 @@ def take_steps(
                 return status, step
         flowing = rates(space.flow)
         for b in range(low_b, high_b):
-            body_forces(acting.bodies, axes, state, flowing, row_b[b], row_b[b + 1])
+            body_forces(acting.shapes, acting.bodies, axes, state, flowing, row_b[b], row_b[b + 1])
             pairs_of_block(
                 acting.shapes, acting.pairs, acting.friction, flowing, axes, body, push, pairs, stretch_pk, pace, b
             )
