@@ -19,12 +19,18 @@ REPULSION = (pm.Repulsion(),)
 
 def record(folder: Path) -> None:
     """Write the three recordings."""
-    crowd = pm.Scene(pm.random_packing(40, dimension=2, packing_fraction=0.95, seed=1, shapes=pm.Ellipses(1.7)), REPULSION)
+    crowd = pm.Scene(
+        pm.random_packing(40, dimension=2, packing_fraction=0.95, seed=1, shapes=pm.Ellipses(1.7)), REPULSION
+    )
     run = pm.quench(crowd, force_tolerance=1e-8, trace_every=10, trace_positions=True)
     pm.record_run(run, folder / "quench.rrd", scene=crowd)
-    loose = pm.Scene(pm.random_packing(40, dimension=3, packing_fraction=0.72, seed=1, shapes=pm.Ellipses(1.8)), REPULSION)
+    loose = pm.Scene(
+        pm.random_packing(40, dimension=3, packing_fraction=0.72, seed=1, shapes=pm.Ellipses(1.8)), REPULSION
+    )
     pm.record_packing(loose.replace(packing=pm.jam(loose, pressure=1e-4).packing), folder / "spheroids.rrd")
-    start = pm.Scene(pm.random_packing(24, dimension=2, packing_fraction=0.6, seed=4, shapes=pm.Ellipses(1.4)), REPULSION)
+    start = pm.Scene(
+        pm.random_packing(24, dimension=2, packing_fraction=0.6, seed=4, shapes=pm.Ellipses(1.4)), REPULSION
+    )
     scene = start.replace(packing=pm.jam(start, pressure=1e-9, strain="isotropic").packing)
     modes = pm.quartic_modes(scene)
     with pm.Recording(folder / "quartic.rrd", scene) as recording:

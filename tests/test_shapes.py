@@ -17,7 +17,7 @@ HONOR = {
     "jamming_scaling", "hessian", "dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states",
     "elastic_moduli", "states_of_self_stress", "floppy_modes", "quartic_modes",
     "simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "equilibrate", "amplitude_sweep",
-    "bead_packing",
+    "bead_packing", "classify_jamming",
 }  # fmt: skip
 
 
@@ -188,7 +188,7 @@ def test_every_other_call_refuses_shapes_by_name():
                 one.check("scene", scene)
             with pytest.raises(ValueError, match="got Spheroids"):
                 one.check("packing", scene.packing)
-    for call in (pm.classify_jamming, pm.find_contacts, pm.compliance_matrix):
+    for call in (pm.find_contacts, pm.compliance_matrix):
         with pytest.raises(ValueError, match="which knows no other shapes"):
             call(scene if call is not pm.find_contacts else scene.packing)
 

@@ -21,7 +21,9 @@ def test_shear_stabilized_packings_are_strictly_jammed_and_others_collectively(d
     verdict = pm.classify_jamming(scene)
     assert (verdict.local, verdict.collective, verdict.strict) == ("jammed",) * 3
     assert verdict.states_of_self_stress["isochoric"] == run.report["states_of_self_stress"]
-    assert verdict.strictly.floppy_modes == run.report["floppy_modes"]
+    # a body that turns freely comes to rest against another, which it does not push
+    idle = run.report["contacts"] - verdict.contacts
+    assert verdict.strictly.floppy_modes == run.report["floppy_modes"] + idle
     # the certificate is in balance and positive
     force, one = verdict.contact_force_c, verdict.network
     assert force.min() > 0.0 and force.mean() == pytest.approx(1.0)
