@@ -60,7 +60,8 @@ def pair_forces(engine: Engine) -> PairForces:
     count = 0
     if engine.acting.pairs is not None:
         count = _list_contacts(
-            *(engine.acting, engine.axes, engine.state, engine.space, engine.pairs, engine.track, engine.pace),
+            *(engine.acting.shapes, engine.acting, engine.axes, engine.state),
+            *(engine.space, engine.pairs, engine.track, engine.pace),
             pair_list,
         )
     whole = _list_all_bonds(engine.axes, engine.state, engine.space, engine.pace, count, pair_list)
@@ -83,7 +84,7 @@ def _write(pair_list, k, i, j, force, branch):
 
 
 @lean
-def _list_contacts(acting, axes, state, space, pairs, track, pace, pair_list):
+def _list_contacts(shapes, acting, axes, state, space, pairs, track, pace, pair_list):
     """Write the touching pairs; return how many there are."""
     flowing = rates(space.flow)
     body = state.body
@@ -100,10 +101,9 @@ def _list_contacts(acting, axes, state, space, pairs, track, pace, pair_list):
                 dx += pairs.shift_kd[k, 0]
                 dy += pairs.shift_kd[k, 1]
                 dz += pairs.shift_kd[k, 2]
-            if acting.shapes is not None:
+            if shapes is not None:
                 touching, _, _, _, _, fx, fy, fz = measure_shapes(
-                    acting.shapes, acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz,
-                    pace,
+                    shapes, acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
                 )  # fmt: skip
                 if touching:
                     _write(pair_list, count, i, j, (fx, fy, fz), (dx, dy, dz))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.minimize.program import build_program, coordinates_of
+from packmech.minimize.program import build_program
 
 METHODS = (pm.Fire(), pm.Fire2(), pm.LBFGS(), pm.ConjugateGradient(), pm.GradientDescent())
 
@@ -98,7 +98,7 @@ def test_aspect_one_takes_the_way_of_discs(d):
 def test_coordinates_are_those_of_the_packing_and_back():
     scene = crowd(3)
     program = build_program(scene)
-    assert np.array_equal(coordinates_of(scene.packing)[:20], scene.packing.position_nd)
+    assert np.array_equal(program.coordinates_of(scene.packing)[:20], scene.packing.position_nd)
     assert program.coordinates().shape == (40, 3)
     turned = scene.packing.replace(shapes=scene.packing.shapes.turned(np.full((20, 3), 0.3)))
     program.put(turned)
