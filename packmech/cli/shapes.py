@@ -59,16 +59,15 @@ def shapes(
     scatter: float = 0.0,
     seed: int = 0,
 ) -> None:
-    """Jam ellipses, spheroids or rigid bodies of many shapes, follow shear moduli, or compare kinds of stability.
-
-    What jammed, moduli and bodies find in the folder they go on from.
+    """Jam ellipses, spheroids or rigid bodies, follow shear moduli, or compare kinds of stability; resumes.
 
     Parameters
     ----------
     study
-        jammed: packing fraction, contacts and quartic modes over the aspect; moduli: G over the distance above jamming;
-        bodies: dimers over their asymmetry and trimers over their bend, every strain free; stability: equal discs in a
-        square, mechanically stable beside only locally stable, moved along their lowest mode
+        "jammed", packing fraction, contacts and quartic modes over the aspect; "moduli", shear modulus over the
+        distance above jamming; "bodies", dimers over their asymmetry and trimers over their bend, every strain free;
+        "stability", equal discs in a square, mechanically stable beside only locally stable, moved along their lowest
+        mode. All but the last go on from the table that they find in the folder.
     out
         folder to write to
     dimension

@@ -1,6 +1,12 @@
 """Jammed rigid bodies over their shape: dimers over their asymmetry, trimers over their bend.
 
-@@FINDING@@
+Packings of rigid bodies are isostatic where shapes are bent enough: one state of self stress, and no floppy modes but
+turns that nothing resists. Straight trimers that are alike (N = 64, d = 2, P = 1e-7, five packings) have 12 to 18
+states of self stress instead. All but one of them live on the contacts between two bodies alone: trimers lie side by
+side, bead against bead (three parallel contacts, which hold a distance and an angle) or beads in the notches of the
+other (four or five contacts, which hold three relative coordinates). At 150 degrees there are 4 to 6, of which all but
+one live on pairs, in two of five packings but one on three bodies side by side. None of that is a property of
+trimers: where the radii of beads differ by up to 5 percent from body to body there is one state in every packing.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class Found:
         """Return what the energy a particle grows by along a straight motion [energy scale]."""
         start = pm.energy(self.scene)
         moved = [pm.energy(self.scene.replace(packing=self.moved(mode_nd, one))) for one in amplitudes]
-        return (np.array(moved) - start) / self.scene.packing.particles
+        return np.asarray((np.array(moved) - start) / self.scene.packing.particles)
 
 
 @dataclass(frozen=True)
