@@ -43,6 +43,8 @@ from packmech.validation.studies.stability import (
 
 # seeds of both searches for stable packings
 _STARTS = 40
+# which studies know an option
+_HONORED = {"aspects": ("jammed", "moduli"), "pressure": ("jammed", "bodies"), "scatter": ("bodies",)}
 _PHI = "jamming_packing_fraction"
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 
@@ -55,7 +57,7 @@ def shapes(
     particles: int | None = None,
     packings: int | None = None,
     aspects: Numbers = None,
-    pressure: float = PRESSURE,
+    pressure: float | None = None,
     scatter: float = 0.0,
     seed: int = 0,
 ) -> None:
@@ -79,7 +81,7 @@ def shapes(
     aspects
         axis along the director over that across it
     pressure
-        of the jammed packings [energy scale / diameter^d]
+        of jammed packings and bodies [energy scale / diameter^d] (default: 1e-7)
     scatter
         of bodies: by which part of them the radii of beads may be larger or smaller [1]
     seed
@@ -87,10 +89,16 @@ def shapes(
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
-    out.mkdir(parents=True, exist_ok=True)
+    real("scatter", scatter, at_least=0.0, below=1.0)
+    given = {"aspects": aspects is not None, "pressure": pressure is not None, "scatter": scatter > 0.0}
+    for name, studies in _HONORED.items():
+        if given[name] and study not in studies:
+            raise ValueError(f"{name} must be left out for {study}: only {' and '.join(studies)} know it")
+    pressure = PRESSURE if pressure is None else pressure
     if packings is None:
         packings = _STARTS if study == "stability" else 3
     seeds = range(seed, seed + integer("packings", packings, at_least=1))
+    out.mkdir(parents=True, exist_ok=True)
     if study == "stability":
         if dimension != 2:
             raise ValueError(f"dimension must be 2 for stability, got {dimension}")
@@ -118,7 +126,6 @@ def shapes(
         show(f"wrote jammed-{dimension}d.csv, its packings, and jammed-{dimension}d.png in {out}")
         return
     if study == "bodies":
-        real("scatter", scatter, at_least=0.0, below=1.0)
         _jam_bodies(out, dimension, 64 if particles is None else particles, pressure, seeds, scatter)
         return
     count = particles if particles is not None else 256

@@ -6,7 +6,7 @@ states of self stress instead. All but one of them live on the contacts between 
 side, bead against bead (three parallel contacts, which hold a distance and an angle) or beads in the notches of the
 other (four or five contacts, which hold three relative coordinates). At 150 degrees there are 4 to 6, of which all but
 one live on pairs, in two of five packings but one on three bodies side by side. None of that is a property of
-trimers: where the radii of beads differ by up to 5 percent from body to body there is one state in every packing.
+trimers: where radii of beads are larger or smaller by up to 5 percent, each its own, every packing has one state.
 """
 
 from __future__ import annotations

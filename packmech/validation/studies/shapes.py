@@ -1,4 +1,9 @@
-"""Jammed ellipses and spheroids over their aspect: packing fraction, contacts, quartic modes, and the shear modulus."""
+"""Jammed ellipses and spheroids over their aspect: packing fraction, contacts, quartic modes, and the shear modulus.
+
+The shear modulus is linear in the distance above jamming at first and bends toward a square root. Where its exponent
+passes 3/4 does not grow with the aspect throughout: 6.0e-4, 5.9e-3, 1.2e-2 and 2.2e-2 at aspects 1.002, 1.01, 1.03 and
+1.1, then 1.4e-2 and 5.9e-3 at 1.3 and 2 (N = 256, ten packings; to 8 to 19 percent).
+"""
 
 from __future__ import annotations
 
