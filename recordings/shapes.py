@@ -1,8 +1,8 @@
-"""Record a quench of ellipses, a quartic mode played back and forth, and a jammed packing of spheroids.
+"""Record quenches of ellipses and of rigid trimers, a quartic mode played back and forth, and jammed spheroids.
 
     python recordings/shapes.py FOLDER
 
-Writes quench.rrd, quartic.rrd and spheroids.rrd; `recordings/picture.py` makes pictures of them.
+Writes quench.rrd, bodies.rrd, quartic.rrd and spheroids.rrd; `recordings/picture.py` makes pictures of them.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ REPULSION = (pm.Repulsion(),)
 
 
 def record(folder: Path) -> None:
-    """Write the three recordings."""
-    crowd = pm.Scene(
-        pm.random_packing(40, dimension=2, packing_fraction=0.95, seed=1, shapes=pm.Ellipses(1.7)), REPULSION
-    )
-    run = pm.quench(crowd, force_tolerance=1e-8, trace_every=10, trace_positions=True)
-    pm.record_run(run, folder / "quench.rrd", scene=crowd)
+    """Write the four recordings."""
+    for name, shapes in (("quench", pm.Ellipses(1.7)), ("bodies", pm.Trimer(0.8, 1.6))):
+        crowd = pm.Scene(pm.random_packing(40, dimension=2, packing_fraction=0.95, seed=1, shapes=shapes), REPULSION)
+        run = pm.quench(crowd, force_tolerance=1e-8, trace_every=10, trace_positions=True)
+        pm.record_run(run, folder / f"{name}.rrd", scene=crowd)
     loose = pm.Scene(
         pm.random_packing(40, dimension=3, packing_fraction=0.72, seed=1, shapes=pm.Ellipses(1.8)), REPULSION
     )

@@ -265,6 +265,38 @@ def test_gsd_files_of_others_show_unions_of_spheres(d, tmp_path):
     assert np.abs(apart).max() < 1e-5 and np.abs(one.radius_n - other.radius_n).max() < 1e-6
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_gsd_files_show_other_programs_beads_where_they_are_and_as_large_as_they_are(d, tmp_path):
+    gsd, fl = pytest.importorskip("gsd.hoomd"), pytest.importorskip("gsd.fl")
+    packing = crowd(d, pm.Trimer(0.7, 2.0, radii=(0.5, 0.4, 0.6)), skewed=True).packing
+    path = tmp_path / "bodies.gsd"
+    pm.write_packing(packing, path)
+    with gsd.open(str(path), "r") as file:
+        frame = file[0]
+    # as the schema says: centers turned by the unit quaternion (w, v), which is c + 2 w (v x c) + 2 v x (v x c)
+    place, diameter = [], []
+    for n in range(packing.particles):
+        one = frame.particles.type_shapes[frame.particles.typeid[n]]
+        center = np.array(one["centers"])
+        w, *v = frame.particles.orientation[n].astype(float)
+        aside = np.cross(v, center)
+        place.append(frame.particles.position[n] + center + 2.0 * w * aside + 2.0 * np.cross(v, aside))
+        diameter.append(one["diameters"])
+    place, beads = np.concatenate(place)[:, :d], pm.bead_packing(packing)
+    assert np.allclose(np.concatenate(diameter), beads.diameter_n, rtol=1e-12)
+    x, y, z, xy, xz, yz = frame.configuration.box.astype(float)
+    seen = pm.Box(np.array([[x, xy * y, xz * z], [0.0, y, yz * z], [0.0, 0.0, z]])[:d, :d])
+
+    def apart(position, box):
+        fraction = (position[:, None] - position[None]) @ box.inverse_dd.T
+        return np.sqrt((((fraction - np.rint(fraction)) @ box.lattice_dd.T) ** 2).sum(axis=-1))
+
+    assert np.abs(apart(place, seen) - apart(beads.position_nd, packing.box)).max() < 1e-5
+    # OVITO scales unions by diameters that are given
+    with fl.open(str(path), "r") as file:
+        assert not file.chunk_exists(0, "particles/diameter")
+
+
 def test_scene_files_draw_bodies(tmp_path):
     table = '[packing]\nkind = "random"\nparticles = 6\npacking_fraction = 0.5\nseed = 1\n'
     table += 'shapes = { kind = "trimer", length = 0.7, angle = 2.0 }\n\n[[effects]]\nkind = "repulsion"\n'

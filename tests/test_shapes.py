@@ -178,6 +178,37 @@ def test_gsd_files_show_other_programs_orientations_and_axes(tmp_path, d):
     assert np.allclose(np.abs((seen.director_nd * packing.shapes.director_nd).sum(axis=1)), 1.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_freud_finds_the_same_nematic_order_and_neighbors_in_a_gsd_file(tmp_path, d):
+    freud, gsd = pytest.importorskip("freud"), pytest.importorskip("gsd.hoomd")
+    shapes = crowded(d, seed=5).packing.shapes
+    lattice = np.diag([3.0, 4.0, 5.0][:d])
+    # left-handed and skewed: what others see is turned
+    lattice[0, 1], lattice[-1] = 1.1, -lattice[-1]
+    place = np.random.default_rng(1).uniform(0.0, 3.0, (len(shapes), d))
+    packing = pm.Packing(place, np.full(len(shapes), 0.5), pm.Box(lattice), shapes=shapes)
+    pm.write_packing(packing, tmp_path / "packing.gsd")
+    with gsd.open(str(tmp_path / "packing.gsd"), "r") as file:
+        frame = file[0]
+    w, x, y, z = frame.particles.orientation.T
+    first = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    nematic = freud.order.Nematic()
+    nematic.compute(first)
+    director = np.zeros((len(shapes), 3))
+    director[:, :d] = shapes.director_nd
+    tensor = 1.5 * director.T @ director / len(director) - 0.5 * np.eye(3)
+    assert nematic.order == pytest.approx(np.linalg.eigvalsh(tensor)[-1], rel=1e-5)
+    # directors stand to the vectors between centers as they do here
+    query = freud.locality.AABBQuery.from_system(frame)
+    pairs = query.query(frame.particles.position, {"r_max": 1.2, "exclude_ii": True}).toNeighborList()
+    seen = np.sort(np.abs((pairs.vectors * first[pairs.query_point_indices]).sum(axis=1)))
+    fraction = (place[:, None] - place[None]) @ packing.box.inverse_dd.T
+    vector = (fraction - np.rint(fraction)) @ lattice.T
+    distance = np.sqrt((vector**2).sum(axis=-1))
+    own = np.abs(np.einsum("ijd,id->ij", vector, shapes.director_nd))[(distance > 0.0) & (distance < 1.2)]
+    assert len(own) == len(seen) > 0 and np.abs(np.sort(own) - seen).max() < 1e-5
+
+
 def test_every_other_call_refuses_shapes_by_name():
     scene = crowded(2)
     honoring = {name for name, one in CALLS.items() if one.answer("shapes") == "yes"}

@@ -1,4 +1,4 @@
-"""`packmech shapes`: jam ellipses, spheroids or rigid bodies of many shapes; or follow shear moduli up from jamming."""
+"""`packmech shapes`: jam ellipses, spheroids or rigid bodies; follow shear moduli up from jamming; local stability."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from packmech.check import integer
+from packmech.check import integer, real
 from packmech.cli.output import show, table, working
 from packmech.validation.studies.bodies import JammedBodies, draw_bodies, jam_bodies
 from packmech.validation.studies.shapes import (
@@ -16,6 +16,7 @@ from packmech.validation.studies.shapes import (
     PRESSURE,
     Jammed,
     Sheared,
+    crossover,
     densest_aspect,
     draw_jammed,
     draw_moduli,
@@ -25,48 +26,84 @@ from packmech.validation.studies.shapes import (
     over_aspect,
     shear_all,
 )
+from packmech.validation.studies.stability import (
+    DISCS,
+    LOCAL,
+    MECHANICAL,
+    Found,
+    deform,
+    draw_stability,
+    exponent_of_energy,
+    free_way,
+    search,
+    similar_pair,
+    write_deformed,
+    write_found,
+)
 
+# seeds of both searches for stable packings
+_STARTS = 40
+# which studies know an option
+_HONORED = {"aspects": ("jammed", "moduli"), "pressure": ("jammed", "bodies"), "scatter": ("bodies",)}
 _PHI = "jamming_packing_fraction"
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 
 
 def shapes(
-    study: Literal["jammed", "moduli", "bodies"] = "jammed",
+    study: Literal["jammed", "moduli", "bodies", "stability"] = "jammed",
     *,
     out: Path = Path("shapes"),
     dimension: int = 2,
     particles: int | None = None,
-    packings: int = 3,
+    packings: int | None = None,
     aspects: Numbers = None,
-    pressure: float = PRESSURE,
+    pressure: float | None = None,
+    scatter: float = 0.0,
     seed: int = 0,
 ) -> None:
-    """Jam ellipses, spheroids or rigid bodies of many shapes, or follow shear moduli; resumes what it finds.
+    """Jam ellipses, spheroids or rigid bodies, follow shear moduli, or compare kinds of stability; resumes.
 
     Parameters
     ----------
     study
-        jammed: packing fraction, contacts and quartic modes over the aspect; moduli: G over the distance above jamming;
-        bodies: dimers over their asymmetry and trimers over their bend, every strain free
+        "jammed", packing fraction, contacts and quartic modes over the aspect; "moduli", shear modulus over the
+        distance above jamming; "bodies", dimers over their asymmetry and trimers over their bend, every strain free;
+        "stability", equal discs in a square, mechanically stable beside only locally stable, moved along their lowest
+        mode. All but the last go on from the table that they find in the folder.
     out
         folder to write to
     dimension
         2: ellipses; 3: spheroids; sizes 1:1.4 in halves
     particles
-        number of particles (default: 128 ellipses, 64 spheroids or bodies; for moduli 256)
+        number of particles (default: 128 ellipses, 64 spheroids or bodies; for moduli 256; for stability 7)
     packings
-        of each aspect, from seeds that follow each other
+        of each shape, from seeds that follow each other (default: 3); for stability, starts of both searches (40)
     aspects
         axis along the director over that across it
     pressure
-        of the jammed packings [energy scale / diameter^d]
+        of jammed packings and bodies [energy scale / diameter^d] (default: 1e-7)
+    scatter
+        of bodies: by which part of them the radii of beads may be larger or smaller [1]
     seed
         of the first packing
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
+    real("scatter", scatter, at_least=0.0, below=1.0)
+    given = {"aspects": aspects is not None, "pressure": pressure is not None, "scatter": scatter > 0.0}
+    for name, studies in _HONORED.items():
+        if given[name] and study not in studies:
+            raise ValueError(f"{name} must be left out for {study}: only {' and '.join(studies)} know it")
+    pressure = PRESSURE if pressure is None else pressure
+    if packings is None:
+        packings = _STARTS if study == "stability" else 3
+    seeds = range(seed, seed + integer("packings", packings, at_least=1))
     out.mkdir(parents=True, exist_ok=True)
-    seeds = range(seed, seed + packings)
+    if study == "stability":
+        if dimension != 2:
+            raise ValueError(f"dimension must be 2 for stability, got {dimension}")
+        _compare_stability(out, DISCS if particles is None else integer("particles", particles, at_least=3), seeds)
+        return
     if study == "jammed":
         count = particles if particles is not None else {2: 128, 3: 64}[dimension]
         with working("shapes") as say:
@@ -89,7 +126,7 @@ def shapes(
         show(f"wrote jammed-{dimension}d.csv, its packings, and jammed-{dimension}d.png in {out}")
         return
     if study == "bodies":
-        _jam_bodies(out, dimension, 64 if particles is None else particles, pressure, seeds)
+        _jam_bodies(out, dimension, 64 if particles is None else particles, pressure, seeds, scatter)
         return
     count = particles if particles is not None else 256
     with working("shapes") as say:
@@ -112,13 +149,17 @@ def shapes(
         cells = [
             exponent(found, aspect, low, high) for low, high in ((1e-5, 1e-4), (1e-4, 1e-3), (1e-3, 1e-2), (1e-2, 1e-1))
         ]
-        rows.append((f"{aspect:g}", *(f"{slope:.3f} +- {error:.3f}" for slope, error in cells)))
-    head = ("aspect", "1e-5 to 1e-4", "to 1e-3", "to 1e-2", "to 1e-1")
+        cells.append(exponent(found, aspect, 2e-2, 1e-1))
+        place, spread = crossover(found, aspect)
+        rows.append(
+            (f"{aspect:g}", *(f"{slope:.3f} +- {error:.3f}" for slope, error in cells), f"{place:.2g} +- {spread:.0%}")
+        )
+    head = ("aspect", "1e-5 to 1e-4", "to 1e-3", "to 1e-2", "to 1e-1", "2e-2 to 1e-1", "3/4 at")
     show(table("exponents of G over the distance above jamming", head, rows, right=tuple(range(len(head)))))
     show(f"wrote moduli-{dimension}d.csv and moduli-{dimension}d.png in {out}")
 
 
-def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seeds: range) -> None:
+def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seeds: range, scatter: float) -> None:
     """Jam bodies of all shapes, and print and draw what came of each."""
     with working("shapes") as say:
 
@@ -126,20 +167,78 @@ def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seed
             note = "" if last is None else f"; {last.beads} beads gave {last.packing_fraction:.4f}"
             say(f"shapes: {done} of {of} packings{note}")
 
-        found = jam_bodies(out, dimension=dimension, particles=particles, pressure=pressure, seeds=seeds, progress=told)
-    draw_bodies(found, out / f"bodies-{dimension}d.png")
+        found = jam_bodies(
+            out,
+            dimension=dimension,
+            particles=particles,
+            pressure=pressure,
+            seeds=seeds,
+            scatter=scatter,
+            progress=told,
+        )
+    name = f"bodies-{dimension}d" + (f"-{scatter:g}" if scatter else "")
+    draw_bodies(found, out / f"{name}.png")
     rows = []
     for beads, shape in sorted({(one.beads, one.shape) for one in found}):
         part = [one for one in found if (one.beads, one.shape) == (beads, shape)]
         certain = [one for one in part if one.certain]
         means = [mean_and_error([getattr(one, name) for one in part]) for name in (_PHI, "coordination_number")]
-        isostatic = sum(one.states_of_self_stress == 1 and one.floppy_modes == one.turning_freely for one in certain)
+        states = [one.states_of_self_stress - one.states_within_pairs for one in certain]
+        isostatic = sum(
+            count == 1 and one.floppy_modes == one.turning_freely for count, one in zip(states, certain, strict=True)
+        )
+        within = sum(one.states_within_pairs for one in part) / len(part)
         free = sum(one.turning_freely for one in part) / len(part)
         cells = [f"{mean:.4f} +- {error:.4f}" for mean, error in means]
-        rows.append((f"{beads}", f"{shape:g}", *cells, f"{free:.1f}", f"{len(certain)} of {len(part)}", f"{isostatic}"))
-    head = ("beads", "radii or angle", "packing fraction", "z", "free turns", "certain", "isostatic but for these")
+        rows.append(
+            (
+                f"{beads}",
+                f"{shape:g}",
+                *cells,
+                f"{free:.1f}",
+                f"{within:.1f}",
+                f"{len(certain)} of {len(part)}",
+                f"{isostatic}",
+            )
+        )
+    head = (
+        *("beads", "radii or angle", "packing fraction", "z", "free turns", "self stress of pairs", "certain"),
+        "isostatic but for these",
+    )
     show(table(f"N = {particles}, d = {dimension}", head, rows, right=tuple(range(len(head)))))
-    show(f"wrote bodies-{dimension}d.csv and bodies-{dimension}d.png in {out}")
+    show(f"wrote bodies-{dimension}d.csv and {name}.png in {out}")
+
+
+def _compare_stability(out: Path, particles: int, seeds: range) -> None:
+    """Search for packings that are mechanically and only locally stable, move two of them, and print and draw that."""
+    with working("shapes") as say:
+
+        def told(done: int, of: int, last: Found | None) -> None:
+            say(f"shapes: {done} of {of} starts" + ("" if last is None else f"; {last.packing_fraction:.4f}"))
+
+        found = search(seeds, told, particles)
+    write_found(found, out / "stability-found.csv")
+    rows = []
+    for kind in (MECHANICAL, LOCAL):
+        part = [one for one in found if one.search == kind]
+        fits = [one for one in part if one.fits]
+        fractions = [one.packing_fraction for one in fits]
+        reach = f"{min(fractions):.4f} to {max(fractions):.4f}" if fits else ""
+        contacts = ", ".join(str(count) for count in sorted({one.contacts for one in fits}))
+        rows.append((kind, f"{len(part)}", f"{len(fits)}", reach, contacts))
+    head = ("search for", "packings", "that are", "packing fractions", "contacts")
+    show(table(f"N = {particles} equal discs in a square", head, rows, right=(1, 2, 3, 4)))
+    pair = similar_pair(found)
+    moved = [deform(one) for one in pair]
+    write_deformed([row for part in moved for row in part], out / "stability.csv")
+    draw_stability(pair, [row for part in moved for row in part], out / "stability.png")
+    show(
+        f"mechanically stable, seed {pair[0].seed}: energy along the lowest mode grows with exponent "
+        f"{exponent_of_energy(moved[0]):.3f}"
+    )
+    ahead, back = free_way(moved[1])
+    show(f"locally stable, seed {pair[1].seed}: none up to {ahead:.3g} diameters one way, {back:.3g} the other")
+    show(f"wrote stability-found.csv, stability.csv and stability.png in {out}")
 
 
 def _show_jammed(found: list[Jammed]) -> None:

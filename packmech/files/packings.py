@@ -33,12 +33,12 @@ positive diagonal, and particles inside it. A packing is therefore written twice
 visible to every reader
     ``configuration/box`` (2D: ``dimensions`` 2, unit height), ``particles/position`` wrapped into that box and rotated
     with it, ``particles/image`` as taken away, ``particles/diameter`` and ``particles/mass``, one particle type for
-    each of up to ten sizes. The schema does not store masses that are all 1: in other programs' files they are read as
-    not given.
+    each of up to ten sizes. Rigid bodies have no diameters: OVITO would scale their beads by them. The schema does not
+    store masses that are all 1: in other programs' files they are read as not given.
     Links are ``constraints`` (pair and length) and ``bonds`` of the types "bond" and "shape", for what draws or holds
     them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
     image is left out. Ellipses and spheroids have orientations and, for each particle type, shape definitions of the
-    kind "Ellipsoid", whose first axis is that along the director.
+    kind "Ellipsoid", whose first axis is that along the director; rigid bodies such of the kind "SphereUnion".
 exact, for packmech
     the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
     links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, with given masses
@@ -440,7 +440,8 @@ def write_gsd(packing: Packing, path: Path) -> None:
     frame.particles.N = packing.particles
     frame.particles.position = _three_axes(visible.position_nd).astype(np.float32)
     frame.particles.image = _three_axes(visible.image_nd).astype(np.int32)
-    frame.particles.diameter = packing.diameter_n.astype(np.float32)
+    if not isinstance(packing.shapes, Beads):
+        frame.particles.diameter = packing.diameter_n.astype(np.float32)
     frame.particles.mass = packing.mass_n.astype(np.float32)
     size_k, type_n = np.unique(packing.radius_n, return_inverse=True)
     if packing.shapes is not None:
@@ -522,14 +523,15 @@ def _visible_directions(packing: Packing, direction_nd: NDArray[np.float64]) -> 
     return np.asarray(direction_nd @ ((lattice * sign) @ np.linalg.inv(_visible(packing).lattice_dd)))
 
 
-def _seen_shapes(frame: Any, dimension: int) -> Shapes | None:
-    """Return the frame's ellipsoids or unions of spheres, if it has any."""
+def _seen_shapes(frame: Any, dimension: int) -> tuple[NDArray[np.float64], Shapes | None]:
+    """Return the radii of the frame's particles, and their ellipsoids or unions of spheres, if there are any."""
+    radius_n = 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64)
     defined = frame.particles.type_shapes or []
     if defined and all(one.get("type") == "SphereUnion" for one in defined):
         return _seen_beads(frame, dimension)
     kinds = [one for one in defined if one.get("type") == "Ellipsoid"]
     if not kinds:
-        return None
+        return radius_n, None
     if len(kinds) < len(defined):
         raise ValueError("its particle types must all be ellipsoids, all unions of spheres, or none")
     axes = np.array([[one["a"], one["b"], one.get("c", one["b"])] for one in defined], dtype=np.float64)
@@ -538,11 +540,11 @@ def _seen_shapes(frame: Any, dimension: int) -> Shapes | None:
     w, x, y, z = np.asarray(frame.particles.orientation, dtype=np.float64).T
     first = np.column_stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
     type_n = np.asarray(frame.particles.typeid, dtype=np.int64)
-    return Spheroids((axes[:, 0] / axes[:, 1])[type_n], first[:, :dimension])
+    return radius_n, Spheroids((axes[:, 0] / axes[:, 1])[type_n], first[:, :dimension])
 
 
-def _seen_beads(frame: Any, dimension: int) -> Beads:
-    """Return the frame's unions of spheres, each about its center of mass."""
+def _seen_beads(frame: Any, dimension: int) -> tuple[NDArray[np.float64], Beads]:
+    """Return the frame's unions of spheres, each about its center of mass, and the radii of equal area or volume."""
     bodies = []
     for one in frame.particles.type_shapes:
         center = np.array(one["centers"], dtype=np.float64)[:, :dimension]
@@ -554,9 +556,11 @@ def _seen_beads(frame: Any, dimension: int) -> Beads:
     turn = np.asarray(frame.particles.orientation, dtype=np.float64)
     if dimension == 2:
         turn = np.column_stack([turn[:, 0] ** 2 - turn[:, 3] ** 2, 2.0 * turn[:, 0] * turn[:, 3]])
-    given = beads_of([bodies[k] for k in type_n], turn)
-    frames = given.frames() @ np.array([bodies[k].frame_dd for k in type_n])
-    return given.oriented(np.array([orientation_of(one) for one in frames]))
+    own = [bodies[k] for k in type_n]
+    given = beads_of(own, turn)
+    frames = given.frames() @ np.array([one.frame_dd for one in own])
+    oriented = given.oriented(np.array([orientation_of(one) for one in frames]))
+    return np.array([one.radius for one in own]), oriented
 
 
 def _shown(links: Links) -> NDArray[np.bool_]:
@@ -625,13 +629,8 @@ def read_gsd(path: Path) -> Packing:
     box = Box(lattice)
     mass_n = np.asarray(frame.particles.mass, dtype=np.float64)
     visible = None if (mass_n == 1.0).all() else mass_n
-    seen = Packing(
-        position,
-        0.5 * np.asarray(frame.particles.diameter, dtype=np.float64),
-        box,
-        mass_n=visible,
-        shapes=_seen_shapes(frame, dimension),
-    )
+    radius_n, seen_shapes = _seen_shapes(frame, dimension)
+    seen = Packing(position, radius_n, box, mass_n=visible, shapes=seen_shapes)
     chunks = [frame.log.get(_LOG + name) for name in ("position_nd", "radius_n", "lattice_dd")]
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))

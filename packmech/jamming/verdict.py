@@ -284,7 +284,9 @@ def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.floa
     """Return the motion of a cone as displacements of all particles of the packing and a strain of its box."""
     d = packing.dimension
     moving = len(cone.kept_n) * d
-    motion = cone.without_translations(motion)
+    # where nothing bounds them, solvers return motions of any size: their squares may be too large for numbers
+    largest = float(np.abs(motion).max(initial=0.0))
+    motion = cone.without_translations(motion / largest if largest > 0.0 else motion)
     displacement = np.zeros((packing.particles, d))
     displacement[cone.kept_n] = motion[:moving].reshape(-1, d)
     strain = np.zeros(strain_components(d))

@@ -22,7 +22,7 @@ from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import Bonds, Walls, contact_terms
 from packmech.links import number_by_first
 from packmech.packing import Packing
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads, Spheroids
 
 # dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
 BACKGROUND = (13, 17, 26)
@@ -237,7 +237,7 @@ def particle_colors(
     rattler_n: NDArray[np.bool_] | None = None,
     held_n: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint8]:
-    """Return (N, 3) colors: by size between two blues; linked or bonded clusters in hues of their own.
+    """Return (N, 3) colors: by size between two blues; rigid bodies, linked or bonded clusters in hues of their own.
 
     Particles that are held are gray, rattlers amber.
     """
@@ -245,6 +245,9 @@ def particle_colors(
     share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
     color_nc = between(SMALL, LARGE, share_n)
     hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_among(effects)
+    if isinstance(packing.shapes, Beads):
+        bodies = np.flatnonzero(np.diff(packing.shapes.start_n) > 1)
+        color_nc[bodies] = hues[np.arange(len(bodies)) % len(hues)]
     if links is not None:
         linked = np.union1d(links.i_l, links.j_l)
         color_nc[linked] = hues[number_by_first(links.clusters(packing.particles)[linked]) % len(CLUSTERS)]

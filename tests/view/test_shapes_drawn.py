@@ -1,6 +1,7 @@
 """Facts about pictures and recordings of ellipses and spheroids."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -97,6 +98,24 @@ def test_the_command_jams_bodies_and_resumes(tmp_path, capsys):
     assert len(table.splitlines()) == 11 and (tmp_path / "bodies-2d.png").stat().st_size > 1000
 
 
+def test_the_command_compares_kinds_of_stability(tmp_path, capsys):
+    words = ["shapes", "stability", "--out", str(tmp_path), "--packings", "1", "--seed", "3"]
+    assert execute(words) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "mechanically stable, seed 3: energy along the lowest mode grows with exponent 1.998" in said
+    ways = re.search(r"locally stable, seed 3: none up to ([.0-9]+) diameters one way, ([.0-9]+) the other", said)
+    assert ways and max(float(ways[1]), float(ways[2])) > 0.05
+    assert len((tmp_path / "stability.csv").read_text(encoding="utf-8").splitlines()) == 2 * 46 + 1
+    assert (tmp_path / "stability.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("option", [["--aspects", "1.5"], ["--pressure", "1e-5"], ["--scatter", "0.1"]])
+def test_the_command_ignores_no_option_in_silence(tmp_path, option):
+    with pytest.raises(ValueError, match=f"{option[0][2:]} must be left out for stability"):
+        execute(["shapes", "stability", "--out", str(tmp_path / "none"), *option])
+    assert not (tmp_path / "none").exists()
+
+
 def test_the_report_counts_turns_and_names_what_it_judges_by(tmp_path, capsys):
     start = pm.random_packing(20, dimension=2, packing_fraction=0.6, seed=1, shapes=pm.Ellipses(1.5))
     scene = pm.Scene(start, (pm.Repulsion(),))
@@ -115,9 +134,11 @@ def test_bodies_are_drawn_as_their_beads_are():
     two = pm.Packing([[2.0, 2.2], [2.63, 1.36]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
     body = pm.rigid_packing(two, [0, 0])
     one, other = (pm.draw_frame(each, size=(240, 200)).astype(float) for each in (body, pm.bead_packing(body)))
-    # the box is drawn in units of the particles
+    # the box is drawn in units of the particles; a body has a hue of its own
     inside = np.s_[30:170, 50:190]
-    assert np.abs(one - other)[inside].mean() < 0.01 and one[inside].std() > 10.0
+    ground = np.array(drawing.BACKGROUND)
+    covered, expected = ((np.abs(each - ground).sum(axis=-1) > 3.0)[inside] for each in (one, other))
+    assert np.mean(covered != expected) < 0.002 and 0.1 < covered.mean() < 0.9
     for d in (2, 3):
         plain = pm.random_packing(20, dimension=d, packing_fraction=0.3, seed=1)
         single = pm.rigid_packing(plain, np.arange(20))
@@ -137,3 +158,11 @@ def test_recordings_of_bodies_hold_their_beads_and_orientations(d, tmp_path):
         recording.add(run.packing, figures={"energy": 1.0})
         with pytest.raises(ValueError, match="shapes as the scene has"):
             recording.add(pm.random_packing(6, dimension=d, packing_fraction=0.9, seed=1, shapes=pm.Dimer(0.7)))
+
+
+def test_rigid_bodies_of_several_beads_have_hues_of_their_own():
+    packing = pm.random_packing(4, dimension=2, packing_fraction=0.3, seed=1, shapes=pm.Dimer(0.8))
+    colors = [tuple(one) for one in drawing.particle_colors(packing).tolist()]
+    assert len(set(colors)) == 4 and set(colors) <= set(drawing.CLUSTERS)
+    single = pm.rigid_packing(pm.bead_packing(packing), np.arange(8))
+    assert np.array_equal(drawing.particle_colors(single), drawing.particle_colors(pm.bead_packing(packing)))

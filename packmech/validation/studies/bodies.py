@@ -1,4 +1,13 @@
-"""Jammed rigid bodies over their shape: dimers over their asymmetry, trimers over their bend."""
+"""Jammed rigid bodies over their shape: dimers over their asymmetry, trimers over their bend.
+
+Packings of rigid bodies are isostatic where shapes are bent enough: one state of self stress, and no floppy modes but
+turns that nothing resists. Straight trimers that are alike (N = 64, d = 2, P = 1e-7, five packings) have 12 to 18
+states of self stress instead. All but one of them live on the contacts between two bodies alone: trimers lie side by
+side, bead against bead (three parallel contacts, which hold a distance and an angle) or beads in the notches of the
+other (four or five contacts, which hold three relative coordinates). At 150 degrees there are 4 to 6, of which all but
+one live on pairs, in two of five packings but one on three bodies side by side. None of that is a property of
+trimers: where radii of beads are larger or smaller by up to 5 percent, each its own, every packing has one state.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +20,9 @@ from pathlib import Path
 import numpy as np
 
 import packmech as pm
+from packmech.contacts.shape_contacts import slopes_of_ends
 from packmech.contacts.shape_rattlers import free_turns
+from packmech.mechanics.self_stress import RANK_TOLERANCE
 from packmech.mechanics.shaped import shaped_network
 from packmech.validation.studies.rows import complete_rows
 from packmech.validation.studies.shapes import mean_and_error
@@ -30,7 +41,8 @@ _START = {2: 0.5, 3: 0.3}
 class JammedBodies:
     """One jammed packing of bodies: what it was asked for, and what came of it.
 
-    `turning_freely` counts the turns that nothing resists.
+    `turning_freely` counts the turns that nothing resists, `states_within_pairs` the states of self stress that live on
+    the contacts between two bodies alone (`states_within_pairs`). `scatter` is that of the radii of beads.
     """
 
     dimension: int
@@ -39,6 +51,7 @@ class JammedBodies:
     shape: float
     pressure: float
     seed: int
+    scatter: float
     packing_fraction: float
     jamming_packing_fraction: float
     coordination_number: float
@@ -48,6 +61,7 @@ class JammedBodies:
     floppy_modes: int
     turning_freely: int
     states_of_self_stress: int
+    states_within_pairs: int
     certain: int
     residual: float
     seconds: float
@@ -55,7 +69,7 @@ class JammedBodies:
     @property
     def settings(self) -> tuple[float, ...]:
         """What it was asked for."""
-        return tuple(getattr(self, one.name) for one in fields(self)[:6])
+        return tuple(getattr(self, one.name) for one in fields(self)[:7])
 
 
 def body_shape(beads: int, shape: float) -> pm.Dimer | pm.Trimer | pm.LinearCluster:
@@ -72,6 +86,32 @@ def _free_turns(packing: pm.Packing) -> int:
     return free_turns(network.packing, network.contacts)
 
 
+def states_within_pairs(packing: pm.Packing) -> int:
+    """Return the number of independent states of self stress that live on the contacts between two bodies alone.
+
+    The contacts of two bodies, number k, depend on 3 relative coordinates in a plane and 6 in space: at least k - 3, or
+    k - 6, such states, and more where contacts agree on what they hold.
+    """
+    network = shaped_network(packing, second=False)
+    one = network.contacts
+    slopes = np.hstack(list(slopes_of_ends(one, network.turn_nkt)))
+    pair = np.unique(np.column_stack([one.i_c, one.j_c, one.image_cd]), axis=0, return_inverse=True)[1].ravel()
+    found = 0
+    for each in np.flatnonzero(np.bincount(pair) > 1):
+        value = np.linalg.svd(slopes[pair == each], compute_uv=False)
+        found += int((pair == each).sum() - (value > RANK_TOLERANCE * value[0]).sum())
+    return found
+
+
+def scattered_beads(packing: pm.Packing, scatter: float, seed: int) -> pm.Packing:
+    """Return the packing of bodies whose beads have radii of their own, evenly spread by this part of them."""
+    shapes = packing.shapes
+    assert isinstance(shapes, pm.Beads)
+    beads = pm.bead_packing(packing)
+    factor = 1.0 + scatter * np.random.default_rng(seed).uniform(-1.0, 1.0, beads.particles)
+    return pm.rigid_packing(beads.replace(radius_n=beads.radius_n * factor), shapes.particle_b)
+
+
 def jam_bodies(
     folder: Path,
     *,
@@ -79,11 +119,14 @@ def jam_bodies(
     particles: int,
     pressure: float,
     seeds: Sequence[int],
+    scatter: float,
     progress: Callable[[int, int, JammedBodies | None], None],
 ) -> list[JammedBodies]:
     """Return packings of all shapes and seeds, every strain free; each is written once it is there."""
 
-    def make(dimension: int, particles: int, beads: int, shape: float, pressure: float, seed: int) -> JammedBodies:
+    def make(
+        dimension: int, particles: int, beads: int, shape: float, pressure: float, seed: int, scatter: float
+    ) -> JammedBodies:
         start = pm.random_packing(
             int(particles),
             dimension=int(dimension),
@@ -91,10 +134,12 @@ def jam_bodies(
             seed=int(seed),
             shapes=body_shape(int(beads), shape),
         )
+        if scatter > 0.0:
+            start = scattered_beads(start, scatter, int(seed))
         run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, check=False)
         report = run.report
         return JammedBodies(
-            *(dimension, particles, beads, shape, pressure, seed),
+            *(dimension, particles, beads, shape, pressure, seed, scatter),
             report["packing_fraction"],
             report.get("jamming_packing_fraction", math.nan),
             2.0 * report["contacts"] / (particles - report["rattlers"]),
@@ -104,13 +149,16 @@ def jam_bodies(
             report["floppy_modes"],
             _free_turns(run.packing),
             report["states_of_self_stress"],
+            states_within_pairs(run.packing),
             int(report.get("rank_certain", False) and run.ok),
             run.residual,
             run.seconds,
         )
 
     shapes = [(DIMER, each) for each in ASYMMETRIES] + [(TRIMER, each) for each in ANGLES]
-    wanted = [(dimension, particles, *shape, pressure, seed) for shape, seed in itertools.product(shapes, seeds)]
+    wanted = [
+        (dimension, particles, *shape, pressure, seed, scatter) for shape, seed in itertools.product(shapes, seeds)
+    ]
     return complete_rows(folder / f"bodies-{dimension}d.csv", JammedBodies, wanted, make, progress)
 
 
@@ -135,6 +183,8 @@ def draw_bodies(found: Sequence[JammedBodies], path: Path) -> None:
             axes[1, column].set_xlabel(along)
         one = found[0]
         seeds = len({each.seed for each in found})
+        scatter = f", radii of beads +- {one.scatter:g}" if one.scatter else ""
         figure.suptitle(
-            f"{seeds} packings each of N = {one.particles}, d = {one.dimension}, pressure {one.pressure:g}", fontsize=10
+            f"{seeds} packings each of N = {one.particles}, d = {one.dimension}, pressure {one.pressure:g}{scatter}",
+            fontsize=10,
         )
