@@ -183,7 +183,7 @@ def semi_axes(radius, aspect, d):
 
 @inlined
 def pair_of(nx, ny, nz, one, other, d):
-    """Return the pair of two shapes (a, b, x, y, z of the axis) that are apart along n."""
+    """Return the pair of two shapes (a, b, x, y, z of the axis) that are apart along n; `height` is F where n is r."""
     ai, bi, xi, yi, zi = one
     aj, bj, xj, yj, zj = other
     dot_i, dot_j = nx * xi + ny * yi + nz * zi, nx * xj + ny * yj + nz * zj
