@@ -151,10 +151,8 @@ def exact_root(pair, guess):
 
 @device
 def root(pair, level, guess):
-    """Return l at a level; the exact one begins with the guess, or where that is not positive with the quadratic."""
-    if level < 3:
-        return rough_root(pair, level)
-    return exact_root(pair, guess if guess > 0.0 else rough_root(pair, 2))
+    """Return l at a level; the exact one begins with the guess, or where that is none half way."""
+    return rough_root(pair, level) if level < 3 else exact_root(pair, guess)
 
 
 @inlined
