@@ -151,10 +151,8 @@ def exact_root(pair, guess):
 
 @device
 def root(pair, level, guess):
-    """Return l at a level; the exact one begins with the guess, or where that is not positive with the quadratic."""
-    if level < 3:
-        return rough_root(pair, level)
-    return exact_root(pair, guess if guess > 0.0 else rough_root(pair, 2))
+    """Return l at a level; the exact one begins with the guess, or where that is none half way."""
+    return rough_root(pair, level) if level < 3 else exact_root(pair, guess)
 
 
 @inlined
@@ -183,7 +181,7 @@ def semi_axes(radius, aspect, d):
 
 @inlined
 def pair_of(nx, ny, nz, one, other, d):
-    """Return the pair of two shapes (a, b, x, y, z of the axis) that are apart along n."""
+    """Return the pair of two shapes (a, b, x, y, z of the axis) that are apart along n; `height` is F where n is r."""
     ai, bi, xi, yi, zi = one
     aj, bj, xj, yj, zj = other
     dot_i, dot_j = nx * xi + ny * yi + nz * zi, nx * xj + ny * yj + nz * zj

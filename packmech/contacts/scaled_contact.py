@@ -54,24 +54,36 @@ def solved(at, one, other, x, y, z):
 @device
 def touch(x, y, z, one, other, d, guess):
     """Return the scale of a pair and l, with s derived by r, and by turns of i and of j about each axis."""
-    r = math.sqrt(x * x + y * y + z * z)
-    inverse = 1.0 / r
-    pair = pair_of(x * inverse, y * inverse, z * inverse, one, other, d)
-    return touch_of(pair, r, x, y, z, one, other, root(pair, 3, guess))
+    pair = pair_of(x, y, z, one, other, d)
+    return touch_of(pair, x, y, z, one, other, root(pair, 3, guess), d)
 
 
 @inlined
-def touch_of(pair, r, x, y, z, one, other, at):
-    """Return what `touch` does, of a pair whose parameter l is known."""
+def touch_of(pair, x, y, z, one, other, at, d):
+    """Return what `touch` does, of a pair (`pair_of` r) whose parameter l is known."""
     # not by w, in which flat shapes lose digits
-    s = r * math.sqrt(height(pair, at))
-    wx, wy, wz = solved(at, one, other, x, y, z)
+    s = math.sqrt(height(pair, at))
     m = 1.0 - at
     factor = at * m / s
     ai, bi, xi, yi, zi = one
     aj, bj, xj, yj, zj = other
-    turn_i = -factor * m * (ai - bi) * (ai + bi) * (xi * wx + yi * wy + zi * wz)
-    turn_j = -factor * at * (aj - bj) * (aj + bj) * (xj * wx + yj * wy + zj * wz)
+    share_i, share_j = -m * (ai - bi) * (ai + bi), -at * (aj - bj) * (aj + bj)
+    if d == 2:
+        # in a plane C^-1 is linear in l but for the determinant: sums of positive terms along and across both axes
+        over = 1.0 / (pair.e_first * m * m + pair.e_both * at * m + pair.e_second * at * at)
+        along_i, across_i = m * bi * bi * (x * xi + y * yi), m * ai * ai * (y * xi - x * yi)
+        along_j, across_j = at * bj * bj * (x * xj + y * yj), at * aj * aj * (y * xj - x * yj)
+        wx = over * (along_i * xi - across_i * yi + along_j * xj - across_j * yj)
+        wy = over * (along_i * yi + across_i * xi + along_j * yj + across_j * xj)
+        gx, gy = factor * wx, factor * wy
+        return (
+            s, at, gx, gy, 0.0,
+            0.0, 0.0, share_i * (xi * gx + yi * gy) * (xi * wy - yi * wx),
+            0.0, 0.0, share_j * (xj * gx + yj * gy) * (xj * wy - yj * wx),
+        )  # fmt: skip
+    wx, wy, wz = solved(at, one, other, x, y, z)
+    turn_i = factor * share_i * (xi * wx + yi * wy + zi * wz)
+    turn_j = factor * share_j * (xj * wx + yj * wy + zj * wz)
     return (
         s, at, factor * wx, factor * wy, factor * wz,
         turn_i * (yi * wz - zi * wy), turn_i * (zi * wx - xi * wz), turn_i * (xi * wy - yi * wx),

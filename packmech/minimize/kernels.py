@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import CompiledLinks, has_links, projected, refresh
 from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import compiled_form, device, inner_kernel, kernel
+from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, kernel
 from packmech.minimize.pair_list import BLOCK, follow, is_stale
 from packmech.minimize.shape_rows import (
     flat_spin,
@@ -113,7 +113,7 @@ def _push_pair(
     return push(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
 
 
-@compiled_form(_push_pair)
+@compiled_form(_push_pair, inline=True)
 def _choose_push_pair(
     effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: Any, j: Any,
     dx: Any, dy: Any, dz: Any, square: Any, sigma: Any,
@@ -142,7 +142,7 @@ def _law(effects, rho, sigma):
     return energy, first, second
 
 
-@device
+@inlined
 def _push_shapes(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
     """Add forces and torques of a pair of shapes whose surrounding discs overlap; return their size and number.
 

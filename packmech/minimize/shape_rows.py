@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts.contact_distance import exact_root, height, pair_of, rough_root
+from packmech.contacts.contact_distance import exact_root, height, pair_of
 from packmech.contacts.scaled_contact import touch_of
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -212,16 +212,11 @@ def _shape(shapes, i):
 def _touch_of_spheroids(shapes, i, j, k, dx, dy, dz, d):
     one, other = _shape(shapes, i), _shape(shapes, j)
     sigma = shapes.radius_n[i] + shapes.radius_n[j]
-    square = dx * dx + dy * dy + dz * dz
-    r = math.sqrt(square)
-    inverse = 1.0 / r
-    pair = pair_of(dx * inverse, dy * inverse, dz * inverse, one, other, d)
-    at = rough_root(pair, 2)
-    # F is nowhere larger than at its root: where it is 1 or more already, the two are apart
-    if square * height(pair, at) >= 1.0:
+    pair = pair_of(dx, dy, dz, one, other, d)
+    # F is nowhere larger than at its root: where it is 1 or more half way, the two are apart; few others are
+    if height(pair, 0.5) >= 1.0:
         return ShapeTouch(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    at = exact_root(pair, at)
-    s, _, x, y, z, ix, iy, iz, jx, jy, jz = touch_of(pair, r, dx, dy, dz, one, other, at)
+    s, _, x, y, z, ix, iy, iz, jx, jy, jz = touch_of(pair, dx, dy, dz, one, other, exact_root(pair, 0.5), d)
     return ShapeTouch(
         s < 1.0, s * sigma, sigma, sigma * x, sigma * y, sigma * z,
         sigma * ix, sigma * iy, sigma * iz, sigma * jx, sigma * jy, sigma * jz,

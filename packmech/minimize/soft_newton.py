@@ -340,8 +340,9 @@ def _go_down(
             evaluations += 1
             fall = _ARMIJO * size * step.slope
             lower = enthalpy_change(network, near, start.box) <= fall
-            for _ in range(0 if lower else _CORRECTIONS):
-                # a long way along a soft valley leaves its floor by the square of the way: let what is stiff fall back
+            for _ in range(0 if lower or halving < _HALVINGS - 1 else _CORRECTIONS):
+                # a long way along a soft valley leaves its floor by the square of the way, and shorter ones may not:
+                # let what is stiff fall back
                 back = _downhill(network, _STIFF)
                 if back is None:
                     break
