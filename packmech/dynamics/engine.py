@@ -41,7 +41,14 @@ from packmech.dynamics.pair_lists import (
     search,
     write_stretches,
 )
-from packmech.dynamics.shape_pairs import rows_of_spins, spins_of_rows
+from packmech.dynamics.shape_pairs import (
+    gyration_of,
+    rows_of_spins,
+    set_turns,
+    shapes_in_motion,
+    spins_of_rows,
+    turns_of,
+)
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
 from packmech.effects import BackgroundDamping, Bonds, Friction, Walls, held_particles, held_velocity
@@ -50,10 +57,9 @@ from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
 from packmech.minimize.pair_list import SKIN_FULL
 from packmech.minimize.program import space_order
-from packmech.minimize.shape_rows import ShapeRows, shape_rows
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads
 from packmech.tangential import TangentialDisplacements
 
 # skin of the wide pair list in units of the harmonic mean diameter
@@ -384,12 +390,13 @@ class Engine:
         return self.scene.packing.replace(position_nd=position_nd, box=box, tangential=tangential, shapes=shapes)
 
     def orientations(self) -> NDArray[np.float64] | None:
-        """Return the (N, d) directors in the order of the packing; None without shapes."""
-        if self.acting.shapes is None:
+        """Return (N, q) directors, or what says how bodies are turned, in the packing's order; None without shapes."""
+        shapes = self.scene.packing.shapes
+        if shapes is None:
             return None
-        director = np.empty((len(self.order_n), len(self.axes)))
-        director[self.order_n] = self.acting.shapes.unit_nd[:, : len(self.axes)]
-        return director
+        turned = np.empty_like(shapes.orientation_nq)
+        turned[self.order_n] = turns_of(self.acting.shapes)[:, : turned.shape[1]]
+        return turned
 
     def wrap(self) -> None:
         """Move particles that left the cell by whole lattice vectors, and take better ones where these are flat."""
@@ -465,7 +472,7 @@ class Engine:
         if state.last is not None:
             found["last_push_nk"] = state.last.copy()
         if self.acting.shapes is not None:
-            found["unit_nd"] = self.acting.shapes.unit_nd.copy()
+            found["unit_nd"] = turns_of(self.acting.shapes)
         if self.track is not None:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
@@ -522,8 +529,7 @@ class Engine:
         if state.last is not None:
             state.last[:] = saved("last_push_nk", state.last)
         if self.acting.shapes is not None:
-            unit = self.acting.shapes.unit_nd
-            unit[:] = saved("unit_nd", unit)
+            set_turns(self.acting.shapes, saved("unit_nd", turns_of(self.acting.shapes)))
         if self.space.flow is not None:
             numbers = saved("profile", _numbers(self.profile))
             if not isinstance(self.profile, Driven):
@@ -632,18 +638,18 @@ def refuse_misfits(scene: Scene) -> None:
 
 
 def _refuse_shapes(scene: Scene) -> None:
-    """Refuse rigid bodies, and what would take shapes for discs or spheres."""
+    """Refuse what would take shapes for discs or spheres, and friction of rigid bodies."""
     shapes = scene.packing.shapes
     if shapes is None:
         return
-    if not isinstance(shapes, Spheroids):
-        raise ValueError(
-            "scene.packing must be of discs, spheres, ellipses or spheroids to be stepped through time, got "
-            f"{type(shapes).__name__}: pm.quench and pm.jam know those"
-        )
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         alone = hasattr(type(one), "body_force") and not isinstance(one, BackgroundDamping)
+        if isinstance(shapes, Beads) and isinstance(one, Friction):
+            raise ValueError(
+                "scene.effects must hold no Friction for Beads, whose contacts have no tangential springs, "
+                f"got it at {k}: leave it out with scene.without(pm.Friction)"
+            )
         if alone or hasattr(one, "particles") or isinstance(one, Bonds):
             raise ValueError(
                 f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it "
@@ -709,10 +715,9 @@ def build_engine(
     body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
     mass = np.ascontiguousarray(mass_n[order])
     inertia = (0.5 if d == 2 else 0.4) * mass * body[:, 3] ** 2
-    shape = next((one for one in shape_rows(packing, order) if isinstance(one, ShapeRows)), None)
-    if shape is not None and shapes is not None:
-        shape.unit_nd[:, :d] = shapes.orientation_nq[order]
-        inertia = mass * shape.gyration_n**2
+    shape = shapes_in_motion(packing, order)
+    if shape is not None:
+        inertia = mass * gyration_of(shape) ** 2
     if turns and spin_nk is not None:
         row = spin_nk[order]
         body[:, 4 + d : 4 + d + spins] = row if shape is None or d == 2 else rows_of_spins(shape, row)

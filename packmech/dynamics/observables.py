@@ -227,7 +227,7 @@ def measure_pairs(shapes, effects, friction, flowing, axes, body, pairs, stretch
                 if touching:
                     potential += energy
                     tangential += spring
-                    contacts += 1.0
+                    contacts += touching
                     slides += sliding
                     total += normal
                     force = dyad(axes, force, fx, fy, fz, dx, dy, dz)

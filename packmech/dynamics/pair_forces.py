@@ -175,9 +175,10 @@ def _measure_contacts(
         dy = body[j, 1] - body[i, 1] + (lattice[1, 0] * x + lattice[1, 1] * y + lattice[1, 2] * z)
         dz = body[j, 2] - body[i, 2] + (lattice[2, 0] * x + lattice[2, 1] * y + lattice[2, 2] * z)
         if acting_shapes is not None:
-            seen_p[p], _, _, sliding, normal, fx, fy, fz = measure_shapes(
+            touching, _, _, sliding, normal, fx, fy, fz = measure_shapes(
                 acting_shapes, acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
             )
+            seen_p[p] = touching > 0
             figure_pk[p, 0], figure_pk[p, 1] = normal, sliding
             figure_pk[p, 2], figure_pk[p, 3], figure_pk[p, 4] = fx, fy, fz
             continue

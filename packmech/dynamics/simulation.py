@@ -684,7 +684,8 @@ class SimulationTask:
             )
             self.position_t = [position_tnd[t] for t in chosen]
             self.velocity_t = [velocity_tnd[t] for t in chosen]
-            snapshots = snapshots_of(arrays, len(step_t), turning, d, None if packing.shapes is None else (n, d))
+            turned = None if packing.shapes is None else packing.shapes.orientation_nq.shape
+            snapshots = snapshots_of(arrays, len(step_t), turning, d, turned)
             self.snapshots = [snapshots[t] for t in chosen]
         position_nd, velocity_nd = (
             saved_array(arrays, f"state_{name}_nd", (n, d)) for name in ("position", "velocity")
@@ -694,7 +695,8 @@ class SimulationTask:
         self.tension_l = saved_array(arrays, "state_tension_l", self.tension_l.shape)
         self.spin_nk = None if turning is None else saved_array(arrays, "state_spin_nk", turning)
         if packing.shapes is not None:
-            self.orientation_nq = saved_array(arrays, "state_orientation_nq", (n, d))
+            shape = packing.shapes.orientation_nq.shape
+            self.orientation_nq = saved_array(arrays, "state_orientation_nq", shape)
         self.largest = {name: float(table["largest"][name]) for name in self.largest}
         self.watch = dataclasses.replace(self.watch, **table["watch"])
         self.end, self.seconds_before = min(int(table["end"]), self.settings.steps), float(table["seconds"])
