@@ -43,6 +43,7 @@ from packmech.dynamics.pair_lists import (
 )
 from packmech.dynamics.shape_pairs import (
     gyration_of,
+    most_beads,
     rows_of_spins,
     set_turns,
     shapes_in_motion,
@@ -347,9 +348,11 @@ class Engine:
         image = whole @ np.rint(np.linalg.inv(self.change_dd)).astype(np.int64).T
         i, j, image, turned = one_way(row[given.i_c], row[given.j_c], image)
         spring = np.where(turned[:, None] & (d == 3), -given.displacement_ck, given.displacement_ck)
+        bead = np.zeros((len(i), 2), dtype=np.int64) if given.bead_c2 is None else given.bead_c2
+        bead = np.where(turned[:, None], bead[:, ::-1], bead)
         full = np.zeros((len(i), 3), dtype=np.int64)
         full[:, :d] = image
-        write_stretches(self.pairs, self.track, Stretches(i, j, full, spring))
+        write_stretches(self.pairs, self.track, Stretches(i, j, full, bead, spring))
 
     def tangential(self) -> TangentialDisplacements | None:
         """Return the displacements of the contacts' tangential springs now; None where all are slack."""
@@ -359,7 +362,7 @@ class Engine:
             return self.scene.packing.tangential
         held = self.stretches()
         now = np.zeros_like(held.stretch_ck)
-        where = held.i_c, held.j_c, held.image_cd.astype(float)
+        where = held.i_c, held.j_c, held.image_cd.astype(float), held.bead_c2
         displacements_now(
             self.acting.shapes, self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now
         )
@@ -370,7 +373,8 @@ class Engine:
         # from rows and images of the loops' lattice to particles, their places and the scene's box
         i, j = self.order_n[held.i_c[some]], self.order_n[held.j_c[some]]
         image = held.image_cd[some, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
-        return TangentialDisplacements(i, j, image, now[some])
+        bead = held.bead_c2[some] if isinstance(self.scene.packing.shapes, Beads) else None
+        return TangentialDisplacements(i, j, image, now[some], bead)
 
     def packing(self) -> Packing:
         """Return the packing as it is now, with its box, turns and tangential displacements."""
@@ -440,7 +444,7 @@ class Engine:
         self.space = Space(self.space.sizes, frame, flow, table, None)
         self._link_rows()
         self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
-        self.track = None if self.track is None else empty_track(d)
+        self.track = None if self.track is None else empty_track(d, most_beads(packing))
 
     def _link_rows(self) -> None:
         packing = self.scene.packing
@@ -497,6 +501,7 @@ class Engine:
             "stretch.i_c": IndexBounds(0, n, (None,)),
             "stretch.j_c": IndexBounds(0, n, (None,)),
             "stretch.image_cd": IndexBounds(-_FAR, _FAR, (None, 3)),
+            "stretch.bead_c2": IndexBounds(0, most_beads(self.scene.packing), (None, 2)),
         }
         return {f"engine.{name}": bound for name, bound in bounds.items()}
 
@@ -563,9 +568,12 @@ class Engine:
                 raise ValueError(f"engine.stretch must hold {', '.join(missing)}, got none")
             pairs = len(arrays["engine.stretch.i_c"])
             stretch = saved("stretch.stretch_ck", np.zeros((pairs, 1 if d == 2 else 3)))
-            image = saved("stretch.image_cd", np.zeros((pairs, 3), dtype=np.int64))
+            image, bead = (
+                saved(f"stretch.{name}", np.zeros((pairs, k), dtype=np.int64))
+                for name, k in (("image_cd", 3), ("bead_c2", 2))
+            )
             i, j = (saved(f"stretch.{name}", np.zeros(pairs, dtype=np.int64)) for name in ("i_c", "j_c"))
-            self.rebuild_lists(Stretches(i, j, image, stretch))
+            self.rebuild_lists(Stretches(i, j, image, bead, stretch))
         self.started = True
 
     def set_profile(self, profile: Any) -> None:
@@ -638,18 +646,13 @@ def refuse_misfits(scene: Scene) -> None:
 
 
 def _refuse_shapes(scene: Scene) -> None:
-    """Refuse what would take shapes for discs or spheres, and friction of rigid bodies."""
+    """Refuse what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
     if shapes is None:
         return
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         alone = hasattr(type(one), "body_force") and not isinstance(one, BackgroundDamping)
-        if isinstance(shapes, Beads) and isinstance(one, Friction):
-            raise ValueError(
-                "scene.effects must hold no Friction for Beads, whose contacts have no tangential springs, "
-                f"got it at {k}: leave it out with scene.without(pm.Friction)"
-            )
         if alone or hasattr(one, "particles") or isinstance(one, Bonds):
             raise ValueError(
                 f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it "
@@ -760,7 +763,7 @@ def build_engine(
         ),
         space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table, None),
         pairs=empty_pairs(n, d + spins, skin),
-        track=empty_track(d) if friction is not None else None,
+        track=empty_track(d, most_beads(packing)) if friction is not None else None,
         dt=dt,
         second_order=second_order,
         resolution=np.finfo(np.float64).eps * extent,

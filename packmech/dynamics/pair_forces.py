@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,20 +196,6 @@ def _measure_contacts(
         figure_pk[p, 4] = away * (gz + fz)
 
 
-def _keys(i_p: Any, j_p: Any, image_pd: Any) -> Iterator[tuple[Any, ...]]:
-    return zip(i_p.tolist(), j_p.tolist(), map(tuple, image_pd.tolist()), strict=True)
-
-
-def _held(engine: Engine, i_p: Any, j_p: Any, image_pd: Any) -> NDArray[np.float64]:
-    """Return the (P, 1 or 3) stretches of listed pairs, zero where there is none."""
-    held = engine.stretches()
-    stretch = np.zeros((len(i_p), held.stretch_ck.shape[1]))
-    if len(held.i_c):
-        place = {key: p for p, key in enumerate(_keys(i_p, j_p, image_pd))}
-        stretch[[place[key] for key in _keys(held.i_c, held.j_c, held.image_cd)]] = held.stretch_ck
-    return stretch
-
-
 def touching_of(engine: Engine) -> Touching:
     """Return the contacts at the present time."""
     if not engine.started:
@@ -219,7 +204,7 @@ def touching_of(engine: Engine) -> Touching:
     i, j, image = listed_pairs(engine.pairs)
     seen, figure = np.zeros(len(i), dtype=np.bool_), np.zeros((len(i), 5))
     if len(i) and engine.acting.pairs is not None:
-        held = None if engine.track is None else _held(engine, i, j, image)
+        held = None if engine.track is None else engine.track.inner_pk
         _measure_contacts(
             engine.acting.shapes,
             engine.acting,

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.fused_volume import union_moments
 from packmech.dynamics.deformation import relative
+from packmech.dynamics.friction import Contact, Slip, measure_spring, reset_stretch, spring_in_plane, spring_in_space
 from packmech.effects import pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import device, inlined, kernel
 from packmech.minimize.shape_rows import BeadRows, touch_of_two_beads
@@ -278,7 +279,87 @@ def _rate(touch, ux, uy, uz, wi, wj):
 
 
 @inlined
-def forces_of_bodies(bodies, effects, rates, axes, body, i, j, dx, dy, dz):
+def _slip(axes, beads, touch, one, other, ux, uy, uz, wi, wj):
+    """Return the slip of two beads (in a plane its first number), from the velocity of their bodies' centers."""
+    ax, ay, az = beads.arm_bd[one, 0], beads.arm_bd[one, 1], beads.arm_bd[one, 2]
+    bx, by, bz = beads.arm_bd[other, 0], beads.arm_bd[other, 1], beads.arm_bd[other, 2]
+    nx, ny, nz = touch.x, touch.y, touch.z
+    share = touch.rho / touch.sigma
+    ai, aj = share * beads.size_b[one], share * beads.size_b[other]
+    # the velocity of the beads' centers
+    ux += wj[1] * bz - wj[2] * by - wi[1] * az + wi[2] * ay
+    uy += wj[2] * bx - wj[0] * bz - wi[2] * ax + wi[0] * az
+    if len(axes) == 2:
+        return Slip(ai, aj, uy * nx - ux * ny - ai * wi[2] - aj * wj[2], 0.0, 0.0, 0.0, 0.0, 0.0)
+    uz += wj[0] * by - wj[1] * bx - wi[0] * ay + wi[1] * ax
+    along = ux * nx + uy * ny + uz * nz
+    tx, ty, tz = ux - along * nx, uy - along * ny, uz - along * nz
+    wx, wy, wz = ai * wi[0] + aj * wj[0], ai * wi[1] + aj * wj[1], ai * wi[2] + aj * wj[2]
+    # as of spheres: the line of centers turns, and about itself with the mean spin along it
+    about = 0.5 * ((wi[0] + wj[0]) * nx + (wi[1] + wj[1]) * ny + (wi[2] + wj[2]) * nz)
+    inverse = 1.0 / touch.rho if touch.rho > 0.0 else 0.0
+    return Slip(
+        ai, aj, tx - (wy * nz - wz * ny), ty - (wz * nx - wx * nz), tz - (wx * ny - wy * nx),
+        (ny * tz - nz * ty) * inverse + about * nx,
+        (nz * tx - nx * tz) * inverse + about * ny,
+        (nx * ty - ny * tx) * inverse + about * nz,
+    )  # fmt: skip
+
+
+@inlined
+def _springs(axes, stretch_pk):
+    """Return the springs of all pairs of beads one after another."""
+    return stretch_pk.reshape(-1, 3 if len(axes) == 3 else 1)
+
+
+@inlined
+def _first_spring(axes, stretch_pk, p):
+    """Return the number of the first spring of a pair of bodies, and how many the pairs of one bead have."""
+    springs = stretch_pk.shape[1] // 3 if len(axes) == 3 else stretch_pk.shape[1]
+    return p * springs, int(round(math.sqrt(springs)))
+
+
+@inlined
+def _spring_of(axes, beads, stretch_pk, p, i, j, one, other):
+    """Return the number of the spring of two beads; none without friction."""
+    if stretch_pk is None:
+        return 0
+    first, most = _first_spring(axes, stretch_pk, p)
+    return first + (one - beads.start_n[i]) * most + other - beads.start_n[j]
+
+
+@inlined
+def _friction(friction, axes, beads, stretch_pk, s, touch, i, j, one, other, u, wi, wj, elastic, pace):
+    """Return the friction on i, and its torques on both; zeros without."""
+    if friction is None:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    slip = _slip(axes, beads, touch, one, other, u[0], u[1], u[2], wi, wj)
+    nx, ny, nz = touch.x, touch.y, touch.z
+    arm = beads.arm_bd
+    # the point of contact from either center
+    ax, ay, az = arm[one, 0] + slip.ai * nx, arm[one, 1] + slip.ai * ny, arm[one, 2] + slip.ai * nz
+    bx, by, bz = arm[other, 0] - slip.aj * nx, arm[other, 1] - slip.aj * ny, arm[other, 2] - slip.aj * nz
+    if len(axes) == 2:
+        force = spring_in_plane(friction, _springs(axes, stretch_pk), s, slip.sx, abs(elastic), pace)
+        fx, fy = force * -ny, force * nx
+        return (fx, fy, 0.0), (0.0, 0.0, ax * fy - ay * fx), (0.0, 0.0, by * fx - bx * fy)
+    contact = Contact(i, j, nx, ny, nz, u[0], u[1], u[2], touch.rho, touch.sigma)
+    fx, fy, fz = spring_in_space(friction, _springs(axes, stretch_pk), s, contact, slip, abs(elastic), pace)
+    return (
+        (fx, fy, fz),
+        (ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx),
+        (bz * fy - by * fz, bx * fz - bz * fx, by * fx - bx * fy),
+    )
+
+
+@inlined
+def _reset(axes, stretch_pk, s):
+    if stretch_pk is not None:
+        reset_stretch(axes, _springs(axes, stretch_pk), s)
+
+
+@inlined
+def forces_of_bodies(bodies, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
     """Return whether beads of two rows touch, the force on i, and the torques on both."""
     beads, touching = bodies.beads, False
     fx = fy = fz = ix = iy = iz = jx = jy = jz = 0.0
@@ -286,30 +367,47 @@ def forces_of_bodies(bodies, effects, rates, axes, body, i, j, dx, dy, dz):
     for one in range(start[i], start[i + 1]):
         for other in range(start[j], start[j + 1]):
             touch = touch_of_two_beads(beads, one, other, dx, dy, dz)
+            s = _spring_of(axes, beads, stretch_pk, p, i, j, one, other)
             if not touch.touching:
+                _reset(axes, stretch_pk, s)
                 continue
             touching = True
-            ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
+            u = relative(rates, axes, body, i, j, dx, dy, dz)
             wi, wj = spin_of_body(bodies, axes, body, i), spin_of_body(bodies, axes, body, j)
-            first, _ = push_of(effects, touch.rho, touch.sigma, _rate(touch, ux, uy, uz, wi, wj))
-            fx += first * touch.x
-            fy += first * touch.y
-            fz += first * touch.z
-            ix -= first * touch.ix
-            iy -= first * touch.iy
-            iz -= first * touch.iz
-            jx -= first * touch.jx
-            jy -= first * touch.jy
-            jz -= first * touch.jz
+            first, elastic = push_of(effects, touch.rho, touch.sigma, _rate(touch, u[0], u[1], u[2], wi, wj))
+            across, on_i, on_j = _friction(
+                friction, axes, beads, stretch_pk, s, touch, i, j, one, other, u, wi, wj, elastic, pace
+            )
+            fx += first * touch.x + across[0]
+            fy += first * touch.y + across[1]
+            fz += first * touch.z + across[2]
+            ix += on_i[0] - first * touch.ix
+            iy += on_i[1] - first * touch.iy
+            iz += on_i[2] - first * touch.iz
+            jx += on_j[0] - first * touch.jx
+            jy += on_j[1] - first * touch.jy
+            jz += on_j[2] - first * touch.jz
     return touching, fx, fy, fz, ix, iy, iz, jx, jy, jz
 
 
 @inlined
-def measure_bodies(bodies, effects, flowing, axes, body, i, j, dx, dy, dz):
-    """Return how many pairs of beads touch, their energy, the sum of elastic forces, and the force on i."""
+def _measure_friction(friction, axes, beads, stretch_pk, s, touch, one, other, u, wi, wj, normal, pace):
+    """Return the energy of a tangential spring, whether it slides, and its force on i; zeros without friction."""
+    if friction is None:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    slip = _slip(axes, beads, touch, one, other, u[0], u[1], u[2], wi, wj)
+    return measure_spring(
+        friction, axes, _springs(axes, stretch_pk), s, touch.x, touch.y,
+        slip.sx, slip.sy, slip.sz, slip.ox, slip.oy, slip.oz, normal, pace.after,
+    )  # fmt: skip
+
+
+@inlined
+def measure_bodies(bodies, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
+    """Return how many pairs of beads touch, two energies, how many slide, the sum of elastic forces, the force on i."""
     beads, touching = bodies.beads, 0
-    energy = normal = fx = fy = fz = 0.0
-    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
+    energy = tangential = slides = total = fx = fy = fz = 0.0
+    u = relative(flowing, axes, body, i, j, dx, dy, dz)
     wi, wj = spin_of_body(bodies, axes, body, i), spin_of_body(bodies, axes, body, j)
     start = beads.start_n
     for one in range(start[i], start[i + 1]):
@@ -318,13 +416,34 @@ def measure_bodies(bodies, effects, flowing, axes, body, i, j, dx, dy, dz):
             if not touch.touching:
                 continue
             touching += 1
-            first, elastic = push_of(effects, touch.rho, touch.sigma, _rate(touch, ux, uy, uz, wi, wj))
+            s = _spring_of(axes, beads, stretch_pk, p, i, j, one, other)
+            first, elastic = push_of(effects, touch.rho, touch.sigma, _rate(touch, u[0], u[1], u[2], wi, wj))
             energy += energy_of(effects, touch.rho, touch.sigma)
-            normal += abs(elastic)
-            fx += first * touch.x
-            fy += first * touch.y
-            fz += first * touch.z
-    return touching, energy, normal, fx, fy, fz
+            normal = abs(elastic)
+            total += normal
+            spring, sliding, x, y, z = _measure_friction(
+                friction, axes, beads, stretch_pk, s, touch, one, other, u, wi, wj, normal, pace
+            )
+            tangential += spring
+            slides += sliding
+            fx += first * touch.x + x
+            fy += first * touch.y + y
+            fz += first * touch.z + z
+    return touching, energy, tangential, slides, total, fx, fy, fz
+
+
+@inlined
+def slip_of_bodies(bodies, axes, body, flowing, i, j, one, other, dx, dy, dz):
+    """Return whether two beads of two rows touch, counted from 0 in each, and their slip as `slip_of` does."""
+    beads = bodies.beads
+    one, other = beads.start_n[i] + one, beads.start_n[j] + other
+    touch = touch_of_two_beads(beads, one, other, dx, dy, dz)
+    if not touch.touching:
+        return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
+    wi, wj = spin_of_body(bodies, axes, body, i), spin_of_body(bodies, axes, body, j)
+    slip = _slip(axes, beads, touch, one, other, ux, uy, uz, wi, wj)
+    return True, (touch.x, touch.y, slip.sx, slip.sy, slip.sz, slip.ox, slip.oy, slip.oz)
 
 
 @inlined

@@ -43,6 +43,7 @@ from packmech.dynamics.rigid_bodies import (
     place_bodies,
     push_of,
     rows_of_body_spins,
+    slip_of_bodies,
     stretched_matter,
     turn_bodies,
 )
@@ -70,6 +71,11 @@ def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | N
 def gyration_of(shapes: Shaped) -> NDArray[np.float64]:
     """Return the radii of gyration that rows of turns are measured by [length]."""
     return shapes.beads.gyration_n if isinstance(shapes, BodyRows) else shapes.gyration_n
+
+
+def most_beads(packing: Packing) -> int:
+    """Return how many beads a particle has at most; 1 without beads."""
+    return int(np.diff(packing.shapes.start_n).max()) if isinstance(packing.shapes, Beads) else 1
 
 
 def turns_of(shapes: Shaped) -> NDArray[np.float64]:
@@ -319,17 +325,12 @@ def _forces_of_spheroids(shapes, effects, friction, rates, axes, body, stretch_p
     )  # fmt: skip
 
 
-@inlined
-def _forces_of_bodies(shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    return forces_of_bodies(shapes, effects, rates, axes, body, i, j, dx, dy, dz)
-
-
 def _forces(
     shapes: Any, effects: Any, friction: Any, rates: Any, axes: Any, body: Any, stretch_pk: Any,
     p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
 ) -> Any:  # fmt: skip
     """Return whether two rows touch, the force on i, and the torques on both."""
-    return _choose(shapes, _forces_of_bodies, _forces_of_spheroids)(
+    return _choose(shapes, forces_of_bodies, _forces_of_spheroids)(
         shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
     )
 
@@ -339,7 +340,15 @@ def _choose_forces(
     shapes: Any, effects: Any, friction: Any, rates: Any, axes: Any, body: Any, stretch_pk: Any,
     p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
 ) -> Any:  # fmt: skip
-    return _choose(shapes, _forces_of_bodies, _forces_of_spheroids)
+    return _choose(shapes, forces_of_bodies, _forces_of_spheroids)
+
+
+@inlined
+def _relax(stretch_pk, p):
+    """Set the springs of a pair that does not touch to zero; nothing where no stretches are held."""
+    if stretch_pk is not None:
+        for k in range(stretch_pk.shape[1]):
+            stretch_pk[p, k] = 0.0
 
 
 @inlined
@@ -379,7 +388,7 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
             slot_qk[slot] = 0.0
         reach = body[i, 3] + body[j, 3]
         if dx * dx + dy * dy + dz * dz >= reach * reach:
-            reset_stretch(axes, stretch_pk, p)
+            _relax(stretch_pk, p)
             continue
         touching, fx, fy, fz, ix, iy, iz, jx, jy, jz = _forces(
             shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
@@ -445,9 +454,24 @@ def _slip(shapes, axes, body, touch, i, j, ux, uy, uz):
     return n[0], n[1], turning.sx, turning.sy, turning.sz, turning.ox, turning.oy, turning.oz
 
 
+def slip_of_shapes(
+    shapes: Any, axes: Any, body: Any, flowing: Any, i: Any, j: Any, one: Any, other: Any, dx: Any, dy: Any, dz: Any
+) -> Any:
+    """Return whether two rows touch, bodies with these beads, and their slip as `slip_of` does."""
+    return _choose(shapes, slip_of_bodies, _slip_of_spheroids)(
+        shapes, axes, body, flowing, i, j, one, other, dx, dy, dz
+    )
+
+
+@compiled_form(slip_of_shapes)
+def _choose_slip_of_shapes(
+    shapes: Any, axes: Any, body: Any, flowing: Any, i: Any, j: Any, one: Any, other: Any, dx: Any, dy: Any, dz: Any
+) -> Any:
+    return _choose(shapes, slip_of_bodies, _slip_of_spheroids)
+
+
 @inlined
-def slip_of_shapes(shapes, axes, body, flowing, i, j, dx, dy, dz):
-    """Return whether two rows touch, and their slip as `slip_of` does."""
+def _slip_of_spheroids(shapes, axes, body, flowing, i, j, one, other, dx, dy, dz):
     touch = _touch(shapes, axes, i, j, dx, dy, dz)
     if not touch.touching:
         return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -460,7 +484,7 @@ def measure_shapes(
     p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
 ) -> Any:  # fmt: skip
     """Return in how many places two rows touch, two energies, where they slide, elastic forces, the force on i."""
-    return _choose(shapes, _measure_bodies, _measure_spheroids)(
+    return _choose(shapes, measure_bodies, _measure_spheroids)(
         shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
     )
 
@@ -470,13 +494,7 @@ def _choose_measure_shapes(
     shapes: Any, effects: Any, friction: Any, flowing: Any, axes: Any, body: Any, stretch_pk: Any,
     p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
 ) -> Any:  # fmt: skip
-    return _choose(shapes, _measure_bodies, _measure_spheroids)
-
-
-@inlined
-def _measure_bodies(shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    touching, energy, normal, fx, fy, fz = measure_bodies(shapes, effects, flowing, axes, body, i, j, dx, dy, dz)
-    return touching, energy, 0.0, 0.0, normal, fx, fy, fz
+    return _choose(shapes, measure_bodies, _measure_spheroids)
 
 
 @inlined

@@ -258,7 +258,7 @@ class Simulation(Run):
 class Snapshot(NamedTuple):
     """What is kept with positions: lattice vectors, (N, k) spins (None where nothing turns), contacts, orientations.
 
-    Orientations are (N, d) directors, None of discs and spheres.
+    Orientations are (N, d) directors, or (N, q) as `Beads` has them; None of discs and spheres.
     """
 
     lattice_dd: NDArray[np.float64]
@@ -268,7 +268,7 @@ class Snapshot(NamedTuple):
 
 
 def orientations_at(snapshots: Sequence[Snapshot]) -> NDArray[np.float64] | None:
-    """Return the (T, N, d) directors of snapshots; None of discs and spheres, or where nothing was kept."""
+    """Return the (T, N, q) orientations of snapshots; None of discs and spheres, or where nothing was kept."""
     kept = [one.orientation_nq for one in snapshots if one.orientation_nq is not None]
     return np.array(kept) if kept else None
 
@@ -319,7 +319,7 @@ def snapshots_of(
     dimension
         Of the packing.
     orientations
-        Shape of the directors at each of them; None of discs and spheres.
+        Shape of the orientations at each of them; None of discs and spheres.
 
     Raises
     ------

@@ -193,7 +193,7 @@ R = TypeVar("R", bound=StrainRun)
 
 
 class _Motion(NamedTuple):
-    """Positions in a box, peculiar velocities, spins (None where nothing turns), directors (None of discs, spheres)."""
+    """Positions, box, peculiar velocities, spins (None where nothing turns), orientations (None of discs, spheres)."""
 
     position_nd: NDArray[np.float64]
     box: Box
