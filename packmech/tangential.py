@@ -66,9 +66,10 @@ class TangentialDisplacements:
         if components == 3:
             # seen from the other end a vector turns round; the tangent of a plane does, too, and its component stays
             displacement = np.where(pairs.turned_p[:, None], 0.0 - displacement, displacement)
-        for name, array in zip(_FIELDS, (*pairs[:3], displacement, pairs.site_p2), strict=True):
-            if array is not None:
-                array = np.ascontiguousarray(array)
+        kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2)
+        for name, given in zip(_FIELDS, kept, strict=True):
+            if given is not None:
+                array = np.ascontiguousarray(given)
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
 

@@ -279,16 +279,27 @@ def _read_npz(path: Path) -> Packing:
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
     box = Box(arrays["lattice_dd"])
-    links, tangential = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL))
+    links = _group(arrays, *_LINKS)
     return Packing(
         arrays["position_nd"],
         arrays["radius_n"],
         box,
         None if links is None else Links(*links),
         arrays.get("mass_n"),
-        None if tangential is None else TangentialDisplacements(*tangential, arrays.get(_SPRING_BEADS)),
+        _springs_in(arrays),
         _shapes_in(arrays),
     )
+
+
+def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
+    """Return the tangential displacements that are written out in arrays, if there are any."""
+    springs = _group(arrays, *_TANGENTIAL)
+    if springs is None:
+        return None
+    i_c, j_c, image_cd, displacement_ck = springs
+    # the schema of gsd flattens a single column
+    displacement_ck = displacement_ck.reshape(len(i_c), -1)
+    return TangentialDisplacements(i_c, j_c, image_cd, displacement_ck, arrays.get(_SPRING_BEADS))
 
 
 def _shapes_in(arrays: Mapping[str, Any]) -> Shapes | None:
@@ -641,19 +652,13 @@ def read_gsd(path: Path) -> Packing:
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
     own = {name.removeprefix(_LOG): one for name, one in frame.log.items()}
-    parts, springs = (_group(own, *one) for one in (_LINKS, _TANGENTIAL))
+    parts = _group(own, *_LINKS)
     links = None
     if parts is not None:
         i_l, j_l, image_ld, length_l, shape_l = parts
         links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
-    tangential = None
-    if springs is not None:
-        # the schema flattens a single column
-        i_c, j_c, image_cd, displacement_ck = springs
-        displacement_ck = displacement_ck.reshape(len(i_c), -1)
-        tangential = TangentialDisplacements(i_c, j_c, image_cd, displacement_ck, own.get(_SPRING_BEADS))
     masses, shapes = frame.log.get(_LOG + "mass_n"), _shapes_in(own)
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, masses, tangential, shapes)
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, masses, _springs_in(own), shapes)
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact
