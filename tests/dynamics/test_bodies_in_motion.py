@@ -33,7 +33,7 @@ def bodies(d, centers, side=12.0, turn=None):
 
 def pair(d, turn=None):
     """Return two bodies that overlap askew, far from their images."""
-    return bodies(d, [[0.0, 0.0, 0.0], [0.9, 0.5, 0.0] if d == 2 else [0.7, 0.4, 0.15]], turn=turn)
+    return bodies(d, [[0.0, 0.0, 0.0], [1.0, 0.55, 0.0] if d == 2 else [0.7, 0.4, 0.15]], turn=turn)
 
 
 def rough(coefficient):
