@@ -226,13 +226,13 @@ def test_friction_is_followed_to_second_order_springs_and_all():
 def test_what_slides_loses_energy_and_gains_none(d):
     packing, lost = pair(d), []
     # both turn one way, so that they rub
-    spin = [[0.8], [0.8]] if d == 2 else [[0.4, -0.3, 0.8], [0.2, -0.6, 0.7]]
+    spin = [[2.0], [2.0]] if d == 2 else [[0.4, -0.3, 0.8], [0.2, -0.6, 0.7]]
     for dt in (0.002, 0.001):
-        run = pm.simulate(pm.Scene(packing, rough(0.1)), duration=0.4, dt=dt, trace_every=1, spin_nk=spin)
+        run = pm.simulate(pm.Scene(packing, rough(0.03)), duration=0.4, dt=dt, trace_every=1, spin_nk=spin)
         total = run.trace.energy_t + run.trace.kinetic_t
         assert run.trace.sliding_t.any() and np.diff(total).max() < 1e-6
         lost.append(total[0] - total[-1])
-    assert lost[1] > 1e-3 and lost[0] == pytest.approx(lost[1], rel=0.02)
+    assert lost[1] > 2e-4 and lost[0] == pytest.approx(lost[1], rel=0.02)
 
 
 @pytest.mark.parametrize("effects", [(*REPULSION, pm.ContactDamping(0.2)), rough(0.2)])
@@ -331,7 +331,9 @@ CENTERS = [[0.0, 0.0, 0.0], [1.1, 0.8, 0.3], [-1.0, 0.9, -0.3]]
 
 @pytest.mark.parametrize(("d", "legs"), [(2, ROW), (2, BENT), (3, ROW), (3, BENT)])
 def test_bodies_move_as_the_same_beads_held_by_links_do(d, legs):
-    held, rigid, owner = linked(d, CENTERS, legs[:, :d])
+    # near enough to touch
+    near = 0.8 if d == 3 and len(legs) == 2 else 1.0
+    held, rigid, owner = linked(d, near * np.array(CENTERS), legs[:, :d])
     assert np.abs(pm.bead_packing(rigid).position_nd - held.position_nd).max() < 1e-14
     start = motion(rigid, 0.1)
     if len(legs) == 2 and d == 3:
@@ -419,9 +421,9 @@ def test_a_checkpoint_and_files_change_nothing(d, tmp_path):
         )
     slack = scene.replace(packing=half.packing.replace(tangential=None))
     other = pm.simulate(slack, steps=100, dt=0.02, velocity_nd=half.velocity_nd, spin_nk=half.spin_nk)
-    assert np.abs(rest[0] - whole.packing.position_nd).max() < 1e-6
-    assert np.array_equal(rest[0], rest[1])
-    assert np.abs(other.packing.position_nd - whole.packing.position_nd).max() > 1e-4
+    without = np.abs(other.packing.position_nd - whole.packing.position_nd).max()
+    assert np.abs(rest[0] - whole.packing.position_nd).max() < 1e-2 * without
+    assert np.array_equal(rest[0], rest[1]) and without > 1e-4
 
 
 @pytest.mark.parametrize("d", [2, 3])
