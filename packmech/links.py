@@ -41,7 +41,8 @@ def one_way(
 class NamedPairs(NamedTuple):
     """Pairs of particles and images, sorted by (i, j, image), each named from one end as in `one_way`.
 
-    order_p says which of the pairs that were given each is; turned_p, in that order, which were turned round.
+    order_p says which of the pairs that were given each is; turned_p, in that order, which were turned round. site_p2
+    are the places on either particle that pairs are of, None where pairs have none.
     """
 
     i_p: NDArray[np.int64]
@@ -49,10 +50,15 @@ class NamedPairs(NamedTuple):
     image_pd: NDArray[np.int64]
     order_p: NDArray[np.int64]
     turned_p: NDArray[np.bool_]
+    site_p2: NDArray[np.int64] | None = None
 
 
-def named_pairs(what: str, axis: str, i_p: Any, j_p: Any, image_pd: Any) -> NamedPairs:
+def named_pairs(
+    what: str, axis: str, i_p: Any, j_p: Any, image_pd: Any, site: tuple[str, Any] | None = None
+) -> NamedPairs:
     """Return pairs in their order, checked; `what` they are and the letter of their `axis` are for messages.
+
+    Where pairs are of places on the particles, `site` is the name and the numbers of these, (P, 2).
 
     Raises
     ------
@@ -78,9 +84,17 @@ def named_pairs(what: str, axis: str, i_p: Any, j_p: Any, image_pd: Any) -> Name
         k = int(np.flatnonzero(own)[0])
         raise ValueError(f"image_{axis}d must not be zero for a {what} of a particle with itself, got {what} {k}")
     i, j, image, turned = one_way(i, j, image)
-    order = np.lexsort((*image.T[::-1], j, i))
-    found = NamedPairs(i[order], j[order], image[order], order, turned[order])
-    key = np.column_stack(found[:3])
+    place = np.zeros((len(i), 2), dtype=np.int64)
+    if site is not None:
+        place = _whole_numbers(*site, (len(i), 2), what)
+        if place.min(initial=0) < 0:
+            k = int(place.min(axis=1).argmin())
+            raise ValueError(f"{site[0]} must not be negative, got {place[k].tolist()} for {what} {k}")
+        place = np.where(turned[:, None], place[:, ::-1], place)
+    order = np.lexsort((*place.T[::-1], *image.T[::-1], j, i))
+    place = place[order]
+    found = NamedPairs(i[order], j[order], image[order], order, turned[order], None if site is None else place)
+    key = np.column_stack((*found[:3], place))
     twice = np.flatnonzero((key[1:] == key[:-1]).all(axis=1))
     if len(twice):
         k = int(twice[0])

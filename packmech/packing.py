@@ -120,10 +120,10 @@ class Packing:
             object.__setattr__(self, name, array)
         if self.links is not None:
             self._check_links(self.links)
-        if self.tangential is not None:
-            self._check_tangential(self.tangential)
         if self.shapes is not None:
             self._check_shapes(self.shapes)
+        if self.tangential is not None:
+            self._check_tangential(self.tangential)
 
     def _check_shapes(self, shapes: Any) -> None:
         if not isinstance(shapes, Beads):
@@ -143,6 +143,16 @@ class Packing:
         last = int(max(tangential.i_c.max(), tangential.j_c.max()))
         if last >= self.particles:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
+        bead = tangential.bead_c2
+        if isinstance(self.shapes, Beads) != (bead is not None):
+            raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")
+        if bead is not None and isinstance(self.shapes, Beads):
+            beads = np.diff(self.shapes.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
+            if (bead >= beads).any():
+                c = int((bead >= beads).any(axis=1).argmax())
+                raise ValueError(
+                    f"tangential.bead_c2 must be below {beads[c].tolist()}, got {bead[c].tolist()} for contact {c}"
+                )
 
     def _check_links(self, links: Any) -> None:
         instance("links", links, Links)
@@ -208,10 +218,10 @@ class Packing:
     def replace(self, **changes: Any) -> Packing:
         """Return a packing with the named fields exchanged.
 
-        Tangential displacements belong to the contacts as they stand: a packing with other positions, radii or another
-        box has none unless they are given, too.
+        Tangential displacements belong to the contacts as they stand: a packing with other positions, radii, shapes or
+        another box has none unless they are given, too.
         """
-        if not {"position_nd", "radius_n", "box"}.isdisjoint(changes):
+        if not {"position_nd", "radius_n", "box", "shapes"}.isdisjoint(changes):
             changes = {"tangential": None, **changes}
         return dataclasses.replace(self, **{"mass_n": self.given_mass_n, **changes})
 

@@ -300,6 +300,22 @@ class Beads(_Turned):
         """Return (N,) radii of gyration, the mean square of those about the axes in space [length]."""
         return np.asarray(np.sqrt((self.gyration_nk**2).mean(axis=1)) * radius_n)
 
+    def stiffening(self, radius_n: Any) -> tuple[float, float]:
+        """Return by how much the stiffness over mass of contacts, and of tangential springs, may exceed that of discs.
+
+        As of `Spheroids.stiffening`: a contact's force turns a body by the arm of its bead, along or across which it
+        does no more than across; a tangential one by that and the radius of the bead.
+        """
+        gyration = self.gyration_nk[self.particle_b]
+        if self.dimension == 2:
+            arm = np.sqrt((self.offset_bd**2).sum(axis=1)) / gyration[:, 0]
+        else:
+            # of all directions the one in which the cross product with the arm, over the inertia, is largest
+            turned = np.cross(np.eye(3)[None], self.offset_bd[:, None, :]) / gyration[:, None, :]
+            arm = np.linalg.norm(turned, 2, axis=(1, 2))
+        whole = arm + self.size_b / gyration.min(axis=1)
+        return 1.0 + float((arm**2).max()), 1.0 + float((whole**2).max())
+
     def frames(self) -> NDArray[np.float64]:
         """Return (N, d, d) axes of the bodies in columns."""
         if self.dimension == 2:

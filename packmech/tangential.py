@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array
 from packmech.links import named_pairs
+
+_FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,10 @@ class TangentialDisplacements:
     displacement_ck
         In the plane (C, 1), along the tangent (-n_y, n_x) of the direction n from i to j; in space (C, 3) vectors
         [length].
+    bead_c2
+        (C, 2) beads of i and of j that touch, counted from 0 in each, where particles are rigid bodies (`Beads`): one
+        pair of these has a spring for each pair of their beads, and n is the direction from bead to bead. None for
+        other particles.
 
     Raises
     ------
@@ -47,9 +54,11 @@ class TangentialDisplacements:
     j_c: NDArray[np.int64]
     image_cd: NDArray[np.int64]
     displacement_ck: NDArray[np.float64]
+    bead_c2: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        pairs = named_pairs("contact", "c", self.i_c, self.j_c, self.image_cd)
+        site = None if self.bead_c2 is None else ("bead_c2", self.bead_c2)
+        pairs = named_pairs("contact", "c", self.i_c, self.j_c, self.image_cd, site)
         components = 1 if pairs.image_pd.shape[1] == 2 else 3
         shape = (len(pairs.i_p), components)
         displacement = finite_array("displacement_ck", self.displacement_ck, shape=shape, what="contact")
@@ -57,22 +66,27 @@ class TangentialDisplacements:
         if components == 3:
             # seen from the other end a vector turns round; the tangent of a plane does, too, and its component stays
             displacement = np.where(pairs.turned_p[:, None], 0.0 - displacement, displacement)
-        for name, array in zip(("i_c", "j_c", "image_cd", "displacement_ck"), (*pairs[:3], displacement), strict=True):
-            array = np.ascontiguousarray(array)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2)
+        for name, given in zip(_FIELDS, kept, strict=True):
+            if given is not None:
+                array = np.ascontiguousarray(given)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
 
     def __len__(self) -> int:
         return len(self.i_c)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, TangentialDisplacements) and all(
-            np.array_equal(getattr(self, name), getattr(other, name))
-            for name in ("i_c", "j_c", "image_cd", "displacement_ck")
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in _FIELDS
         )
 
     def __hash__(self) -> int:
-        return hash((self.i_c.tobytes(), self.j_c.tobytes(), self.image_cd.tobytes(), self.displacement_ck.tobytes()))
+        return hash(tuple(one.tobytes() for one in self.arrays()))
+
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays, in the order of the fields, without what is None."""
+        return tuple(one for one in (getattr(self, name) for name in _FIELDS) if one is not None)
 
     @property
     def dimension(self) -> int:
@@ -82,7 +96,7 @@ class TangentialDisplacements:
     def moved(self, image_nd: NDArray[np.int64]) -> TangentialDisplacements:
         """Return the same displacements after the particles were moved: x = new x + lattice @ image."""
         image = self.image_cd + image_nd[self.j_c] - image_nd[self.i_c]
-        return TangentialDisplacements(self.i_c, self.j_c, image, self.displacement_ck)
+        return TangentialDisplacements(self.i_c, self.j_c, image, self.displacement_ck, self.bead_c2)
 
     def numbered(self, number_n: NDArray[np.int64]) -> TangentialDisplacements | None:
         """Return them with particles renumbered, without those of particles with a negative number; None if all go."""
@@ -90,4 +104,5 @@ class TangentialDisplacements:
         keep = (i >= 0) & (j >= 0)
         if not keep.any():
             return None
-        return TangentialDisplacements(i[keep], j[keep], self.image_cd[keep], self.displacement_ck[keep])
+        bead = None if self.bead_c2 is None else self.bead_c2[keep]
+        return TangentialDisplacements(i[keep], j[keep], self.image_cd[keep], self.displacement_ck[keep], bead)

@@ -342,6 +342,7 @@ BAD = {
     "contact_distance.vector_cd": [None, "v", 3.0, [1.0, 0.0], [[NAN, 0.0]], [[0.0, 0.0]], [[1.0]]],
     **dict.fromkeys(("semi_axes_i_ck", "semi_axes_j_ck"), [None, "a", [2.0, 2.0], [[2.0]], [[2.0, -1.0]]]),
     **dict.fromkeys(("director_i_cd", "director_j_cd"), [None, "d", [1.0, 0.0], [[0.0, 0.0]], [[1.0, NAN]]]),
+    "TangentialDisplacements.bead_c2": ["b", 3, [0], [[0]], [[-1, 0]], [[0.5, 0]], [[NAN, 0]]],
     "Beads.start_n": [None, "s", [0, 1], [1, 2], [0.5, 2.0], [[0, 2]]],
     "Beads.offset_bd": [None, "o", [0.5, -0.5], [[0.5], [-0.5]], [[NAN, 0.0], [0.5, 0.0]]],
     "Beads.size_b": [None, "s", [0.5], [0.5, 0.0], [NAN, 0.5]],

@@ -41,7 +41,15 @@ from packmech.dynamics.pair_lists import (
     search,
     write_stretches,
 )
-from packmech.dynamics.shape_pairs import rows_of_spins, spins_of_rows
+from packmech.dynamics.shape_pairs import (
+    gyration_of,
+    most_beads,
+    rows_of_spins,
+    set_turns,
+    shapes_in_motion,
+    spins_of_rows,
+    turns_of,
+)
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
 from packmech.effects import BackgroundDamping, Bonds, Friction, Walls, held_particles, held_velocity
@@ -50,10 +58,9 @@ from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
 from packmech.minimize.pair_list import SKIN_FULL
 from packmech.minimize.program import space_order
-from packmech.minimize.shape_rows import ShapeRows, shape_rows
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
+from packmech.shapes import Beads
 from packmech.tangential import TangentialDisplacements
 
 # skin of the wide pair list in units of the harmonic mean diameter
@@ -341,9 +348,11 @@ class Engine:
         image = whole @ np.rint(np.linalg.inv(self.change_dd)).astype(np.int64).T
         i, j, image, turned = one_way(row[given.i_c], row[given.j_c], image)
         spring = np.where(turned[:, None] & (d == 3), -given.displacement_ck, given.displacement_ck)
+        bead = np.zeros((len(i), 2), dtype=np.int64) if given.bead_c2 is None else given.bead_c2
+        bead = np.where(turned[:, None], bead[:, ::-1], bead)
         full = np.zeros((len(i), 3), dtype=np.int64)
         full[:, :d] = image
-        write_stretches(self.pairs, self.track, Stretches(i, j, full, spring))
+        write_stretches(self.pairs, self.track, Stretches(i, j, full, bead, spring))
 
     def tangential(self) -> TangentialDisplacements | None:
         """Return the displacements of the contacts' tangential springs now; None where all are slack."""
@@ -353,7 +362,7 @@ class Engine:
             return self.scene.packing.tangential
         held = self.stretches()
         now = np.zeros_like(held.stretch_ck)
-        where = held.i_c, held.j_c, held.image_cd.astype(float)
+        where = held.i_c, held.j_c, held.image_cd.astype(float), held.bead_c2
         displacements_now(
             self.acting.shapes, self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now
         )
@@ -364,7 +373,8 @@ class Engine:
         # from rows and images of the loops' lattice to particles, their places and the scene's box
         i, j = self.order_n[held.i_c[some]], self.order_n[held.j_c[some]]
         image = held.image_cd[some, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
-        return TangentialDisplacements(i, j, image, now[some])
+        bead = held.bead_c2[some] if isinstance(self.scene.packing.shapes, Beads) else None
+        return TangentialDisplacements(i, j, image, now[some], bead)
 
     def packing(self) -> Packing:
         """Return the packing as it is now, with its box, turns and tangential displacements."""
@@ -384,12 +394,13 @@ class Engine:
         return self.scene.packing.replace(position_nd=position_nd, box=box, tangential=tangential, shapes=shapes)
 
     def orientations(self) -> NDArray[np.float64] | None:
-        """Return the (N, d) directors in the order of the packing; None without shapes."""
-        if self.acting.shapes is None:
+        """Return (N, q) directors, or what says how bodies are turned, in the packing's order; None without shapes."""
+        shapes = self.scene.packing.shapes
+        if shapes is None:
             return None
-        director = np.empty((len(self.order_n), len(self.axes)))
-        director[self.order_n] = self.acting.shapes.unit_nd[:, : len(self.axes)]
-        return director
+        turned = np.empty_like(shapes.orientation_nq)
+        turned[self.order_n] = turns_of(self.acting.shapes)[:, : turned.shape[1]]
+        return turned
 
     def wrap(self) -> None:
         """Move particles that left the cell by whole lattice vectors, and take better ones where these are flat."""
@@ -433,7 +444,7 @@ class Engine:
         self.space = Space(self.space.sizes, frame, flow, table, None)
         self._link_rows()
         self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
-        self.track = None if self.track is None else empty_track(d)
+        self.track = None if self.track is None else empty_track(d, most_beads(packing))
 
     def _link_rows(self) -> None:
         packing = self.scene.packing
@@ -465,7 +476,7 @@ class Engine:
         if state.last is not None:
             found["last_push_nk"] = state.last.copy()
         if self.acting.shapes is not None:
-            found["unit_nd"] = self.acting.shapes.unit_nd.copy()
+            found["unit_nd"] = turns_of(self.acting.shapes)
         if self.track is not None:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
@@ -490,6 +501,7 @@ class Engine:
             "stretch.i_c": IndexBounds(0, n, (None,)),
             "stretch.j_c": IndexBounds(0, n, (None,)),
             "stretch.image_cd": IndexBounds(-_FAR, _FAR, (None, 3)),
+            "stretch.bead_c2": IndexBounds(0, most_beads(self.scene.packing), (None, 2)),
         }
         return {f"engine.{name}": bound for name, bound in bounds.items()}
 
@@ -522,8 +534,7 @@ class Engine:
         if state.last is not None:
             state.last[:] = saved("last_push_nk", state.last)
         if self.acting.shapes is not None:
-            unit = self.acting.shapes.unit_nd
-            unit[:] = saved("unit_nd", unit)
+            set_turns(self.acting.shapes, saved("unit_nd", turns_of(self.acting.shapes)))
         if self.space.flow is not None:
             numbers = saved("profile", _numbers(self.profile))
             if not isinstance(self.profile, Driven):
@@ -557,9 +568,12 @@ class Engine:
                 raise ValueError(f"engine.stretch must hold {', '.join(missing)}, got none")
             pairs = len(arrays["engine.stretch.i_c"])
             stretch = saved("stretch.stretch_ck", np.zeros((pairs, 1 if d == 2 else 3)))
-            image = saved("stretch.image_cd", np.zeros((pairs, 3), dtype=np.int64))
+            image, bead = (
+                saved(f"stretch.{name}", np.zeros((pairs, k), dtype=np.int64))
+                for name, k in (("image_cd", 3), ("bead_c2", 2))
+            )
             i, j = (saved(f"stretch.{name}", np.zeros(pairs, dtype=np.int64)) for name in ("i_c", "j_c"))
-            self.rebuild_lists(Stretches(i, j, image, stretch))
+            self.rebuild_lists(Stretches(i, j, image, bead, stretch))
         self.started = True
 
     def set_profile(self, profile: Any) -> None:
@@ -632,15 +646,10 @@ def refuse_misfits(scene: Scene) -> None:
 
 
 def _refuse_shapes(scene: Scene) -> None:
-    """Refuse rigid bodies, and what would take shapes for discs or spheres."""
+    """Refuse what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
     if shapes is None:
         return
-    if not isinstance(shapes, Spheroids):
-        raise ValueError(
-            "scene.packing must be of discs, spheres, ellipses or spheroids to be stepped through time, got "
-            f"{type(shapes).__name__}: pm.quench and pm.jam know those"
-        )
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         alone = hasattr(type(one), "body_force") and not isinstance(one, BackgroundDamping)
@@ -709,10 +718,9 @@ def build_engine(
     body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
     mass = np.ascontiguousarray(mass_n[order])
     inertia = (0.5 if d == 2 else 0.4) * mass * body[:, 3] ** 2
-    shape = next((one for one in shape_rows(packing, order) if isinstance(one, ShapeRows)), None)
-    if shape is not None and shapes is not None:
-        shape.unit_nd[:, :d] = shapes.orientation_nq[order]
-        inertia = mass * shape.gyration_n**2
+    shape = shapes_in_motion(packing, order)
+    if shape is not None:
+        inertia = mass * gyration_of(shape) ** 2
     if turns and spin_nk is not None:
         row = spin_nk[order]
         body[:, 4 + d : 4 + d + spins] = row if shape is None or d == 2 else rows_of_spins(shape, row)
@@ -755,7 +763,7 @@ def build_engine(
         ),
         space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table, None),
         pairs=empty_pairs(n, d + spins, skin),
-        track=empty_track(d) if friction is not None else None,
+        track=empty_track(d, most_beads(packing)) if friction is not None else None,
         dt=dt,
         second_order=second_order,
         resolution=np.finfo(np.float64).eps * extent,

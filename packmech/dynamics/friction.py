@@ -21,7 +21,6 @@ from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
 
 
 class Contact(NamedTuple):
@@ -202,10 +201,10 @@ _FASTEST = {2: 12.0, 3: 24.0}
 def stiffening(packing: Packing) -> tuple[float, float]:
     """Return how many fold the stiffness of contacts, and of tangential springs, counts over mass.
 
-    Tangential ones turn particles as well as move them, with the inertia m r^2 / 2 or 2 m r^2 / 5; of ellipses and
-    spheroids this is `Spheroids.stiffening`.
+    Tangential ones turn particles as well as move them, with the inertia m r^2 / 2 or 2 m r^2 / 5; of other shapes this
+    is their own `stiffening`.
     """
-    if isinstance(packing.shapes, Spheroids):
+    if packing.shapes is not None:
         return packing.shapes.stiffening(packing.radius_n)
     return 1.0, 3.0 if packing.dimension == 2 else 3.5
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import ERROR
 from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
-from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, with_flow
+from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, turning, with_flow
 from packmech.dynamics.friction import Contact, along_contact, measure_spring, slip_in_space, stretch_now
 from packmech.dynamics.shape_pairs import measure_shapes, spinning_shapes
-from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first
+from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first, spin_drag
 from packmech.jit.compiled import device, inlined, lean
 
 # columns of a row of observables
@@ -29,7 +29,7 @@ FORCE, BONDED, MOTION, SPINNING = 11, 20, 29, 38
 TORQUE, MOMENTUM, ANGULAR, IMPULSE = 47, 50, 53, 56
 # 3 x 3 sums, row by row, of the force on i times branch vector over links; the largest error of a link over its scale
 LINKED, LINK_ERROR = 57, 66
-# power of what moves particles that are held
+# power of what moves particles that are held, and of a flow whose drag turns particles
 MOVING = 67
 COLUMNS = 68
 
@@ -79,6 +79,25 @@ def energy_of_bodies(bodies, body, mass_n):
             for one in literal_unroll(bodies):
                 energy += body_energy(one, body[i, 0], body[i, 1], body[i, 2], mass_n[i], body[i, 3])
     return energy
+
+
+@device
+def power_of_turning(bodies, axes, state, flowing):
+    """Return what a flow gives to spins by drag, which takes angular momentum at its rate: rate w.I.w_flow [power]."""
+    power = 0.0
+    if bodies is not None and len(state.spins) > 0:
+        d = len(axes)
+        body, weight = state.body, state.weight_nk
+        wx, wy, wz = turning(flowing)
+        rate = 0.0
+        for one in literal_unroll(bodies):
+            rate += spin_drag(one)
+        for i in range(body.shape[0]):
+            # rows hold angular momenta over these moments of inertia
+            if weight[i, 1] > 0.0:
+                along = body[i, 6] * wz if d == 2 else body[i, 7] * wx + body[i, 8] * wy + body[i, 9] * wz
+                power += rate / weight[i, 1] * along
+    return power
 
 
 @inlined
@@ -227,7 +246,7 @@ def measure_pairs(shapes, effects, friction, flowing, axes, body, pairs, stretch
                 if touching:
                     potential += energy
                     tangential += spring
-                    contacts += 1.0
+                    contacts += touching
                     slides += sliding
                     total += normal
                     force = dyad(axes, force, fx, fy, fz, dx, dy, dz)
@@ -339,6 +358,7 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
     measure_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
     out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
     measure_motion(axes, state, flowing, out)
+    out[MOVING] += power_of_turning(acting.bodies, axes, state, flowing)
     spinning_shapes(acting.shapes, axes, state, ROTATIONAL, SPINNING, out)
     measure_links(links, axes, state, out)
 

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,9 +174,10 @@ def _measure_contacts(
         dy = body[j, 1] - body[i, 1] + (lattice[1, 0] * x + lattice[1, 1] * y + lattice[1, 2] * z)
         dz = body[j, 2] - body[i, 2] + (lattice[2, 0] * x + lattice[2, 1] * y + lattice[2, 2] * z)
         if acting_shapes is not None:
-            seen_p[p], _, _, sliding, normal, fx, fy, fz = measure_shapes(
+            touching, _, _, sliding, normal, fx, fy, fz = measure_shapes(
                 acting_shapes, acting.pairs, acting.friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
             )
+            seen_p[p] = touching > 0
             figure_pk[p, 0], figure_pk[p, 1] = normal, sliding
             figure_pk[p, 2], figure_pk[p, 3], figure_pk[p, 4] = fx, fy, fz
             continue
@@ -196,20 +196,6 @@ def _measure_contacts(
         figure_pk[p, 4] = away * (gz + fz)
 
 
-def _keys(i_p: Any, j_p: Any, image_pd: Any) -> Iterator[tuple[Any, ...]]:
-    return zip(i_p.tolist(), j_p.tolist(), map(tuple, image_pd.tolist()), strict=True)
-
-
-def _held(engine: Engine, i_p: Any, j_p: Any, image_pd: Any) -> NDArray[np.float64]:
-    """Return the (P, 1 or 3) stretches of listed pairs, zero where there is none."""
-    held = engine.stretches()
-    stretch = np.zeros((len(i_p), held.stretch_ck.shape[1]))
-    if len(held.i_c):
-        place = {key: p for p, key in enumerate(_keys(i_p, j_p, image_pd))}
-        stretch[[place[key] for key in _keys(held.i_c, held.j_c, held.image_cd)]] = held.stretch_ck
-    return stretch
-
-
 def touching_of(engine: Engine) -> Touching:
     """Return the contacts at the present time."""
     if not engine.started:
@@ -218,7 +204,7 @@ def touching_of(engine: Engine) -> Touching:
     i, j, image = listed_pairs(engine.pairs)
     seen, figure = np.zeros(len(i), dtype=np.bool_), np.zeros((len(i), 5))
     if len(i) and engine.acting.pairs is not None:
-        held = None if engine.track is None else _held(engine, i, j, image)
+        held = None if engine.track is None else engine.track.inner_pk
         _measure_contacts(
             engine.acting.shapes,
             engine.acting,

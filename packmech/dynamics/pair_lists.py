@@ -509,18 +509,19 @@ def deform_images(flow, lattice, image_kd, shift_kd):
             shift_kd[k, a] = shift
 
 
-def empty_track(dimension: int) -> Track:
-    """Return a track without pairs, for an empty list."""
-    none = np.zeros((0, 1 if dimension == 2 else 3))
+def empty_track(dimension: int, beads: int = 1) -> Track:
+    """Return a track without pairs, for an empty list; for bodies of up to so many beads."""
+    none = np.zeros((0, beads * beads * (1 if dimension == 2 else 3)))
     return Track(none, none.copy())
 
 
 class Stretches(NamedTuple):
-    """Pairs of rows (i < j, or i == j), images in the loops' lattice (C, 3), stretches (C, 1 or 3)."""
+    """Pairs of rows (i < j, or i == j), images in the loops' lattice (C, 3), beads (C, 2), stretches (C, 1 or 3)."""
 
     i_c: NDArray[np.int64]
     j_c: NDArray[np.int64]
     image_cd: NDArray[np.int64]
+    bead_c2: NDArray[np.int64]
     stretch_ck: NDArray[np.float64]
 
     def moved(self, shift_nd: NDArray[np.int64], back_dd: NDArray[np.int64]) -> Stretches:
@@ -538,16 +539,17 @@ class Stretches(NamedTuple):
         image = self.image_cd.copy()
         image[:, :d] += shift_nd[self.j_c] - shift_nd[self.i_c]
         image[:, :d] = image[:, :d] @ back_dd.T
-        stretch = self.stretch_ck
+        bead, stretch = self.bead_c2, self.stretch_ck
         own = self.i_c == self.j_c
         if own.any():
             # the list takes the image of a pair with itself whose first nonzero number is positive
             first = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0]
             turned = own & (first < 0)
             image[turned] *= -1
+            bead = np.where(turned[:, None], bead[:, ::-1], bead)
             if stretch.shape[1] == 3:
                 stretch = np.where(turned[:, None], -stretch, stretch)
-        return Stretches(self.i_c, self.j_c, image, stretch)
+        return Stretches(self.i_c, self.j_c, image, bead, stretch)
 
 
 def listed_pairs(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -561,16 +563,18 @@ def listed_pairs(pairs: Pairs) -> tuple[NDArray[np.int64], NDArray[np.int64], ND
 
 
 def read_stretches(pairs: Pairs, track: Track | None, dimension: int) -> Stretches:
-    """Return the stretches that are not zero, sorted by (i, j, image); none without a track."""
+    """Return the stretches that are not zero, sorted by (i, j, image, beads); none without a track."""
+    components = 1 if dimension == 2 else 3
     if track is None:
-        none = np.zeros(0, dtype=np.int64)
-        return Stretches(none, none, np.zeros((0, 3), dtype=np.int64), np.zeros((0, 1 if dimension == 2 else 3)))
+        none, two, three = (np.zeros((0, *more), dtype=np.int64) for more in ((), (2,), (3,)))
+        return Stretches(none, none, three, two, np.zeros((0, components)))
     i, j, image = listed_pairs(pairs)
-    stretch = track.inner_pk[: len(i)]
-    keep = stretch.any(axis=1)
-    i, j, image, stretch = i[keep], j[keep], image[keep], stretch[keep]
-    order = np.lexsort((*image.T[::-1], j, i))
-    return Stretches(i[order], j[order], image[order], stretch[order])
+    springs = track.inner_pk[: len(i)].reshape(len(i), track.inner_pk.shape[1] // components, components)
+    pair, spring = np.nonzero(springs.any(axis=2))
+    i, j, image, stretch = i[pair], j[pair], image[pair], springs[pair, spring]
+    bead = np.stack(np.divmod(spring, math.isqrt(springs.shape[1])), axis=1)
+    order = np.lexsort((*bead.T[::-1], *image.T[::-1], j, i))
+    return Stretches(i[order], j[order], image[order], bead[order], stretch[order])
 
 
 def write_stretches(pairs: Pairs, track: Track | None, held: Stretches) -> None:
@@ -586,6 +590,8 @@ def write_stretches(pairs: Pairs, track: Track | None, held: Stretches) -> None:
     place = np.searchsorted(listed[order], asked)
     found = order[np.minimum(place, len(order) - 1)]
     hit = listed[found] == asked
-    stretch = np.zeros((len(i), held.stretch_ck.shape[1]))
-    stretch[found[hit]] = held.stretch_ck[hit]
-    track.inner_pk[: len(i)] = stretch
+    components = held.stretch_ck.shape[1]
+    springs = np.zeros((len(i), track.inner_pk.shape[1] // components, components))
+    spring = held.bead_c2[:, 0] * math.isqrt(springs.shape[1]) + held.bead_c2[:, 1]
+    springs[found[hit], spring[hit]] = held.stretch_ck[hit]
+    track.inner_pk[: len(i)] = springs.reshape(len(i), -1)

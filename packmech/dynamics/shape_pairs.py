@@ -1,6 +1,8 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Ellipses and spheroids in a time step: their contacts, tangential springs, turns and observables.
 
+Rigid bodies of beads have theirs in `rigid_bodies`; the type of what is given chooses.
+
 Contacts are those of minimization (`shape_touch`): a distance rho with slopes along the vector between the centers and
 the rotations of both. A dashpot sees the rate of rho. A tangential force acts where the two touch when both are scaled
 by s = rho / sigma. With the supports g = sqrt(n A n) of the shapes along the normal n this is s A_i n / g_i from one
@@ -13,9 +15,9 @@ angular velocity (`spin_in_space`): a free director turns at just this rate, whi
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.dynamics.deformation import relative
@@ -28,10 +30,71 @@ from packmech.dynamics.friction import (
     spring_in_space,
 )
 from packmech.dynamics.pair_lists import NO_SLOT
-from packmech.effects import pair_elastic, pair_energy, pair_first
-from packmech.jit.compiled import inlined
+from packmech.dynamics.rigid_bodies import (
+    BodyRows,
+    body_dragged_to,
+    body_rows,
+    body_spins_of_rows,
+    energy_about_axes,
+    energy_of,
+    forces_of_bodies,
+    inertial_stress_of_body,
+    measure_bodies,
+    place_bodies,
+    push_of,
+    rows_of_body_spins,
+    slip_of_bodies,
+    stretched_matter,
+    turn_bodies,
+)
+from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.kernels import coincident_direction
-from packmech.minimize.shape_rows import ShapeRows, shape_touch
+from packmech.minimize.shape_rows import BeadRows, ShapeRows, shape_rows, shape_touch
+from packmech.packing import Packing
+from packmech.shapes import Beads
+
+Shaped = ShapeRows | BodyRows
+
+
+def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | None:
+    """Return the shapes of a packing by rows, turned as they are; None for discs and spheres."""
+    shapes = packing.shapes
+    for rows in shape_rows(packing, order_n):
+        if isinstance(rows, BeadRows) and isinstance(shapes, Beads):
+            return body_rows(rows, shapes.select(order_n))
+        if isinstance(rows, ShapeRows) and shapes is not None:
+            rows.unit_nd[:, : packing.dimension] = shapes.orientation_nq[order_n]
+            return rows
+    return None
+
+
+def gyration_of(shapes: Shaped) -> NDArray[np.float64]:
+    """Return the radii of gyration that rows of turns are measured by [length]."""
+    return shapes.beads.gyration_n if isinstance(shapes, BodyRows) else shapes.gyration_n
+
+
+def most_beads(packing: Packing) -> int:
+    """Return how many beads a particle has at most; 1 without beads."""
+    return int(np.diff(packing.shapes.start_n).max()) if isinstance(packing.shapes, Beads) else 1
+
+
+def turns_of(shapes: Shaped) -> NDArray[np.float64]:
+    """Return a copy of what holds how shapes are turned."""
+    return (shapes.turn_nq if isinstance(shapes, BodyRows) else shapes.unit_nd).copy()
+
+
+def set_turns(shapes: Shaped, turn_nq: NDArray[np.float64]) -> None:
+    """Turn shapes as `turns_of` had them."""
+    if isinstance(shapes, BodyRows):
+        shapes.turn_nq[:] = turn_nq
+        place_bodies(shapes)
+    else:
+        shapes.unit_nd[:] = turn_nq
+
+
+def _choose(shapes: Any, of_bodies: Any, of_spheroids: Any) -> Any:
+    """Return one of two functions by the class of a record, or of numba's type of one."""
+    return of_bodies if getattr(shapes, "instance_class", type(shapes)) is BodyRows else of_spheroids
 
 
 @inlined
@@ -42,25 +105,6 @@ def _touch(shapes, axes, i, j, dx, dy, dz):
         nx, ny, nz = coincident_direction(i, j, len(axes))
         dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
     return shape_touch(shapes, i, j, 0, dx, dy, dz, len(axes))
-
-
-@inlined
-def _push(effects, rho, sigma, rate):
-    """Return the derivative of the energy with its dashpots, and what of it is elastic."""
-    first = 0.0
-    elastic = 0.0
-    for one in literal_unroll(effects):
-        first += pair_first(one, rho, sigma, rate)
-        elastic += pair_elastic(one, rho, sigma)
-    return first, elastic
-
-
-@inlined
-def _energy(effects, rho, sigma):
-    energy = 0.0
-    for one in literal_unroll(effects):
-        energy += pair_energy(one, rho, sigma)
-    return energy
 
 
 @inlined
@@ -106,15 +150,19 @@ def spin_in_space(shapes, body, i):
     return body[i, 7] + about * x, body[i, 8] + about * y, body[i, 9] + about * z
 
 
-def rows_of_spins(shapes: ShapeRows, spin_nk: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what the rows of spheroids in space hold for angular velocities."""
+def rows_of_spins(shapes: Shaped, spin_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what the rows of shapes in space hold for angular velocities."""
+    if isinstance(shapes, BodyRows):
+        return rows_of_body_spins(shapes, spin_nk)
     about = (spin_nk * shapes.unit_nd).sum(axis=1, keepdims=True)
     excess = excess_of_spin(shapes.along_n, shapes.across_n)[:, None]
     return np.asarray(spin_nk - excess / (1.0 + excess) * about * shapes.unit_nd)
 
 
-def spins_of_rows(shapes: ShapeRows, row_nk: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angular velocities of spheroids in space."""
+def spins_of_rows(shapes: Shaped, row_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angular velocities of shapes in space."""
+    if isinstance(shapes, BodyRows):
+        return body_spins_of_rows(shapes, row_nk)
     about = (row_nk * shapes.unit_nd).sum(axis=1, keepdims=True)
     return np.asarray(row_nk + excess_of_spin(shapes.along_n, shapes.across_n)[:, None] * about * shapes.unit_nd)
 
@@ -124,6 +172,21 @@ def dragged_to(shapes, axes, i, wx, wy, wz):
     """Return what the row of a particle holds where it turns with a flow in space."""
     if shapes is None or len(axes) == 2:
         return wx, wy, wz
+    return _dragged_to(shapes, i, wx, wy, wz)
+
+
+def _dragged_to(shapes: Any, i: Any, wx: Any, wy: Any, wz: Any) -> Any:
+    """Return what the row of a shape holds where it turns with a flow in space."""
+    return _choose(shapes, body_dragged_to, _spheroid_dragged_to)(shapes, i, wx, wy, wz)
+
+
+@compiled_form(_dragged_to, inline=True)
+def _choose_dragged_to(shapes: Any, i: Any, wx: Any, wy: Any, wz: Any) -> Any:
+    return _choose(shapes, body_dragged_to, _spheroid_dragged_to)
+
+
+@inlined
+def _spheroid_dragged_to(shapes, i, wx, wy, wz):
     x, y, z = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
     excess = excess_of_spin(shapes.along_n[i], shapes.across_n[i])
     about = -excess / (1.0 + excess) * (wx * x + wy * y + wz * z)
@@ -244,15 +307,14 @@ def _friction(friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, 
 
 
 @inlined
-def _forces(shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    """Return whether two rows touch, the force on i, and the torques on both."""
+def _forces_of_spheroids(shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
     touch = _touch(shapes, axes, i, j, dx, dy, dz)
     if not touch.touching:
         reset_stretch(axes, stretch_pk, p)
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
     rate = _rate(axes, body, touch, i, j, ux, uy, uz)
-    first, elastic = _push(effects, touch.rho, touch.sigma, rate)
+    first, elastic = push_of(effects, touch.rho, touch.sigma, rate)
     (fx, fy, fz), (ix, iy, iz), (jx, jy, jz) = _friction(
         friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, uz, elastic, pace
     )
@@ -261,6 +323,32 @@ def _forces(shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, d
         ix - first * touch.ix, iy - first * touch.iy, iz - first * touch.iz,
         jx - first * touch.jx, jy - first * touch.jy, jz - first * touch.jz,
     )  # fmt: skip
+
+
+def _forces(
+    shapes: Any, effects: Any, friction: Any, rates: Any, axes: Any, body: Any, stretch_pk: Any,
+    p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
+) -> Any:  # fmt: skip
+    """Return whether two rows touch, the force on i, and the torques on both."""
+    return _choose(shapes, forces_of_bodies, _forces_of_spheroids)(
+        shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+    )
+
+
+@compiled_form(_forces, inline=True)
+def _choose_forces(
+    shapes: Any, effects: Any, friction: Any, rates: Any, axes: Any, body: Any, stretch_pk: Any,
+    p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
+) -> Any:  # fmt: skip
+    return _choose(shapes, forces_of_bodies, _forces_of_spheroids)
+
+
+@inlined
+def _relax(stretch_pk, p):
+    """Set the springs of a pair that does not touch to zero; nothing where no stretches are held."""
+    if stretch_pk is not None:
+        for k in range(stretch_pk.shape[1]):
+            stretch_pk[p, k] = 0.0
 
 
 @inlined
@@ -300,7 +388,7 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
             slot_qk[slot] = 0.0
         reach = body[i, 3] + body[j, 3]
         if dx * dx + dy * dy + dz * dz >= reach * reach:
-            reset_stretch(axes, stretch_pk, p)
+            _relax(stretch_pk, p)
             continue
         touching, fx, fy, fz, ix, iy, iz, jx, jy, jz = _forces(
             shapes, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
@@ -315,10 +403,24 @@ def shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, s
 
 @inlined
 def turn_shapes(shapes, axes, state, low, high, dt):
-    """Turn the directors of rows by a step at what `half` holds of turns; nothing without shapes."""
-    if shapes is None:
-        return
-    unit, half = shapes.unit_nd, state.half
+    """Turn the shapes of rows by a step at what `half` holds of turns; nothing without shapes."""
+    if shapes is not None:
+        _turn(shapes, axes, state.half, low, high, dt)
+
+
+def _turn(shapes: Any, axes: Any, half: Any, low: Any, high: Any, dt: Any) -> None:
+    """Turn the shapes of rows by a step."""
+    _choose(shapes, turn_bodies, _turn_directors)(shapes, axes, half, low, high, dt)
+
+
+@compiled_form(_turn, inline=True)
+def _choose_turn(shapes: Any, axes: Any, half: Any, low: Any, high: Any, dt: Any) -> Any:
+    return _choose(shapes, turn_bodies, _turn_directors)
+
+
+@inlined
+def _turn_directors(shapes, axes, half, low, high, dt):
+    unit = shapes.unit_nd
     for i in range(low, high):
         x, y, z = unit[i, 0], unit[i, 1], unit[i, 2]
         if len(axes) == 2:
@@ -352,9 +454,24 @@ def _slip(shapes, axes, body, touch, i, j, ux, uy, uz):
     return n[0], n[1], turning.sx, turning.sy, turning.sz, turning.ox, turning.oy, turning.oz
 
 
+def slip_of_shapes(
+    shapes: Any, axes: Any, body: Any, flowing: Any, i: Any, j: Any, one: Any, other: Any, dx: Any, dy: Any, dz: Any
+) -> Any:
+    """Return whether two rows touch, bodies with these beads, and their slip as `slip_of` does."""
+    return _choose(shapes, slip_of_bodies, _slip_of_spheroids)(
+        shapes, axes, body, flowing, i, j, one, other, dx, dy, dz
+    )
+
+
+@compiled_form(slip_of_shapes)
+def _choose_slip_of_shapes(
+    shapes: Any, axes: Any, body: Any, flowing: Any, i: Any, j: Any, one: Any, other: Any, dx: Any, dy: Any, dz: Any
+) -> Any:
+    return _choose(shapes, slip_of_bodies, _slip_of_spheroids)
+
+
 @inlined
-def slip_of_shapes(shapes, axes, body, flowing, i, j, dx, dy, dz):
-    """Return whether two rows touch, and their slip as `slip_of` does."""
+def _slip_of_spheroids(shapes, axes, body, flowing, i, j, one, other, dx, dy, dz):
     touch = _touch(shapes, axes, i, j, dx, dy, dz)
     if not touch.touching:
         return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -362,21 +479,38 @@ def slip_of_shapes(shapes, axes, body, flowing, i, j, dx, dy, dz):
     return True, _slip(shapes, axes, body, touch, i, j, ux, uy, uz)
 
 
+def measure_shapes(
+    shapes: Any, effects: Any, friction: Any, flowing: Any, axes: Any, body: Any, stretch_pk: Any,
+    p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
+) -> Any:  # fmt: skip
+    """Return in how many places two rows touch, two energies, where they slide, elastic forces, the force on i."""
+    return _choose(shapes, measure_bodies, _measure_spheroids)(
+        shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
+    )
+
+
+@compiled_form(measure_shapes, inline=True)
+def _choose_measure_shapes(
+    shapes: Any, effects: Any, friction: Any, flowing: Any, axes: Any, body: Any, stretch_pk: Any,
+    p: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, pace: Any,
+) -> Any:  # fmt: skip
+    return _choose(shapes, measure_bodies, _measure_spheroids)
+
+
 @inlined
-def measure_shapes(shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    """Return whether two rows touch, two energies, whether they slide, the elastic force, and the force on i."""
+def _measure_spheroids(shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
     touch = _touch(shapes, axes, i, j, dx, dy, dz)
     if not touch.touching:
-        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
     rate = _rate(axes, body, touch, i, j, ux, uy, uz)
-    energy = _energy(effects, touch.rho, touch.sigma)
-    first, elastic = _push(effects, touch.rho, touch.sigma, rate)
+    energy = energy_of(effects, touch.rho, touch.sigma)
+    first, elastic = push_of(effects, touch.rho, touch.sigma, rate)
     normal = abs(elastic) * math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
     spring, sliding, fx, fy, fz = _measure_friction(
         friction, shapes, axes, body, stretch_pk, p, touch, i, j, ux, uy, uz, normal, pace
     )
-    return True, energy, spring, sliding, normal, first * touch.x + fx, first * touch.y + fy, first * touch.z + fz
+    return 1, energy, spring, sliding, normal, first * touch.x + fx, first * touch.y + fy, first * touch.z + fz
 
 
 @inlined
@@ -389,11 +523,11 @@ def _measure_friction(friction, shapes, axes, body, stretch_pk, p, touch, i, j, 
 
 
 @inlined
-def inertial_stress(shapes, axes, state, i, work_dd):
+def _inertial_stress_of_spheroid(shapes, axes, state, i, work_dd):
     """Write the integral of a x over a turning shape, a the acceleration by its rotation, its symmetric part.
 
-    With S the integral of x x: w (S w) - w^2 S, and what the angular acceleration adds. Half the second derivative of S
-    is that for the row's rate of turning, less the flux of momentum, which is that of the angular velocity.
+    Half the second derivative of that of x x is that for the row's rate of turning, less the flux of momentum, which is
+    that of the angular velocity.
     """
     d = len(axes)
     a, b = shapes.along_n[i], shapes.across_n[i]
@@ -406,39 +540,34 @@ def inertial_stress(shapes, axes, state, i, work_dd):
     else:
         ox, oy, oz = state.body[i, 7], state.body[i, 8], state.body[i, 9]
         px, py, pz = inverse * state.push[i, 3], inverse * state.push[i, 4], inverse * state.push[i, 5]
-    square = ox * ox + oy * oy + oz * oz
-    spin = (ox, oy, oz)
     for k in range(3):
         for m in range(3):
             work_dd[1, k, m] = share * (a * a - b * b) * shapes.unit_nd[i, k] * shapes.unit_nd[i, m]
         if k < d:
             work_dd[1, k, k] += share * b * b
-    s = work_dd[1]
-    bent = (
-        ox * s[0, 0] + oy * s[1, 0] + oz * s[2, 0],
-        ox * s[0, 1] + oy * s[1, 1] + oz * s[2, 1],
-        ox * s[0, 2] + oy * s[1, 2] + oz * s[2, 2],
-    )
-    for m in range(3):
-        work_dd[2, 0, m] = py * s[2, m] - pz * s[1, m]
-        work_dd[2, 1, m] = pz * s[0, m] - px * s[2, m]
-        work_dd[2, 2, m] = px * s[1, m] - py * s[0, m]
-    for k in range(3):
-        for m in range(3):
-            along = spin[k] * bent[m] + spin[m] * bent[k] + work_dd[2, k, m] + work_dd[2, m, k]
-            work_dd[0, k, m] = 0.5 * along - square * s[k, m]
+    stretched_matter(work_dd, ox, oy, oz, px, py, pz)
     if d == 3:
         own = spin_in_space(shapes, state.body, i)
+        spin = ox, oy, oz
         flux = share * b * b
         for k in range(3):
-            work_dd[0, k, k] += flux * (square - _dot(own, own))
+            work_dd[0, k, k] += flux * (_dot(spin, spin) - _dot(own, own))
             for m in range(3):
                 work_dd[0, k, m] += flux * (own[k] * own[m] - spin[k] * spin[m])
 
 
+def _inertial_stress(shapes: Any, axes: Any, state: Any, i: Any, work_dd: Any) -> None:
+    """Write the integral of a x over a turning shape, a the acceleration by its rotation, its symmetric part."""
+    _choose(shapes, inertial_stress_of_body, _inertial_stress_of_spheroid)(shapes, axes, state, i, work_dd)
+
+
+@compiled_form(_inertial_stress, inline=True)
+def _choose_inertial_stress(shapes: Any, axes: Any, state: Any, i: Any, work_dd: Any) -> Any:
+    return _choose(shapes, inertial_stress_of_body, _inertial_stress_of_spheroid)
+
+
 @inlined
 def _energy_about_director(shapes, axes, state, i):
-    """Return what the spin about its director adds to the energy of rotation that the row alone gives."""
     if len(axes) == 2 or state.weight_nk[i, 1] == 0.0:
         return 0.0
     about = 0.0
@@ -447,17 +576,27 @@ def _energy_about_director(shapes, axes, state, i):
     return 0.5 / state.weight_nk[i, 1] * excess_of_spin(shapes.along_n[i], shapes.across_n[i]) * about * about
 
 
+def _more_energy(shapes: Any, axes: Any, state: Any, i: Any) -> Any:
+    """Return what a shape's energy of rotation is more than the row alone gives."""
+    return _choose(shapes, energy_about_axes, _energy_about_director)(shapes, axes, state, i)
+
+
+@compiled_form(_more_energy, inline=True)
+def _choose_more_energy(shapes: Any, axes: Any, state: Any, i: Any) -> Any:
+    return _choose(shapes, energy_about_axes, _energy_about_director)
+
+
 @inlined
 def spinning_shapes(shapes, axes, state, rotational, place, out):
-    """Write the sum of `inertial_stress` to a row of observables, and add to its energy of rotation; else nothing."""
+    """Write the sum of `_inertial_stress` to a row of observables, and add to its energy of rotation; else nothing."""
     if shapes is None:
         return
     work = np.zeros((3, 3, 3))
     for k in range(9):
         out[place + k] = 0.0
     for i in range(state.body.shape[0]):
-        out[rotational] += _energy_about_director(shapes, axes, state, i)
-        inertial_stress(shapes, axes, state, i, work)
+        out[rotational] += _more_energy(shapes, axes, state, i)
+        _inertial_stress(shapes, axes, state, i, work)
         for k in range(3):
             for m in range(3):
                 out[place + 3 * k + m] += work[0, k, m]

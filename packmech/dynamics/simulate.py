@@ -70,7 +70,7 @@ def simulate(
         Seed of the velocities.
     spin_nk
         (N, 1) spins at the start in a plane, (N, 3) in space [1/time], where particles turn (friction, bonds, shapes).
-        Those of spheroids are angular velocities, about their own axes too.
+        Those of spheroids and rigid bodies are angular velocities, about their own axes too.
     applied_strain
         How the box deforms: SteadyStrain(rate) or OscillatoryStrain(amplitude, frequency). Velocities are then peculiar
         ones, v - L x: what follows the box has none.

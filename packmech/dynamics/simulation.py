@@ -258,7 +258,7 @@ class Simulation(Run):
 class Snapshot(NamedTuple):
     """What is kept with positions: lattice vectors, (N, k) spins (None where nothing turns), contacts, orientations.
 
-    Orientations are (N, d) directors, None of discs and spheres.
+    Orientations are (N, d) directors, or (N, q) as `Beads` has them; None of discs and spheres.
     """
 
     lattice_dd: NDArray[np.float64]
@@ -268,7 +268,7 @@ class Snapshot(NamedTuple):
 
 
 def orientations_at(snapshots: Sequence[Snapshot]) -> NDArray[np.float64] | None:
-    """Return the (T, N, d) directors of snapshots; None of discs and spheres, or where nothing was kept."""
+    """Return the (T, N, q) orientations of snapshots; None of discs and spheres, or where nothing was kept."""
     kept = [one.orientation_nq for one in snapshots if one.orientation_nq is not None]
     return np.array(kept) if kept else None
 
@@ -319,7 +319,7 @@ def snapshots_of(
     dimension
         Of the packing.
     orientations
-        Shape of the directors at each of them; None of discs and spheres.
+        Shape of the orientations at each of them; None of discs and spheres.
 
     Raises
     ------
@@ -684,7 +684,8 @@ class SimulationTask:
             )
             self.position_t = [position_tnd[t] for t in chosen]
             self.velocity_t = [velocity_tnd[t] for t in chosen]
-            snapshots = snapshots_of(arrays, len(step_t), turning, d, None if packing.shapes is None else (n, d))
+            turned = None if packing.shapes is None else packing.shapes.orientation_nq.shape
+            snapshots = snapshots_of(arrays, len(step_t), turning, d, turned)
             self.snapshots = [snapshots[t] for t in chosen]
         position_nd, velocity_nd = (
             saved_array(arrays, f"state_{name}_nd", (n, d)) for name in ("position", "velocity")
@@ -694,7 +695,8 @@ class SimulationTask:
         self.tension_l = saved_array(arrays, "state_tension_l", self.tension_l.shape)
         self.spin_nk = None if turning is None else saved_array(arrays, "state_spin_nk", turning)
         if packing.shapes is not None:
-            self.orientation_nq = saved_array(arrays, "state_orientation_nq", (n, d))
+            shape = packing.shapes.orientation_nq.shape
+            self.orientation_nq = saved_array(arrays, "state_orientation_nq", shape)
         self.largest = {name: float(table["largest"][name]) for name in self.largest}
         self.watch = dataclasses.replace(self.watch, **table["watch"])
         self.end, self.seconds_before = min(int(table["end"]), self.settings.steps), float(table["seconds"])

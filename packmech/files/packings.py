@@ -12,7 +12,8 @@ Three formats, chosen by the ending of the name:
     version 4, are ``tangential_i_c``, ``tangential_j_c``, ``tangential_image_cd`` and
     ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them. Ellipses and spheroids, which
     make it version 5, are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them, and
-    rigid bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``.
+    rigid bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``; their tangential displacements,
+    which make it version 7, have ``tangential_bead_c2``, too.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     Visible to those programs in single precision and in their orientation of the box; the exact packing lies beside it
     in log chunks, so that what packmech wrote it reads back to the last bit. Links are shown as bonds and constraints.
@@ -76,11 +77,12 @@ T = TypeVar("T")
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
 # springs are slack of version 3; one of discs or spheres at most of version 4, one of spheroids of version 5
-_FORMAT_VERSION = 6
+_FORMAT_VERSION = 7
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 # arrays that belong together: what their names begin with, the names of their fields, and whose they are
 _LINKS = ("link_", _LINK_ARRAYS, "links")
 _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
+_SPRING_BEADS = "tangential_bead_c2"
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
 _TEXT = (".txt", ".dat", ".csv")
@@ -277,16 +279,27 @@ def _read_npz(path: Path) -> Packing:
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
     box = Box(arrays["lattice_dd"])
-    links, tangential = (_group(arrays, *one) for one in (_LINKS, _TANGENTIAL))
+    links = _group(arrays, *_LINKS)
     return Packing(
         arrays["position_nd"],
         arrays["radius_n"],
         box,
         None if links is None else Links(*links),
         arrays.get("mass_n"),
-        None if tangential is None else TangentialDisplacements(*tangential),
+        _springs_in(arrays),
         _shapes_in(arrays),
     )
+
+
+def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
+    """Return the tangential displacements that are written out in arrays, if there are any."""
+    springs = _group(arrays, *_TANGENTIAL)
+    if springs is None:
+        return None
+    i_c, j_c, image_cd, displacement_ck = springs
+    # the schema of gsd flattens a single column
+    displacement_ck = displacement_ck.reshape(len(i_c), -1)
+    return TangentialDisplacements(i_c, j_c, image_cd, displacement_ck, arrays.get(_SPRING_BEADS))
 
 
 def _shapes_in(arrays: Mapping[str, Any]) -> Shapes | None:
@@ -315,6 +328,7 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
     version = version if packing.given_mass_n is None else 3
     version = version if packing.tangential is None else 4
     version = version if packing.shapes is None else 6 if isinstance(packing.shapes, Beads) else 5
+    version = 7 if packing.tangential is not None and packing.tangential.bead_c2 is not None else version
     arrays: dict[str, Any] = {
         "format_version": np.array(version),
         "position_nd": packing.position_nd,
@@ -339,6 +353,8 @@ def _further_arrays(packing: Packing) -> dict[str, Any]:
     for (prefix, names, _), record in ((_TANGENTIAL, packing.tangential), (shapes, packing.shapes)):
         if record is not None:
             found |= {prefix + one: getattr(record, one) for one in names}
+    if packing.tangential is not None and packing.tangential.bead_c2 is not None:
+        found[_SPRING_BEADS] = packing.tangential.bead_c2
     return found
 
 
@@ -635,18 +651,13 @@ def read_gsd(path: Path) -> Packing:
     if any(chunk is None for chunk in chunks):
         return seen.replace(links=_seen_links(frame, seen.position_nd, box))
     own = {name.removeprefix(_LOG): one for name, one in frame.log.items()}
-    parts, springs = (_group(own, *one) for one in (_LINKS, _TANGENTIAL))
+    parts = _group(own, *_LINKS)
     links = None
     if parts is not None:
         i_l, j_l, image_ld, length_l, shape_l = parts
         links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
-    tangential = None
-    if springs is not None:
-        # the schema flattens a single column
-        i_c, j_c, image_cd, displacement_ck = springs
-        tangential = TangentialDisplacements(i_c, j_c, image_cd, displacement_ck.reshape(len(i_c), -1))
     masses, shapes = frame.log.get(_LOG + "mass_n"), _shapes_in(own)
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, masses, tangential, shapes)
+    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, masses, _springs_in(own), shapes)
     if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact

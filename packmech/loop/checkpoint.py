@@ -272,8 +272,9 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     named = () if links is None else (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l)
     masses = () if packing.given_mass_n is None else (packing.given_mass_n,)
     springs = packing.tangential
-    tangential = () if springs is None else (springs.i_c, springs.j_c, springs.image_cd, springs.displacement_ck)
-    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses, *tangential
+    tangential = () if springs is None else springs.arrays()
+    shapes = () if packing.shapes is None else (packing.shapes,)
+    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses, *tangential, *shapes
     found = {"packing": fingerprint(arrays)}
     return found | {f"effects[{k}]": fingerprint(one) for k, one in enumerate(scene.effects)}
 

@@ -227,7 +227,12 @@ def _touch_of_spheroids(shapes, i, j, k, dx, dy, dz, d):
 def _touch_of_beads(shapes, i, j, k, dx, dy, dz, d):
     """Return the ShapeTouch of the k-th pair of beads of two bodies."""
     others = shapes.start_n[j + 1] - shapes.start_n[j]
-    one, other = shapes.start_n[i] + k // others, shapes.start_n[j] + k % others
+    return touch_of_two_beads(shapes, shapes.start_n[i] + k // others, shapes.start_n[j] + k % others, dx, dy, dz)
+
+
+@inlined
+def touch_of_two_beads(shapes, one, other, dx, dy, dz):
+    """Return the ShapeTouch of two beads of bodies whose centers are (dx, dy, dz) apart."""
     ax, ay, az = shapes.arm_bd[one, 0], shapes.arm_bd[one, 1], shapes.arm_bd[one, 2]
     bx, by, bz = shapes.arm_bd[other, 0], shapes.arm_bd[other, 1], shapes.arm_bd[other, 2]
     sigma = shapes.size_b[one] + shapes.size_b[other]

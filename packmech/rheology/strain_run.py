@@ -193,7 +193,7 @@ R = TypeVar("R", bound=StrainRun)
 
 
 class _Motion(NamedTuple):
-    """Positions in a box, peculiar velocities, spins (None where nothing turns), directors (None of discs, spheres)."""
+    """Positions, box, peculiar velocities, spins (None where nothing turns), orientations (None of discs, spheres)."""
 
     position_nd: NDArray[np.float64]
     box: Box
@@ -421,7 +421,8 @@ class StrainTask:
         frame_time_f = saved_array(kept, "frame_time_f", (frames,))
         position_fnd = saved_array(kept, "position_fnd", (frames, n, d))
         spins = self._spins()
-        turned = None if self.settings.scene.packing.shapes is None else (n, d)
+        shapes = self.settings.scene.packing.shapes
+        turned = None if shapes is None else shapes.orientation_nq.shape
         snapshots = snapshots_of(kept, frames, None if spins is None else (n, spins.shape[1]), d, turned)
         if self.walls is not None:
             self.walls.restore(kept, steps)

@@ -181,3 +181,23 @@ def test_rows_of_figures_are_watched_as_they_come():
     watch = RowWatch(scene_of(), shear, 100)
     assert watch.is_calm(worked[:1]) and watch.is_calm(worked[:4]) and watch.is_calm(worked)
     assert not RowWatch(scene_of(), shear, 100).is_calm(grown)
+
+
+def lone(kind):
+    """Return one particle in a box by itself: what friction lets turn, an ellipse, a spheroid, a rigid body."""
+    d = 2 if kind in ("disc", "ellipse") else 3
+    shapes = None if kind in ("disc", "sphere") else pm.Spheroids([2.0], [[1.0] + [0.0] * (d - 1)])
+    alone = pm.Packing([[2.0] * d], [0.5], pm.Box.cubic(4.0, d), shapes=shapes)
+    rough = pm.Friction(coefficient=0.5, stiffness=0.7, damping=0.1)
+    return pm.Scene(alone, (pm.Repulsion(), rough, pm.BackgroundDamping(0.5)))
+
+
+@pytest.mark.parametrize("kind", ["disc", "sphere", "ellipse", "spheroid"])
+def test_what_drag_turns_with_a_flow_is_stopped_by_nothing(kind):
+    scene = lone(kind)
+    run = pm.ramp_strain(scene, rate=0.1, applied_strain=2.0, dt=0.01)
+    assert run.ok
+    # half the vorticity of v_x = rate y
+    assert run.spin_nk[0, -1] == pytest.approx(-0.05, abs=1e-4)
+    shear = pm.OscillatoryStrain(amplitude=0.5, frequency=0.05)
+    assert pm.simulate(scene, duration=40.0, dt=0.02, applied_strain=shear).ok

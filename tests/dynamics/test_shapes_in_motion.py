@@ -258,9 +258,3 @@ def test_effects_that_know_discs_only_are_refused(effect):
     scene = pm.Scene(pair(2), (*REPULSION, effect))
     with pytest.raises(ValueError, match=f"must hold no {type(effect).__name__} for Spheroids"):
         pm.simulate(scene, steps=1, dt=0.01)
-
-
-def test_what_is_not_stepped_is_refused_by_name():
-    bodies = pm.random_packing(4, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Dimer())
-    with pytest.raises(ValueError, match="to be stepped through time, got Beads"):
-        pm.simulate(pm.Scene(bodies, REPULSION), steps=1, dt=0.01)
