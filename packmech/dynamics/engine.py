@@ -632,7 +632,7 @@ def refuse_misfits(scene: Scene) -> None:
 
 
 def _refuse_shapes(scene: Scene) -> None:
-    """Refuse rigid bodies, bonds, and what would take shapes for discs or spheres."""
+    """Refuse rigid bodies, tangential springs of bonds, and what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
     if shapes is None:
         return
@@ -644,7 +644,13 @@ def _refuse_shapes(scene: Scene) -> None:
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
-        if own_walls or isinstance(one, Bonds):
+        if isinstance(one, Bonds) and len(one) and (one.tangential_stiffness or one.tangential_damping):
+            raise ValueError(
+                f"scene.effects[{k}] must have tangential_stiffness=0.0 and tangential_damping=0.0 for "
+                f"{type(shapes).__name__}, on whose centers bonds act, got {one.tangential_stiffness:g} and "
+                f"{one.tangential_damping:g}"
+            )
+        if own_walls:
             raise ValueError(
                 f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it "
                 f"would take for discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind})"

@@ -78,7 +78,7 @@ def test_forces_torques_and_the_hessian_are_the_derivatives_of_the_energy(kind):
 @pytest.mark.parametrize("kind", ["spheroids", "trimers"])
 def test_second_derivatives_by_turns_in_space_are_those_of_the_energy(kind):
     scene = boxed(kind)
-    packing, h = scene.packing, 1e-4
+    packing, h = scene.packing, 5e-4
     turn = packing.shapes.turn_basis(packing.radius_n)
     q, hessian = 3 + turn.shape[1], pm.hessian(scene, "none")
     touching = set(pm.wall_contacts(scene).particle_w.tolist())
@@ -86,8 +86,10 @@ def test_second_derivatives_by_turns_in_space_are_those_of_the_energy(kind):
         own = hessian[i * q + 3 : (i + 1) * q, i * q + 3 : (i + 1) * q].toarray()
         for along in (np.eye(q - 3)[0], np.ones(q - 3)):
             rotation = h * along @ turn[i]
-            low, middle, high = (pm.energy(moved(scene, i, np.zeros(3), sign * rotation)) for sign in (-1, 0, 1))
-            assert (low - 2.0 * middle + high) / h**2 == pytest.approx(along @ own @ along, abs=2e-6)
+            energy = {k: pm.energy(moved(scene, i, np.zeros(3), k * rotation)) for k in (-2, -1, 0, 1, 2)}
+            # of fourth order in h
+            near, far = (energy[k] - 2.0 * energy[0] + energy[-k] for k in (1, 2))
+            assert (16.0 * near - far) / (12.0 * h**2) == pytest.approx(along @ own @ along, abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -160,9 +162,11 @@ def test_discs_written_as_shapes_rest_on_walls_as_discs_do(dimension, how):
 @pytest.mark.parametrize("how", ["round", "one bead"])
 def test_discs_written_as_shapes_come_to_rest_and_vibrate_as_discs_do(how):
     scene = discs(2)
-    resting = [pm.quench(one, force_tolerance=1e-9, method=pm.Fire()) for one in (scene, written(scene, how))]
-    np.testing.assert_allclose(resting[0].packing.position_nd, resting[1].packing.position_nd, rtol=0, atol=1e-6)
-    rest = scene.replace(packing=resting[0].packing)
+    rest = scene.replace(packing=pm.quench(scene, force_tolerance=1e-9).packing)
+    # at rest for both, from where the path of a descent depends on no rounding
+    again = pm.quench(written(rest, how), force_tolerance=1e-8)
+    assert again.residual < 1e-8
+    np.testing.assert_allclose(again.packing.position_nd, rest.packing.position_nd, rtol=0, atol=1e-12)
     modes = [pm.normal_modes(one, rattlers="remove") for one in (rest, written(rest, how))]
     # a disc has no turn to vibrate in
     np.testing.assert_allclose(modes[1].frequency_m, modes[0].frequency_m, rtol=0, atol=1e-7)
@@ -212,7 +216,7 @@ def lying(aspect=2.0, weight=0.01, stiffness=50.0):
 def test_an_ellipse_on_a_floor_bounces_and_rocks_at_the_frequencies_of_its_shape():
     """Rocking raises the center: the energy's second derivative by the angle is m g D (a^2 - b^2) / b^2."""
     scene, a, b, height = lying()
-    assert np.abs(pm.forces(scene)).max() < 1e-15
+    assert np.abs(pm.forces(scene)).max() < 1e-12
     modes = pm.normal_modes(scene, rattlers="keep")
     rocking = 0.01 * height * (a**2 - b**2) / b**2 / ((a**2 + b**2) / 4.0)
     bouncing = 4.0 * 50.0 * (0.5 / b) ** 2 / (math.pi * 0.25)

@@ -187,3 +187,24 @@ def test_a_packing_whose_particles_all_rattle_has_nothing(d):
     # kept, the two that touch have one vibration and the others cost nothing
     assert (pm.normal_modes(scene, kind="unstressed", rattlers="keep").eigenvalue_m > 1e-6).sum() == 1
     assert pm.floppy_modes(few).count == 2 * (3 if d == 2 else 5) - d - 1
+
+
+@pytest.mark.parametrize("shapes", [pm.Ellipses(aspect=1.5), pm.Dimer()], ids=["ellipses", "dimers"])
+def test_the_compliance_is_the_inverse_of_the_stiffness_by_both_methods(shapes):
+    packing = pm.random_packing(14, dimension=2, packing_fraction=0.95, shapes=shapes, seed=3)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-10).packing)
+    sparse, dense = (pm.compliance_matrix(scene, method=name) for name in ("sparse", "pseudoinverse"))
+    size = np.abs(sparse).max()
+    assert np.abs(sparse - dense).max() < 1e-10 * size
+    assert np.abs(sparse @ pm.elastic_moduli(scene).energy - np.eye(3)).max() < 1e-10
+
+
+def test_discs_written_as_round_ellipses_are_as_compliant_as_discs():
+    packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    n = packing.particles
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    round_ones = scene.replace(packing=packing.replace(shapes=pm.Spheroids(np.ones(n), np.eye(2)[[0] * n])))
+    for method in ("sparse", "pseudoinverse"):
+        one, other = (pm.compliance_matrix(each, method=method) for each in (scene, round_ones))
+        assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
