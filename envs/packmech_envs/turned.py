@@ -88,4 +88,4 @@ class Turned:
             if orientation.shape[1] == 4:
                 orientation = orientation * np.where(orientation[:, :1] < 0.0, -1.0, 1.0)
             numbers = np.concatenate([numbers, orientation.ravel()])
-        return np.clip(numbers, -1.0, 1.0)
+        return np.asarray(np.clip(numbers, -1.0, 1.0))

@@ -762,8 +762,8 @@ def compliance_matrix(
     """Return the (s, s) compliance [length^d/energy] in Mandel components: the inverse of `Moduli.energy`.
 
     Strains per imposed stress, box free, particles relaxed (shapes turn, too), links kept (equation 49 of the polymer
-    source with its errata: both sides selected, times V). Strains that links forbid have compliance 0; entries that a soft direction
-    makes infinite are inf.
+    source with its errata: both sides selected, times V). Strains that links forbid have compliance 0; entries that a
+    soft direction makes infinite are inf.
 
     Parameters
     ----------
@@ -773,8 +773,9 @@ def compliance_matrix(
         As in `elastic_moduli`.
     method
         "sparse": from the relaxed stiffness. "pseudoinverse": V times the strain block of B^T (B H B^T)^+ B with a
-        dense B (`change_of_basis`; of shapes all motions), as the source has it, for small packings and comparison. A pseudoinverse alone
-        gives 0 for infinitely soft strains too: its zero modes are searched for strains, which get inf.
+        dense B (`change_of_basis`; of shapes all motions), as the source has it, for small packings and comparison. A
+        pseudoinverse alone gives 0 for infinitely soft strains too: its zero modes are searched for strains, which get
+        inf.
     memory_limit
         Largest memory of the pseudoinverse [bytes].
 

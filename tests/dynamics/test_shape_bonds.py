@@ -56,3 +56,26 @@ def test_tangential_springs_between_ellipses_are_refused_with_the_way_out():
         ValueError, match=r"tangential_stiffness=0.0 and tangential_damping=0.0 for Spheroids, .* got 1"
     ):
         pm.simulate(bonded(tangential_stiffness=1.0), steps=1, dt=0.01)
+
+
+def test_bonds_of_touching_ellipses_are_slack_at_the_distance_of_their_touch():
+    packing = bonded().packing
+    contacts = pm.find_shape_contacts(packing)
+    bonds = pm.bond_contacts(packing, tangential_stiffness=0.0)
+    distance = np.linalg.norm(contacts.vector_cd[0])
+    assert bonds.rest_length_b == pytest.approx([distance / (contacts.distance_c[0] / contacts.contact_distance_c[0])])
+    # apart by just that they touch in a point
+    moved = packing.position_nd.copy()
+    moved[1] = moved[0] + contacts.vector_cd[0] * float(bonds.rest_length_b[0]) / distance
+    near = pm.find_shape_contacts(packing.replace(position_nd=moved), gap_tolerance=1e-9)
+    assert near.gap_c == pytest.approx([0.0], abs=1e-12)
+    assert pm.bond_contacts(packing, rest="distance").rest_length_b == pytest.approx([distance])
+
+
+def test_rigid_bodies_that_touch_twice_get_one_bond():
+    square = pm.Packing([[0, 0], [1, 0], [0, 0.95], [1, 0.95]], [0.5] * 4, pm.Box.cubic(6.0, 2))
+    bodies = pm.rigid_packing(square, [0, 0, 1, 1])
+    assert len(pm.find_shape_contacts(bodies)) == 2
+    assert pm.bond_contacts(bodies, rest="distance").rest_length_b.round(12).tolist() == [0.95]
+    with pytest.raises(ValueError, match='rest must be "distance" for rigid bodies'):
+        pm.bond_contacts(bodies)

@@ -220,7 +220,8 @@ def test_an_ellipse_on_a_floor_bounces_and_rocks_at_the_frequencies_of_its_shape
     modes = pm.normal_modes(scene, rattlers="keep")
     rocking = 0.01 * height * (a**2 - b**2) / b**2 / ((a**2 + b**2) / 4.0)
     bouncing = 4.0 * 50.0 * (0.5 / b) ** 2 / (math.pi * 0.25)
-    assert np.sort(modes.eigenvalue_m) == pytest.approx([0.0, rocking, bouncing], rel=1e-12, abs=1e-12)
+    # gliding along the floor costs nothing and is none of the modes
+    assert modes.eigenvalue_m == pytest.approx([rocking, bouncing], rel=1e-9)
 
 
 def test_what_is_held_neither_moves_nor_turns_at_rest():

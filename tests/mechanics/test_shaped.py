@@ -208,3 +208,29 @@ def test_discs_written_as_round_ellipses_are_as_compliant_as_discs():
     for method in ("sparse", "pseudoinverse"):
         one, other = (pm.compliance_matrix(each, method=method) for each in (scene, round_ones))
         assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
+
+
+@pytest.mark.parametrize(
+    ("dimension", "shapes"),
+    [(2, pm.Ellipses(aspect=1.5)), (3, pm.Ellipses(aspect=0.7)), (3, pm.Trimer())],
+    ids=["ellipses", "spheroids", "trimers"],
+)
+def test_the_rigidity_matrix_makes_net_forces_torques_and_the_unstressed_hessian(dimension, shapes):
+    packing = pm.random_packing(9, dimension=dimension, packing_fraction=0.7, shapes=shapes, seed=3)
+    scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring(2.0)),))
+    contacts = pm.find_shape_contacts(packing)
+    matrix = pm.rigidity_matrix(packing)
+    push = 2.0 * (contacts.contact_distance_c - contacts.distance_c)
+    gained = matrix.T @ push
+    turn = packing.shapes.turn_basis(packing.radius_n)
+    torque = np.einsum("nkt,nt->nk", turn, pm.torques(scene).reshape(9, -1))
+    net = np.hstack([pm.forces(scene), torque]).ravel()
+    np.testing.assert_allclose(gained[: net.size], net, rtol=0, atol=1e-12)
+    # columns of strains: minus V times the stress, its symmetric part
+    stress = pm.stress_tensor(scene)
+    assert gained[net.size :][:dimension] == pytest.approx(-packing.box.volume * np.diag(stress), rel=1e-12)
+    full = pm.hessian(scene, kind="unstressed", strain_scale=1.0).toarray()
+    np.testing.assert_allclose(2.0 * (matrix.T @ matrix).toarray(), full, rtol=0, atol=1e-10)
+    assert pm.rigidity_matrix(packing, contacts=contacts, strain="none").shape == (len(contacts), net.size)
+    with pytest.raises(TypeError, match="ShapeContacts for a packing with shapes, got Contacts"):
+        pm.rigidity_matrix(packing, contacts=pm.find_contacts(packing.replace(shapes=None)))
