@@ -208,7 +208,7 @@ def slope_rows(contacts: ShapeContacts, turn_nkt: NDArray[np.float64], free_f: N
 def shape_strain_columns(contacts: ShapeContacts) -> NDArray[np.float64]:
     """Return the (C, s) derivatives of the distances with respect to the Mandel strains, which turn nobody [length]."""
     d = contacts.dimension
-    return np.einsum("mab,ca,cb->cm", mandel_basis(d), contacts.slope_cx[:, :d], contacts.vector_cd)
+    return np.asarray(np.einsum("mab,ca,cb->cm", mandel_basis(d), contacts.slope_cx[:, :d], contacts.vector_cd))
 
 
 def turning(turn_nkt: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -253,13 +253,6 @@ def test_forces_of_many_are_the_static_ones(d, threads):
     assert np.abs(run.spin_nk * inertia[:, None] / dt - torque).max() < 1e-12 * np.abs(torque).max()
 
 
-@pytest.mark.parametrize("effect", [pm.Gravity(), pm.Walls(1, 0.0, 9.0), pm.FixedParticles((1,))])
-def test_effects_that_know_discs_only_are_refused(effect):
-    scene = pm.Scene(pair(2), (*REPULSION, effect))
-    with pytest.raises(ValueError, match=f"must hold no {type(effect).__name__} for Spheroids"):
-        pm.simulate(scene, steps=1, dt=0.01)
-
-
 def test_what_is_not_stepped_is_refused_by_name():
     bodies = pm.random_packing(4, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Dimer())
     with pytest.raises(ValueError, match="to be stepped through time, got Beads"):
