@@ -440,13 +440,14 @@ class QuenchBatch:
         finally:
             for other in others:
                 other.result()
-        for b in index_k[(self._figure_bk[index_k, kernels.OUTSIDE] > 0.0) | self._far_turned(index_k)]:
+        stale_k = self._figure_bk[index_k, kernels.OUTSIDE] > 0.0
+        if self._turns_in_space:
+            stale_k |= self._far_turned(index_k)
+        for b in index_k[stale_k]:
             self._wrap(int(b))
 
     def _far_turned(self, index_k: Any) -> NDArray[np.bool_]:
         """Return which packings hold rigid bodies in space that turned so far that rotation vectors should restart."""
-        if not self._turns_in_space:
-            return np.zeros(len(index_k), dtype=np.bool_)
         return np.array([self._largest_turn(self._programs[b]) > _FAR_TURNED for b in index_k])
 
     def _largest_turn(self, program: Program) -> float:
