@@ -91,8 +91,8 @@ class Honors:
         Whether it looks at particles at rest, where damping and drag do nothing.
     packing_only
         Whether it takes a packing, which has no effects.
-    rough
-        The call that does the same with friction, where there is one.
+    rough, shaped
+        The call that does the same with friction, and with shapes, where there is one.
 
     """
 
@@ -101,10 +101,11 @@ class Honors:
     at_rest: bool = False
     packing_only: bool = False
     rough: str = ""
+    shaped: str = ""
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
-        return self.rough if self.rough and column == "friction" else INSTEAD[column]
+        return {"friction": self.rough, "shapes": self.shaped}.get(column) or INSTEAD[column]
 
     def answer(self, column: str) -> str:
         """Return what stands in this column of the table."""
@@ -143,7 +144,8 @@ class Honors:
         if shapes is not None and self.answer("shapes") == REFUSED:
             raise ValueError(
                 f"{where} must be of discs or spheres for pm.{self.call}, which knows no other shapes, got "
-                f"{type(shapes).__name__}: leave them out with packing.replace(shapes=None), or use {INSTEAD['shapes']}"
+                f"{type(shapes).__name__}: leave them out with packing.replace(shapes=None), or use "
+                f"{self.instead('shapes')}"
             )
         if links is not None and self.answer("links") == REFUSED:
             raise ValueError(
@@ -156,7 +158,9 @@ class Honors:
 CALLS: dict[str, Honors] = {}
 
 
-def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = "") -> Honors:
+def declare(
+    call: str, columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = "", shaped: str = ""
+) -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
     Parameters
@@ -165,7 +169,7 @@ def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: boo
         The public name.
     columns
         Names of `COLUMNS` that it honors, with spaces between.
-    at_rest, packing_only, rough
+    at_rest, packing_only, rough, shaped
         As in `Honors`.
 
     """
@@ -173,12 +177,12 @@ def declare(call: str, columns: str, *, at_rest: bool = False, packing_only: boo
     unknown = [one for one in named if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(call, named, at_rest, packing_only, rough)
+    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped)
     return CALLS[call]
 
 
 def honors(
-    columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = ""
+    columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = "", shaped: str = ""
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
@@ -186,7 +190,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough
+    columns, at_rest, packing_only, rough, shaped
         As in `declare`.
 
     """
@@ -195,7 +199,9 @@ def honors(
         names = list(inspect.signature(function).parameters)
         place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
         name = names[place]
-        declared = declare(function.__name__, columns, at_rest=at_rest, packing_only=packing_only, rough=rough)
+        declared = declare(
+            function.__name__, columns, at_rest=at_rest, packing_only=packing_only, rough=rough, shaped=shaped
+        )
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:

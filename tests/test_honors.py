@@ -260,6 +260,43 @@ def test_effects_on_single_particles_change_every_call_at_rest_that_honors_them(
         assert differs is not (call in unchanged), call
 
 
+@pytest.mark.parametrize("column", ["gravity", "walls", "held"])
+def test_effects_on_single_particles_change_what_calls_say_of_shapes(column):
+    """Quenches of shapes on floors are in tests/effects/test_shapes_on_walls.py, which compiles as many loops."""
+    lattice = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.08)
+    n = lattice.particles
+    angle = 0.3 + 0.1 * np.arange(n)
+    shapes = pm.Spheroids(np.full(n, 1.1), np.column_stack([np.cos(angle), np.sin(angle)]))
+    packing = lattice.replace(position_nd=lattice.position_nd + 1e-3 * np.cos(np.arange(2.0 * n)).reshape(n, 2))
+    packing = packing.replace(shapes=shapes)
+    floor = pm.Walls(1, float(packing.position_nd[:, 1].min()) - 0.3, 99.0)
+    acting, silent = {
+        "gravity": ((floor, pm.Gravity(0.0, -0.01)), (floor, pm.Gravity(0.0, 0.0))),
+        "walls": ((floor,), (pm.Walls(1, -99.0, 99.0),)),
+        "held": ((pm.FixedParticles((3,)),), (pm.FixedParticles(()),)),
+    }[column]
+    calls = IN_A_FIXED_BOX | {
+        "perturbation_energy": lambda scene: pm.perturbation_energy(scene, np.ones((n, 3))),
+    }
+    honoring = [
+        name
+        for name in calls
+        if CALLS[name].answer(column) == CALLS[name].answer("shapes") == HONORED and name != "quench"
+    ]
+    assert {"energy", "forces", "torques", "hessian", "normal_modes"} <= set(honoring)
+    unchanged = {"stress_tensor", "pressure"} | {
+        "gravity": {"hessian", "dynamical_matrix", "perturbation_energy", "wall_contacts", "torques"},
+        "walls": set(),
+        "held": {"energy", "wall_contacts"},
+    }[column]
+    for call in honoring:
+        one, other = (
+            np.asarray(calls[call](pm.Scene(packing, (pm.Repulsion(), *given)))) for given in (acting, silent)
+        )
+        differs = one.shape != other.shape or np.abs(one - other).max(initial=0.0) > 1e-9
+        assert differs is not (call in unchanged), call
+
+
 def test_what_is_said_to_be_used_instead_honors_what_was_refused():
     for column, words in INSTEAD.items():
         for call in words.replace("pm.", "").split(" or "):

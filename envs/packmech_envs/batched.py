@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.drawing import METADATA
+from packmech_envs.drawing import METADATA, contacts_of
 from packmech_envs.episodes import Actions, Episodes, Infos
 from packmech_envs.quench import QuenchEpisodes, QuenchTask
 from packmech_envs.shear import ShearEpisodes, ShearTask
@@ -101,7 +101,7 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
         """
         return self._episodes.packing(index)
 
-    def contacts(self, index: int) -> pm.Contacts:
+    def contacts(self, index: int) -> pm.Contacts | pm.ShapeContacts:
         """Return the contacts of one packing now.
 
         Parameters
@@ -110,7 +110,7 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
             Which one.
 
         """
-        return pm.find_contacts(self.packing(index))
+        return contacts_of(self.packing(index))
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -10,9 +10,28 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["METADATA", "Screen", "Window"]
+import packmech as pm
+
+__all__ = ["METADATA", "Screen", "Window", "contacts_of"]
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 30}
+
+
+def contacts_of(packing: pm.Packing) -> pm.Contacts | pm.ShapeContacts:
+    """Return the touching pairs of a packing, of discs and spheres or of other shapes.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+
+    Examples
+    --------
+    >>> len(contacts_of(pm.lattice_packing("triangular", repeats=(2, 2))))
+    12
+
+    """
+    return pm.find_contacts(packing) if packing.shapes is None else pm.find_shape_contacts(packing)
 
 
 class Screen:

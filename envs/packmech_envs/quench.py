@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import packmech as pm
 from packmech_envs.episodes import Infos
 from packmech_envs.tasks import BONDS, boolean, budget, one_of, positive, quenchable, real, scene_of
+from packmech_envs.turned import Turned
 
 __all__ = ["TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 
@@ -130,6 +131,8 @@ class QuenchTask:
         "collective" or "strict": which verdict ends an episode.
     shear_modulus
         Whether it is observed.
+    orientations
+        Whether each particle's direction is observed, beside the order tensor of all; for shapes only.
     step_budget, evaluation_budget
         Steps and force evaluations of an episode; None: no end.
     reward
@@ -161,6 +164,7 @@ class QuenchTask:
     largest_pressure: float | None = None
     verdict: str = "collective"
     shear_modulus: bool = False
+    orientations: bool = False
     step_budget: int | None = 40
     evaluation_budget: int | None = 50_000
     reward: QuenchReward = QuenchReward()
@@ -170,6 +174,7 @@ class QuenchTask:
         one_of("start", self.start, ("random", "scene"))
         one_of("verdict", self.verdict, ("collective", "strict"))
         boolean("shear_modulus", self.shear_modulus)
+        boolean("orientations", self.orientations)
         for name in ("largest_change", "largest_strain", "largest_pressure", "smallest_change"):
             if getattr(self, name) is not None or name in ("largest_change", "largest_strain"):
                 positive(name, getattr(self, name))
@@ -251,6 +256,9 @@ class QuenchEpisodes:
         if task.shear_modulus:
             names.append("shear_modulus")
             bounds.append((-_LARGEST_STRESS, _LARGEST_STRESS))
+        self._turned = Turned(packing.shapes, task.orientations)
+        names += self._turned.names
+        bounds += self._turned.bounds
         self.observation_names = tuple(names)
         self.action_names: tuple[str, ...] = ("packing_fraction_change", "shear_strain")
         self._low_k, self._high_k = np.array(bounds).T.copy()
@@ -371,7 +379,7 @@ class QuenchEpisodes:
         """Set which of these packings are jammed: by cheap figures first, then by the verdict."""
         batch = self.batch
         maybe = (pressure_b > 0.0) & (pressure_b <= self.largest_pressure) & batch.relaxed_b
-        if self._scene.packing.links is None:
+        if self._scene.packing.plain:
             maybe &= batch.excess_contacts_b >= 0
         self.terminated_b[index] = False
         for b in index[maybe[index]]:
@@ -396,11 +404,16 @@ class QuenchEpisodes:
             *[stress[:, a, b] for a, b in self._components],
         ]
         if self.task.shear_modulus:
-            modulus = self.observation_bk[:, -1].copy()
+            modulus = self.observation_bk[:, len(columns)].copy()
             for b in index:
                 modulus[b] = self._shear_modulus(int(b), pressure_b)
             columns.append(modulus)
         observation = np.stack(columns, axis=1)
+        if self._turned.names:
+            turned = np.zeros((len(self), len(self._turned.names)))
+            for b in index:
+                turned[b] = self._turned.row(batch.packing(int(b)).shapes)
+            observation = np.hstack([observation, turned])
         # the logarithm of zero, or of a negative number, is the lower bound
         observation = np.where(np.isnan(observation), self._low_k, np.clip(observation, self._low_k, self._high_k))
         self.observation_bk[index] = observation[index]
@@ -408,7 +421,7 @@ class QuenchEpisodes:
     def _shear_modulus(self, b: int, pressure_b: NDArray[np.float64]) -> float:
         """Return the relaxed shear modulus [energy_scale / reference_diameter^d]; 0 where nothing is rigid."""
         batch, scene = self.batch, self._scene
-        rigid = scene.packing.links is not None or batch.excess_contacts_b[b] >= 0
+        rigid = not scene.packing.plain or batch.excess_contacts_b[b] >= 0
         if not (pressure_b[b] > 0.0 and batch.relaxed_b[b] and rigid):
             return 0.0
         moduli = pm.elastic_moduli(scene.replace(packing=batch.packing(b)))

@@ -116,10 +116,13 @@ class EpisodeRecorder:
         self.recorded = scene
 
     def _same_particles(self) -> bool:
-        """Whether the packing has the particles and links of the one being recorded."""
+        """Whether the packing has the particles, shapes and links of the one being recorded."""
         recorded, now = self.recorded.packing, self.packing()
         if not np.array_equal(recorded.radius_n, now.radius_n) or recorded.dimension != now.dimension:
             return False
+        if recorded.shapes is not None or now.shapes is not None:
+            turned = type(recorded.shapes) is type(now.shapes)
+            return turned and recorded.shapes.oriented(now.shapes.orientation_nq) == now.shapes
         if recorded.links is None or now.links is None:
             return recorded.links is now.links
         pairs = ((recorded.links.i_l, now.links.i_l), (recorded.links.j_l, now.links.j_l))

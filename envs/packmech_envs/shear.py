@@ -16,6 +16,7 @@ from packmech_envs import shear_goals as goals
 from packmech_envs.episodes import Infos
 from packmech_envs.shear_goals import GOING, REASONS, Goal, goal_of, score_frames
 from packmech_envs.tasks import LINKS, boolean, budget, count, one_of, positive, scene_of, shearable
+from packmech_envs.turned import Turned
 
 __all__ = ["ShearEpisodes", "ShearTask"]
 
@@ -63,6 +64,8 @@ class ShearTask:
     links, link_stiffness
         What becomes of rigid links: "refuse", or "bonds": each a permanent bond of this stiffness (ten times
         energy_scale / reference_diameter^2 unless given).
+    orientations
+        Whether each particle's director is observed, beside the order tensor of all; for shapes only.
     budget
         Frames of an episode; None: no end.
     units
@@ -94,6 +97,7 @@ class ShearTask:
     relax: bool = True
     links: str = "refuse"
     link_stiffness: float | None = None
+    orientations: bool = False
     budget: int | None = 200
     units: str = "scene"
 
@@ -110,6 +114,7 @@ class ShearTask:
         one_of("links", self.links, LINKS)
         if self.link_stiffness is not None:
             positive("link_stiffness", self.link_stiffness)
+        boolean("orientations", self.orientations)
         budget("budget", self.budget)
         one_of("units", self.units, UNITS)
 
@@ -231,7 +236,9 @@ class ShearEpisodes:
         self.action_names = (*asked, *extras)
         self.action_space = gym.spaces.Box(np.array(low), np.array(high), dtype=np.float64)
         figures = self._figures()
-        self.observation_names = (*figures, *self.goal.observed)
+        scored = (*figures, *self.goal.observed)
+        self._turned = Turned(first.packing.shapes, task.orientations)
+        self.observation_names = (*scored, *self._turned.names)
         self.info_names = (*_INFOS, *self.goal.terms, *self.goal.infos)
         self.observation_space = self._space()
         self._memory_bk = np.zeros((count, goals.MEMORY))
@@ -255,7 +262,7 @@ class ShearEpisodes:
             self.batch.figure_bk,
             np.zeros_like(self.batch.figure_bk),
             self._memory_bk,
-            self.observation_bk,
+            self.observation_bk[:, : len(scored)],
             self._info_bk,
             self.reward_b,
             self.reason_b,
@@ -283,12 +290,14 @@ class ShearEpisodes:
         unit = {"energy": scene.energy_scale, "stress": scene.pressure_unit, "rate": fastest, "contacts": freedom}
         if self.task.units == "scene":
             unit = dict.fromkeys(unit, 1.0)
-        return np.array([1.0 / unit.get(_kind(name), 1.0) for name in self.observation_names])
+        return np.array([1.0 / unit.get(_kind(name), 1.0) for name in (*self._figures(), *self.goal.observed)])
 
     def _space(self) -> gym.spaces.Box[np.float64]:
         low = [0.0 if name in ("kinetic_energy", "contacts", "sliding_fraction") else -np.inf
                for name in self.observation_names]  # fmt: skip
         high = [1.0 if name == "sliding_fraction" else np.inf for name in self.observation_names]
+        for k, (lowest, highest) in enumerate(self._turned.bounds, len(low) - len(self._turned.names)):
+            low[k], high[k] = lowest, highest
         return gym.spaces.Box(np.array(low), np.array(high), dtype=np.float64)
 
     # episodes
@@ -320,11 +329,23 @@ class ShearEpisodes:
             self.goal.draw(rng, self._memory_bk[b], self._first.pressure_unit)
             started_b[b] = True
         score_frames(True, started_b, self._all_b, *self._scored)
+        self._observe_turns(started_b)
 
     def advance(self, action_bk: NDArray[np.float64], active_b: NDArray[np.bool_] | None = None) -> None:
         """Advance the active packings by a frame and score it; None: all of them."""
         good_b = self.batch.advance(action_bk, active_b)
-        score_frames(False, self._all_b if active_b is None else active_b, good_b, *self._scored)
+        stepped_b = self._all_b if active_b is None else active_b
+        score_frames(False, stepped_b, good_b, *self._scored)
+        self._observe_turns(stepped_b)
+
+    def _observe_turns(self, which_b: NDArray[np.bool_]) -> None:
+        """Write how particles are turned into the observations of these packings; nothing for discs and spheres."""
+        if not self._turned.names:
+            return
+        place = self.observation_bk.shape[1] - len(self._turned.names)
+        for b in np.flatnonzero(which_b).tolist():
+            shapes = self.batch.scenes[b].packing.shapes.oriented(self.batch.orientations(b))
+            self.observation_bk[b, place:] = self._turned.row(shapes)
 
     @property
     def terminated_b(self) -> NDArray[np.bool_]:

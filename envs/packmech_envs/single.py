@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.drawing import METADATA, Screen
+from packmech_envs.drawing import METADATA, Screen, contacts_of
 from packmech_envs.episodes import Actions, Episodes
 from packmech_envs.quench import QuenchEpisodes, QuenchTask
 from packmech_envs.shear import ShearEpisodes, ShearTask
@@ -66,9 +66,9 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
         """The packing as it is now."""
         return self._episodes.packing(0)
 
-    def contacts(self) -> pm.Contacts:
+    def contacts(self) -> pm.Contacts | pm.ShapeContacts:
         """Return the contacts now, pairs that a bond joins among them."""
-        return pm.find_contacts(self.packing)
+        return contacts_of(self.packing)
 
     def _checked(self, action: Any) -> NDArray[np.float64]:
         """Return a (1, K) action inside the space, if a step may be taken."""
@@ -118,6 +118,11 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
     (_xx, _yy, _zz, _yz, _xz, _xy in space)
     shear_modulus             relaxed; by option, as it costs a factorization; 0 where     pressure unit, -1e4 to 1e4
                               nothing is rigid
+    order_xx, _xy             of shapes: the order tensor of their axes, without trace;    1, -1 to 1
+                              see `packmech_envs.turned.order_tensor`
+    (_xx, _yy, _yz, _xz, _xy in space)
+    director_0_x, ...         of shapes, with `orientations`: how each particle is         1, -1 to 1
+                              turned, see `packmech_envs.turned.Turned`
     ========================  ===========================================================  =========================
 
     d is the reference diameter and energy_scale / d^dimension the pressure unit.
@@ -129,19 +134,20 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
     force_evaluations (of the step), relaxed, jammed, and the reward's terms.
 
     **Start**: particles at independent uniform positions, or clusters of linked ones placed and rotated at random
-    without deep overlaps, at a packing fraction drawn from `start_packing_fraction`, all from the environment's own
-    generator; with relax="full" relaxed. Nothing of an episode survives a reset. A copy, pickled or not, is made again
-    from the same arguments and must be reset.
+    without deep overlaps, shapes turned at random, at a packing fraction drawn from `start_packing_fraction`, all from
+    the environment's own generator; with relax="full" relaxed. Nothing of an episode survives a reset. A copy, pickled
+    or not, is made again from the same arguments and must be reset.
 
     **End**: terminated when jammed and verified: relaxed, with a pressure above zero and up to `largest_pressure`,
-    contacts enough by counting, and then `pm.classify_jamming` of the scene. Truncated after `step_budget` steps or
-    `evaluation_budget` force evaluations.
+    contacts enough by counting (which says nothing of shapes), and then `pm.classify_jamming` of the scene. Truncated
+    after `step_budget` steps or `evaluation_budget` force evaluations.
 
     Parameters
     ----------
     scene
         A shipped scene by name (`pm.list_scenes()`), a scene file, or a pm.Scene; None: 32 bidisperse harmonic discs.
         Effects without an energy (friction, dashpots) have no part, as in pm.quench; gravity and walls are refused.
+        Particles may be ellipses, spheroids or rigid bodies (pm.Beads).
     task
         The options as a record, `QuenchTask`; None: the default one.
     render_mode
@@ -353,6 +359,10 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
     contacts          touching pairs that no bond joins                              1
     sliding_fraction  fraction of them at the Coulomb limit                          1
     ...               what the goal adds, see its class                              see there
+    order_xx, _xy     of shapes: the order tensor of their directors, without        1, -1 to 1
+                      trace (_xx, _yy, _yz, _xz, _xy in space), see
+                      `packmech_envs.turned.order_tensor`
+    director_0_x ...  of shapes, with `orientations`: each particle's director       1, -1 to 1
     ================  =============================================================  ===============
 
     **Reward**: the sum of the goal's terms, each of which is in info under its name.
@@ -372,6 +382,7 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
     ----------
     scene
         A shipped scene by name (`pm.list_scenes()`), a scene file, or a pm.Scene; its effects are what is simulated.
+        Particles may be ellipses or spheroids.
     task
         The options as a record, `ShearTask`; None: the default one.
     render_mode

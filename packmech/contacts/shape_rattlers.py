@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
@@ -10,34 +12,48 @@ from packmech.contacts.friction_cones import BALANCED
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, slopes_of_ends
+from packmech.contacts.wall_touches import WallTouches
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
 
-def shape_rattlers(packing: Packing, contacts: ShapeContacts) -> NDArray[np.bool_]:
+def shape_rattlers(
+    packing: Packing,
+    contacts: ShapeContacts,
+    walls: Sequence[WallTouches] = (),
+    held_n: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
     """Return (N,) which particles are held by less than d + 1 contacts, or by none that can balance force and torque.
 
     Taken out one after the other with their contacts, until none is left. An ellipse on three contacts whose normals
     meet in one point is held: what turns it is resisted by their curvature and the forces, to higher order. Forces
     balance where no mean of what the contacts push with, each by a unit force, is smaller than 1e-6. Packings of discs
-    or spheres alone are judged as those.
+    or spheres alone are judged as those. What touches walls is held by them, too, and what is held never rattles.
     """
     shapes = packing.shapes
     assert shapes is not None
-    if not shapes.turns_n.any():
+    if not shapes.turns_n.any() and not walls and held_n is None:
         return rattlers_of(pair_contacts(packing, contacts.i_c, contacts.j_c, contacts.image_cd))
-    n = packing.particles
-    if not len(contacts):
-        return np.ones(n, dtype=bool)
+    n, d = packing.particles, packing.dimension
+    fixed = np.zeros(n, dtype=bool) if held_n is None else held_n
+    if not len(contacts) and not any(map(len, walls)):
+        return ~fixed
     turn = shapes.turn_basis(packing.radius_n)
     ends = slopes_of_ends(contacts, turn) / contacts.push_c[None, :, None]
-    owner = np.concatenate([contacts.i_c, contacts.j_c])
-    other = np.concatenate([contacts.j_c, contacts.i_c])
-    wrench = ends.reshape(2 * len(contacts), -1)
+    on_wall = [np.zeros((0, ends.shape[2]))]
+    for one in walls:
+        turned = np.einsum("wkt,wt->wk", turn[one.particle_w], one.slope_wx[:, d:])
+        size = np.sqrt((one.slope_wx[:, :d] ** 2).sum(axis=1, keepdims=True))
+        on_wall.append(np.hstack([one.slope_wx[:, :d], turned]) / size)
+    touching = np.concatenate([np.zeros(0, np.int64), *(one.particle_w for one in walls)])
+    owner = np.concatenate([contacts.i_c, contacts.j_c, touching])
+    # a wall is one more, which never rattles
+    other = np.concatenate([contacts.j_c, contacts.i_c, np.full(len(touching), n)])
+    wrench = np.concatenate([ends.reshape(2 * len(contacts), -1), *on_wall])
     order = np.argsort(owner, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=n))])
-    rattling = np.zeros(n, dtype=bool)
-    waiting = set(range(n))
+    rattling = np.zeros(n + 1, dtype=bool)
+    waiting = set(np.flatnonzero(~fixed).tolist())
     while waiting:
         k = min(waiting)
         waiting.discard(k)
@@ -46,8 +62,8 @@ def shape_rattlers(packing: Packing, contacts: ShapeContacts) -> NDArray[np.bool
         if rattling[k] or (len(mine) > packing.dimension and _balance(wrench[mine])):
             continue
         rattling[k] = True
-        waiting.update(int(m) for m in other[mine] if not rattling[m])
-    return rattling
+        waiting.update(int(m) for m in other[mine] if m < n and not (rattling[m] or fixed[m]))
+    return rattling[:n]
 
 
 def _balance(wrench_kq: NDArray[np.float64]) -> bool:

@@ -41,6 +41,7 @@ from packmech.dynamics.observables import (
     TIME,
     TORQUE,
     measure,
+    measure_into,
 )
 from packmech.dynamics.pair_lists import search
 from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, take_steps
@@ -52,6 +53,7 @@ from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
+from packmech.shapes import Beads
 
 # what a frame's strain is controlled by: the strain at its end, the rate, or the strain and the rate at its end
 END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
@@ -72,7 +74,8 @@ class Plan(NamedTuple):
     """What is the same for all packings of a batch, and one packing's counts, numbers, row of observables, and figures.
 
     axes is (0, 1) or (0, 1, 2); a and b are the axes of displacement and gradient. `switched`: the last number of what
-    that control a packing is its coefficient of friction. good_nk holds its rows at the end of the last good frame.
+    that control a packing is its coefficient of friction. good_nk holds its rows at the end of the last good frame, and
+    good_unit_nd the directors of its shapes; None for discs and spheres.
     """
 
     axes: Any
@@ -88,6 +91,57 @@ class Plan(NamedTuple):
     number_k: Any
     row: Any
     figure_k: Any
+    good_unit_nd: Any
+
+
+def measure_packing(
+    acting: Any, axes: Any, state: Any, links: Any, space: Any, pairs: Any, track: Any, time: Any, pace: Any, out: Any
+) -> None:
+    """Write the observables of the present time."""
+    raise NotImplementedError("frames are taken in compiled loops")
+
+
+@compiled_form(measure_packing)
+def _choose_measure(
+    acting: Any, axes: Any, state: Any, links: Any, space: Any, pairs: Any, track: Any, time: Any, pace: Any, out: Any
+) -> Any:
+    # what shapes need makes arrays
+    chosen = measure if isinstance(acting[3], types.NoneType) else measure_into
+    return lambda acting, axes, state, links, space, pairs, track, time, pace, out: chosen(
+        acting, axes, state, links, space, pairs, track, time, pace, out
+    )
+
+
+def keep_directors(shapes: Any, good_nd: Any) -> None:
+    """Keep the directors of shapes; nothing without."""
+    raise NotImplementedError("frames are taken in compiled loops")
+
+
+@compiled_form(keep_directors)
+def _choose_keep_directors(shapes: Any, good_nd: Any) -> Any:
+    if isinstance(shapes, types.NoneType):
+        return lambda shapes, good_nd: None
+
+    def keep(shapes, good_nd):
+        good_nd[:] = shapes.unit_nd
+
+    return keep
+
+
+def put_directors_back(shapes: Any, good_nd: Any) -> None:
+    """Put the directors of shapes back to those that were kept; nothing without."""
+    raise NotImplementedError("frames are taken in compiled loops")
+
+
+@compiled_form(put_directors_back)
+def _choose_put_directors_back(shapes: Any, good_nd: Any) -> Any:
+    if isinstance(shapes, types.NoneType):
+        return lambda shapes, good_nd: None
+
+    def put_back(shapes, good_nd):
+        shapes.unit_nd[:] = good_nd
+
+    return put_back
 
 
 def figure_names(dimension: int) -> tuple[str, ...]:
@@ -200,9 +254,10 @@ def _is_finite(row):
 
 
 @device
-def _put_back(state, plan, path):
-    """Put places, velocities, strain and time back to the end of the last frame that was finished."""
+def _put_back(acting, state, plan, path):
+    """Put places, turns, velocities, strain and time back to the end of the last frame that was finished."""
     good_nk, count_k, row = plan.good_nk, plan.count_k, plan.row
+    put_directors_back(acting.shapes, plan.good_unit_nd)
     for i in range(good_nk.shape[0]):
         for a in range(good_nk.shape[1]):
             state.body[i, a] = good_nk[i, a]
@@ -299,18 +354,19 @@ def _frame(batch, b, doing, control_k):
         half = 0.5 * dt
         pace = Pace(half, half) if plan.second_order else Pace(0.0, dt)
         fresh = np.empty(COLUMNS)
-        measure(acting, plan.axes, state, None, space, pairs, track, step * dt, pace, fresh)
+        measure_packing(acting, plan.axes, state, None, space, pairs, track, step * dt, pace, fresh)
         if _is_finite(fresh):
             row[:] = fresh
             _write_figures(plan)
             plan.good_nk[:] = state.body
+            keep_directors(acting.shapes, plan.good_unit_nd)
             count_k[GOOD] = step
         else:
             status = NOT_FINITE
     if changed:
         batch[b] = (acting, state, space, pairs, track, plan)
     if status != RUNNING:
-        _put_back(state, plan, path)
+        _put_back(acting, state, plan, path)
         count_k[STATUS] = status
         return status, False
     return status, outside
@@ -361,11 +417,21 @@ def scenes_of(scenes: Any) -> list[Scene]:
 
 
 def must_be_alike(name: str, scene: Any, first: Scene) -> None:
-    """Check that a scene has the dimension and kinds of effects of the first one of its batch, and nothing refused."""
+    """Check that a scene has the dimension and kinds of effects and shapes of the first one of its batch."""
     instance(name, scene, Scene)
     _HONORS.check(name, scene)
+    if isinstance(scene.packing.shapes, Beads):
+        raise ValueError(
+            f"{name}.packing must be of discs, spheres, ellipses or spheroids for pm.ShearBatch, got Beads: "
+            "pm.simulate and pm.oscillatory_shear step those"
+        )
     if scene.packing.dimension != first.packing.dimension:
         raise ValueError(f"{name} must have the dimension of the first scene, got {scene.packing.dimension}")
+    if type(scene.packing.shapes) is not type(first.packing.shapes):
+        raise ValueError(
+            f"{name}.packing must have shapes of the kind of the first scene's, "
+            f"{type(first.packing.shapes).__name__}, got {type(scene.packing.shapes).__name__}"
+        )
     if _kinds(scene.effects) != _kinds(first.effects):
         raise ValueError(f"{name} must have the kinds of effects of the first scene, got {scene.effects!r:.100}")
 
@@ -381,7 +447,7 @@ def _kinds(effects: Any) -> Any:
 CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
 
 
-_HONORS = declare("ShearBatch", "repulsion damping friction bonds gravity walls drag")
+_HONORS = declare("ShearBatch", "repulsion damping friction bonds gravity walls drag shapes")
 
 
 class ShearBatch:
@@ -394,7 +460,8 @@ class ShearBatch:
     Parameters
     ----------
     scenes
-        One scene for each packing, without rigid links. All must have the same kinds of effects and the same dimension.
+        One scene for each packing, without rigid links. All must have the same kinds of effects and shapes, and the
+        same dimension.
     control
         What sets the strain of a packing in a frame: "strain": the strain at its end, "rate": the strain rate; both are
         applied as equal strain increments in all steps of the frame. "strain_and_rate": both at its end, and the strain
@@ -498,6 +565,7 @@ class ShearBatch:
         self._all_b = np.ones(count, dtype=bool)
         self._none_bk = np.zeros((count, self.controls))
         self._good: list[NDArray[np.float64]] = [np.zeros((0, 8))] * count
+        self._good_unit: list[NDArray[np.float64] | None] = [None] * count
         # whole lattice vectors that particles were moved by, before more of them in the middle of a frame
         self._before: dict[int, NDArray[np.int64]] = {}
         self._engines: list[Engine] = []
@@ -548,6 +616,8 @@ class ShearBatch:
         )
         built.begin()
         self._good[b] = built.state.body.copy()
+        shapes = built.acting.shapes
+        self._good_unit[b] = None if shapes is None else shapes.unit_nd.copy()
         record = self._record(b, built)
         if self._batch is None:
             self._batch = new_batch(record, len(self.scenes))
@@ -558,7 +628,7 @@ class ShearBatch:
         self._count_bk[b, STATUS] = RUNNING
         self._good_b[b] = True
         self._number_bk[b] = 0.0
-        self._number_bk[b, REACH] = 2.0 * float(packing.radius_n.min())
+        self._number_bk[b, REACH] = 2.0 * float(built.state.body[:, 3].min())
         self._number_bk[b, VOLUME] = packing.box.volume
         self._number_bk[b, HEIGHT] = self._height(built)
         self._row_bk[b] = 0.0
@@ -568,7 +638,10 @@ class ShearBatch:
         return float(engine.space.frame.height_d[: len(self._plan[0])].min())
 
     def _record(self, b: int, engine: Engine) -> Any:
-        own = (self._good[b], self._count_bk[b], self._number_bk[b], self._row_bk[b], self.figure_bk[b])
+        own = (
+            self._good[b], self._count_bk[b], self._number_bk[b], self._row_bk[b], self.figure_bk[b],
+            self._good_unit[b],
+        )  # fmt: skip
         return (engine.acting, engine.state, engine.space, engine.pairs, engine.track, Plan(*self._plan, *own))
 
     def _observe(self, which_b: NDArray[np.bool_]) -> None:
@@ -676,6 +749,17 @@ class ShearBatch:
 
         """
         return self._engine(integer("index", index, at_least=0, at_most=len(self) - 1)).packing()
+
+    def orientations(self, index: int) -> NDArray[np.float64] | None:
+        """Return the (N, d) directors of one packing at the end of its last good frame; None of discs and spheres.
+
+        Parameters
+        ----------
+        index
+            Which one.
+
+        """
+        return self._engine(integer("index", index, at_least=0, at_most=len(self) - 1)).orientations()
 
     def velocities(self, index: int) -> NDArray[np.float64]:
         """Return the (N, d) peculiar velocities of one packing at the end of its last good frame [length/time].

@@ -52,7 +52,7 @@ from packmech.dynamics.shape_pairs import (
 )
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
-from packmech.effects import BackgroundDamping, Bonds, Friction, Walls, held_particles, held_velocity
+from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.kernels import RUNNING
@@ -646,14 +646,20 @@ def refuse_misfits(scene: Scene) -> None:
 
 
 def _refuse_shapes(scene: Scene) -> None:
-    """Refuse what would take shapes for discs or spheres."""
+    """Refuse tangential springs of bonds, and what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
     if shapes is None:
         return
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
-        alone = hasattr(type(one), "body_force") and not isinstance(one, BackgroundDamping)
-        if alone or hasattr(one, "particles") or isinstance(one, Bonds):
+        own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
+        if isinstance(one, Bonds) and len(one) and (one.tangential_stiffness or one.tangential_damping):
+            raise ValueError(
+                f"scene.effects[{k}] must have tangential_stiffness=0.0 and tangential_damping=0.0 for "
+                f"{type(shapes).__name__}, on whose centers bonds act, got {one.tangential_stiffness:g} and "
+                f"{one.tangential_damping:g}"
+            )
+        if own_walls:
             raise ValueError(
                 f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it "
                 f"would take for discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
@@ -734,6 +740,8 @@ def build_engine(
             weight[held[order]] = 0.0
     if fixed_n is not None:
         body[:, 4 : 4 + d][fixed_n[order]] = held_velocity(scene.effects, n, d)[order[fixed_n[order]]]
+        if shapes is not None:
+            body[fixed_n[order], 4 + d :] = 0.0
     small, change = packing.box.reduced()
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     flow = None

@@ -150,8 +150,8 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             stiff.append(turned * one.tangential_stiffness)
             damped += [one.damping, turned * one.tangential_damping]
         elif isinstance(one, Walls):
-            stiff += [0.5 * one.body_stiffness(0.5 * sigma) for sigma in sizes]
-            damped.append(one.damping)
+            stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma) for sigma in sizes]
+            damped.append(steep * one.damping)
         elif hasattr(type(one), "body_force"):
             center = np.zeros(3)
             center[: scene.packing.dimension] = scene.packing.box.lattice_dd.sum(axis=1) / 2.0

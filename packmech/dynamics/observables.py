@@ -15,8 +15,8 @@ from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_first, bond_vector
 from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, turning, with_flow
 from packmech.dynamics.friction import Contact, along_contact, measure_spring, slip_in_space, stretch_now
-from packmech.dynamics.shape_pairs import measure_shapes, spinning_shapes
-from packmech.effects import body_energy, law_energy, pair_elastic, pair_energy, pair_first, spin_drag
+from packmech.dynamics.shape_pairs import energy_of_row, measure_shapes, spinning_shapes
+from packmech.effects import law_energy, pair_elastic, pair_energy, pair_first, spin_drag
 from packmech.jit.compiled import device, inlined, lean
 
 # columns of a row of observables
@@ -71,13 +71,13 @@ def write(out, place, sums):
 
 
 @device
-def energy_of_bodies(bodies, body, mass_n):
+def energy_of_bodies(shapes, bodies, body, mass_n):
     """Return the energy of single particles under what acts on them."""
     energy = 0.0
     if bodies is not None:
         for i in range(body.shape[0]):
             for one in literal_unroll(bodies):
-                energy += body_energy(one, body[i, 0], body[i, 1], body[i, 2], mass_n[i], body[i, 3])
+                energy += energy_of_row(one, shapes, body, i, mass_n[i])
     return energy
 
 
@@ -356,7 +356,7 @@ def measure_into(acting, axes, state, links, space, pairs, track, time, pace, ou
     stretch_pk = None if track is None else track.inner_pk
     measure_pairs(acting.shapes, acting.pairs, acting.friction, flowing, axes, body, pairs, stretch_pk, pace, out)
     measure_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
-    out[POTENTIAL] += energy_of_bodies(acting.bodies, body, state.mass_n)
+    out[POTENTIAL] += energy_of_bodies(acting.shapes, acting.bodies, body, state.mass_n)
     measure_motion(axes, state, flowing, out)
     out[MOVING] += power_of_turning(acting.bodies, axes, state, flowing)
     spinning_shapes(acting.shapes, axes, state, ROTATIONAL, SPINNING, out)

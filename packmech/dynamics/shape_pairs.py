@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Ellipses and spheroids in a time step: their contacts, tangential springs, turns and observables.
+"""Ellipses and spheroids in a time step: their contacts, tangential springs, turns and observables; walls push them.
 
 Rigid bodies of beads have theirs in `rigid_bodies`; the type of what is given chooses.
 
@@ -18,6 +18,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from packmech.dynamics.deformation import relative
@@ -44,12 +45,15 @@ from packmech.dynamics.rigid_bodies import (
     push_of,
     rows_of_body_spins,
     slip_of_bodies,
+    spin_of_body,
     stretched_matter,
     turn_bodies,
 )
+from packmech.effects import body_energy, body_force
 from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.kernels import coincident_direction
 from packmech.minimize.shape_rows import BeadRows, ShapeRows, shape_rows, shape_touch
+from packmech.minimize.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
@@ -191,6 +195,67 @@ def _spheroid_dragged_to(shapes, i, wx, wy, wz):
     excess = excess_of_spin(shapes.along_n[i], shapes.across_n[i])
     about = -excess / (1.0 + excess) * (wx * x + wy * y + wz * z)
     return wx + about * x, wy + about * y, wz + about * z
+
+
+def push_on_row(one: Any, shapes: Any, axes: Any, body: Any, i: int, mass: float) -> Any:
+    """Return the force and the torque of one effect on a particle of a time step."""
+    raise NotImplementedError("particles are pushed in compiled loops")
+
+
+@compiled_form(push_on_row, inline=True)
+def _choose_push_on_row(one: Any, shapes: Any, axes: Any, body: Any, i: Any, mass: Any) -> Any:
+    if isinstance(shapes, types.NoneType):
+        return _push_on_disc
+    return _choose(shapes, _push_on_body, _push_on_spheroid)
+
+
+@inlined
+def _push_on_disc(one, shapes, axes, body, i, mass):
+    w = body[i, 6] if len(axes) == 3 else 0.0
+    x, y, z = body_force(one, body[i, 0], body[i, 1], body[i, 2], body[i, 4], body[i, 5], w, mass, body[i, 3])
+    return x, y, z, 0.0, 0.0, 0.0
+
+
+@inlined
+def _push_on_body(one, bodies, axes, body, i, mass):
+    return push_on_shape(one, bodies.beads, i, _motion(axes, body, i, spin_of_body(bodies, axes, body, i)), mass)
+
+
+@inlined
+def _push_on_spheroid(one, shapes, axes, body, i, mass):
+    # the angular momentum over the moment across the director, which differs from the spin along the director alone
+    spin = (body[i, 7], body[i, 8], body[i, 9]) if len(axes) == 3 else (0.0, 0.0, body[i, 6])
+    return push_on_shape(one, shapes, i, _motion(axes, body, i, spin), mass)
+
+
+@inlined
+def _motion(axes, body, i, spin):
+    w = body[i, 6] if len(axes) == 3 else 0.0
+    return Motion(body[i, 0], body[i, 1], body[i, 2], body[i, 4], body[i, 5], w, spin[0], spin[1], spin[2])
+
+
+def energy_of_row(one: Any, shapes: Any, body: Any, i: int, mass: float) -> float:
+    """Return the energy of a particle of a time step under one effect."""
+    raise NotImplementedError("particles are looked at in compiled loops")
+
+
+@compiled_form(energy_of_row)
+def _choose_energy_of_row(one: Any, shapes: Any, body: Any, i: Any, mass: Any) -> Any:
+    if isinstance(shapes, types.NoneType):
+        return lambda one, shapes, body, i, mass: body_energy(one, body[i, 0], body[i, 1], body[i, 2], mass, body[i, 3])
+    if not hasattr(getattr(one, "instance_class", type(one)), "body_energy"):
+        return lambda one, shapes, body, i, mass: 0.0
+    return _choose(shapes, _energy_of_body, _energy_of_spheroid)
+
+
+@inlined
+def _energy_of_body(one, bodies, body, i, mass):
+    return energy_of_shape(one, bodies.beads, i, body[i, 0], body[i, 1], body[i, 2], mass)[0]
+
+
+@inlined
+def _energy_of_spheroid(one, shapes, body, i, mass):
+    return energy_of_shape(one, shapes, i, body[i, 0], body[i, 1], body[i, 2], mass)[0]
 
 
 @inlined

@@ -15,10 +15,16 @@ from packmech.dynamics.contact_forces import contacts_of_block
 from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, rates, turning
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
-from packmech.dynamics.pair_lists import collect, deform_images, is_stale, largest_contact, update_lists
-from packmech.dynamics.shape_pairs import dragged_to, shapes_of_block, turn_shapes
+from packmech.dynamics.pair_lists import (
+    collect,
+    deform_images,
+    is_stale,
+    largest_contact,
+    update_lists,
+)
+from packmech.dynamics.shape_pairs import dragged_to, push_on_row, shapes_of_block, turn_shapes
 from packmech.dynamics.threads import broadcast, is_first, largest, share, wait
-from packmech.effects import body_force, spin_drag
+from packmech.effects import spin_drag
 from packmech.jit.compiled import device, inlined, lean
 from packmech.minimize.kernels import NOT_FINITE, RUNNING
 
@@ -259,14 +265,15 @@ def body_forces(shapes, bodies, axes, state, rates, low, high):
     for i in range(np.uint64(low), np.uint64(high)):
         fx = fy = fz = 0.0
         drag = 0.0
-        w = body[i, 6] if d == 3 else 0.0
+        tx = ty = tz = 0.0
         for one in literal_unroll(bodies):
-            x, y, z = body_force(
-                one, body[i, 0], body[i, 1], body[i, 2], body[i, 4], body[i, 5], w, state.mass_n[i], body[i, 3]
-            )
+            x, y, z, turn_x, turn_y, turn_z = push_on_row(one, shapes, axes, body, i, state.mass_n[i])
             fx += x
             fy += y
             fz += z
+            tx += turn_x
+            ty += turn_y
+            tz += turn_z
             drag += spin_drag(one)
         push[i, 0] = fx
         push[i, 1] = fy
@@ -275,12 +282,12 @@ def body_forces(shapes, bodies, axes, state, rates, low, high):
         if push.shape[1] > d:
             slow = -drag / weight[i, 1] if weight[i, 1] > 0.0 else 0.0
             if d == 2:
-                push[i, 2] = slow * (body[i, 6] - wz)
+                push[i, 2] = slow * (body[i, 6] - wz) + tz
             else:
                 ox, oy, oz = dragged_to(shapes, axes, i, wx, wy, wz)
-                push[i, 3] = slow * (body[i, 7] - ox)
-                push[i, 4] = slow * (body[i, 8] - oy)
-                push[i, 5] = slow * (body[i, 9] - oz)
+                push[i, 3] = slow * (body[i, 7] - ox) + tx
+                push[i, 4] = slow * (body[i, 8] - oy) + ty
+                push[i, 5] = slow * (body[i, 9] - oz) + tz
 
 
 @inlined

@@ -50,14 +50,18 @@ from packmech.effects.pair import (
 )
 from packmech.effects.repulsion import Repulsion
 from packmech.effects.single import (
+    ShapedTerms,
     SingleTerms,
     acts_on_single,
     held_particles,
     held_velocity,
     needs_second,
     refuse_single,
+    refuse_unknown_to_shapes,
+    shaped_terms,
     single_effects,
     single_terms,
+    wall_sides,
 )
 
 __all__ = [
@@ -79,6 +83,7 @@ __all__ = [
     "PowerLaw",
     "Repulsion",
     "RepulsiveLennardJones",
+    "ShapedTerms",
     "SingleTerms",
     "Walls",
     "acts_on_single",
@@ -107,11 +112,14 @@ __all__ = [
     "pair_first",
     "pair_second",
     "refuse_single",
+    "refuse_unknown_to_shapes",
     "registered_effects",
     "registered_laws",
+    "shaped_terms",
     "single_effects",
     "single_terms",
     "spin_drag",
+    "wall_sides",
 ]
 
 

@@ -60,7 +60,10 @@ class Walls(NamedTuple):
     """Two smooth walls across an axis (0, 1 or 2), at `low` and `high`; particles touch them as they touch each other.
 
     The law's distance is twice that of a particle's center from the wall and its contact distance the diameter, as if
-    a mirror image came from behind. Walls stand still; the box must leave room for them.
+    a mirror image came from behind. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it
+    where the distance D of its center is smaller: the law's distance is 2 D r / h then, with the diameter 2 r, and a
+    wall turns it; of a rigid body every bead touches for itself. The dashpot sees the rate of that distance, twice the
+    speed of a disc. Walls stand still; the box must leave room for them.
     """
 
     axis: float = 1.0

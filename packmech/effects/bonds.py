@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from packmech.check import finite_array, instance, integer_array, one_of, positive_array, real
 from packmech.contacts import find_contacts
+from packmech.contacts.shape_contacts import find_shape_contacts
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.honors import honors
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 
 @bound_effect
@@ -23,7 +25,8 @@ class Bonds:
 
     A bonded pair is no contact: the bond's compression stands for its repulsion. These are the permanent links of the
     frictional model (section 5 of the corrected specification), not packmech's rigid links. `pm.bond_contacts` makes
-    them of the contacts of a packing.
+    them of the contacts of a packing. Bonds of ellipses and spheroids act on their centers, which they turn no more
+    than gravity does: those with tangential springs or dashpots are refused there.
 
     Parameters
     ----------
@@ -112,10 +115,25 @@ def _same(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other)) if isinstance(one, np.ndarray) else bool(one == other)
 
 
+def _between_shapes(
+    packing: Packing, rest: str, gap_tolerance: float | None
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return which particles with shapes touch through which images, each pair once, and the lengths of their bonds."""
+    if isinstance(packing.shapes, Beads) and rest == "contact":
+        raise ValueError('rest must be "distance" for rigid bodies, which may touch in several places, got "contact"')
+    found = find_shape_contacts(packing, gap_tolerance=gap_tolerance)
+    pairs = np.column_stack([found.i_c, found.j_c, found.image_cd])
+    first = np.sort(np.unique(pairs, axis=0, return_index=True)[1])
+    length = np.sqrt((found.vector_cd**2).sum(axis=1))
+    if rest == "contact":
+        length = length * (found.contact_distance_c / found.distance_c)
+    return found.i_c[first], found.j_c[first], found.image_cd[first], length[first]
+
+
 REST = ("contact", "distance")
 
 
-@honors("", packing_only=True)
+@honors("shapes", packing_only=True)
 def bond_contacts(
     packing: Packing,
     *,
@@ -139,7 +157,9 @@ def bond_contacts(
         As of `Bonds`.
     rest
         Lengths at which the normal springs are slack: "contact", the sums of the radii, so that bonds made in a
-        compressed packing push; "distance", the distances as they are, so that they do not.
+        compressed packing push; "distance", the distances as they are, so that they do not. Of ellipses and spheroids
+        the former are the distances of the centers at which they would just touch as they are turned; of rigid bodies
+        only the latter are defined, and bodies that touch in several places get one bond.
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts as touching.
 
@@ -158,12 +178,17 @@ def bond_contacts(
     """
     instance("packing", packing, Packing)
     one_of("rest", rest, REST)
-    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+    if packing.shapes is None:
+        contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
+        i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
+        length = contacts.contact_distance_c if rest == "contact" else contacts.distance_c
+    else:
+        i, j, image, length = _between_shapes(packing, rest, gap_tolerance)
     return Bonds(
-        contacts.i_c,
-        contacts.j_c,
-        contacts.image_cd,
-        contacts.contact_distance_c if rest == "contact" else contacts.distance_c,
+        i,
+        j,
+        image,
+        length,
         LinearSpring() if compression is None else compression,
         LinearSpring() if tension is None else tension,
         tangential_stiffness,

@@ -18,9 +18,10 @@ from packmech.effects.pair import bound_effect
 class FixedParticles:
     """Particles that stay where they are, whatever pushes them: rough walls and hoppers are made of them.
 
-    Nothing else distinguishes them: others touch them as they touch each other. What holds them takes up their net
-    force, so that `forces` is zero for them. With a velocity they are moved all the same way, whatever pushes them:
-    then nothing is at rest, and calls of what is at rest refuse them.
+    Ellipses, spheroids and rigid bodies keep their directions, too. Nothing else distinguishes them: others touch them
+    as they touch each other. What holds them takes up their net force, so that `forces` is zero for them. With a
+    velocity they are moved all the same way, whatever pushes them: then nothing is at rest, and calls of what is at
+    rest refuse them.
 
     Parameters
     ----------

@@ -8,8 +8,11 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.effects.body import body_energy, body_force, body_second
+from packmech.contacts.wall_touches import WallTouches, wall_touches
+from packmech.effects.body import Walls, body_energy, body_force, body_second
 from packmech.effects.held import FixedParticles
+from packmech.effects.pair import contact_terms
+from packmech.effects.repulsion import Repulsion
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
 
@@ -168,3 +171,88 @@ def single_terms(
         mass = np.ascontiguousarray(packing.mass_n, dtype=np.float64)
         _single_terms(acting, place, mass, packing.radius_n, energy, force, second)
     return SingleTerms(energy, force[:, :d], second[:, _PLACES[:d, :d]])
+
+
+class ShapedTerms(NamedTuple):
+    """Energies (N,) of particles with shapes under what acts on single ones, and their derivatives.
+
+    slope_nx (N, X) and second_nxx (N, X, X) are by positions and rotations, X = 3 in a plane and 6 in space;
+    stiffness_nxx is the part of the latter that is left where nothing presses.
+    """
+
+    energy_n: NDArray[np.float64]
+    slope_nx: NDArray[np.float64]
+    second_nxx: NDArray[np.float64]
+    stiffness_nxx: NDArray[np.float64]
+
+
+def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
+    """Refuse effects that would take shapes for discs or spheres.
+
+    Those are friction at rest, and walls of one's own; Walls themselves, potentials of the center, and particles that
+    are held are known, but for calls that know effects of pairs alone.
+
+    Parameters
+    ----------
+    scene
+        A scene whose packing has shapes.
+    single
+        Whether the call knows effects on single particles.
+
+    Raises
+    ------
+    ValueError
+        Naming the effect.
+
+    """
+    shapes = scene.packing.shapes
+    for k, one in enumerate(scene.effects):
+        kind = type(one)
+        alone = hasattr(kind, "body_energy") or hasattr(one, "particles")
+        own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
+        if hasattr(kind, "tangential_force") or own_walls or (alone and not single):
+            raise ValueError(
+                f"scene.effects must hold no {kind.__qualname__} for {type(shapes).__name__}, which it would take for "
+                f"discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind.__qualname__})"
+            )
+
+
+def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Walls, float, WallTouches]]:
+    """Return what touches each wall of a packing with shapes: place of the effect, effect, side (1 below), touches."""
+    place = None
+    found = []
+    for k, one in enumerate(effects):
+        if isinstance(one, Walls):
+            place = places_in_cell(packing) if place is None else place
+            axis = int(one.axis)
+            for side, height in ((1.0, place[:, axis] - one.low), (-1.0, one.high - place[:, axis])):
+                found.append((k, one, side, wall_touches(packing, height, axis, side)))
+    return found
+
+
+def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
+    """Return what effects on single particles make of a packing with shapes: walls turn them, all else does not.
+
+    Parameters
+    ----------
+    effects
+        The scene's effects.
+    packing
+        The packing.
+
+    """
+    n, d = packing.particles, packing.dimension
+    size = d + (1 if d == 2 else 3)
+    others = single_terms(tuple(one for one in effects if not isinstance(one, Walls)), packing)
+    energy, slope = others.energy_n.copy(), np.zeros((n, size))
+    second, stiffness = np.zeros((n, size, size)), np.zeros((n, size, size))
+    slope[:, :d] = -others.force_nd
+    second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
+    for _, wall, _, touches in wall_sides(effects, packing):
+        terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+        np.add.at(energy, touches.particle_w, terms.energy_c)
+        np.add.at(slope, touches.particle_w, terms.first_c[:, None] * touches.slope_wx)
+        steep = touches.slope_wx[:, :, None] * touches.slope_wx[:, None, :] * terms.second_c[:, None, None]
+        np.add.at(stiffness, touches.particle_w, steep)
+        np.add.at(second, touches.particle_w, steep + terms.first_c[:, None, None] * touches.curvature_wxx)
+    return ShapedTerms(energy, slope, second, stiffness)

@@ -140,7 +140,7 @@ def cluster_packing(
     return Packing(position.reshape(-1, dimension), radius_n, scaled, links, mass_n).wrapped()
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def scattered_packing(
     packing: Packing,
     *,
@@ -153,7 +153,7 @@ def scattered_packing(
 
     Clusters of linked particles keep their shape and are rotated at random. They are placed one by one where they
     overlap earlier ones little, so that their links do not cross; after every 50 positions tried a cluster may overlap
-    by 0.05 more.
+    by 0.05 more. Ellipses, spheroids and rigid bodies are turned in all directions alike.
 
     Parameters
     ----------
@@ -189,7 +189,11 @@ def scattered_packing(
     box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
     links = packing.links
     if links is None:
-        return packing.replace(position_nd=np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d))), box=box)
+        position = np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d)))
+        shapes = packing.shapes
+        if shapes is not None:
+            shapes = shapes.oriented(rng.standard_normal(shapes.orientation_nq.shape))
+        return packing.replace(position_nd=position, box=box, shapes=shapes)
     offset, winding = image_offsets(links, n)
     if winding.any():
         particle = int(np.argmax(winding))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import find_contacts
+from packmech.contacts.shape_contacts import find_shape_contacts
 from packmech.honors import honors
 from packmech.packing import Packing, masses_of_density
 
@@ -408,7 +410,7 @@ def tunneled_packing(
     return crystal_packing(tunneled(step_k), repeats, supercell, False, relative_overlap, diameter, density)
 
 
-@honors("", packing_only=True)
+@honors("shapes", packing_only=True)
 def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool = False) -> Packing:
     """Return a packing without so many of its particles, drawn at random.
 
@@ -447,7 +449,8 @@ def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool 
     if not apart:
         kept_n[order_n[:count]] = False
     else:
-        contacts = find_contacts(packing, gap_tolerance=_TOUCHING)
+        find: Any = find_contacts if packing.shapes is None else find_shape_contacts
+        contacts = find(packing, gap_tolerance=_TOUCHING)
         free_n = np.ones(packing.particles, dtype=bool)
         for k in order_n:
             if free_n[k] and np.count_nonzero(~kept_n) < count:

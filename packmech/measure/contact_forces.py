@@ -191,7 +191,7 @@ def _coefficient(scene: Scene) -> float:
     return 0.0 if friction is None else friction.coefficient
 
 
-@honors("repulsion friction gravity walls held", at_rest=True)
+@honors("repulsion friction gravity walls held", at_rest=True, shaped="pm.forces or pm.find_shape_contacts")
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 

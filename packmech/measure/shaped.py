@@ -1,4 +1,4 @@
-"""Energies, forces and torques of touching ellipses and spheroids: laws at the scaled distance."""
+"""Energies, forces and torques of particles with shapes: laws at the scaled distance, walls, potentials."""
 
 from __future__ import annotations
 
@@ -8,24 +8,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
-from packmech.effects import ContactTerms, contact_terms
+from packmech.effects import (
+    ContactTerms,
+    ShapedTerms,
+    acts_on_single,
+    contact_terms,
+    held_particles,
+    refuse_unknown_to_shapes,
+    shaped_terms,
+)
 from packmech.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeForces:
-    """Touching pairs of shapes, and the energies and derivatives of their laws."""
+    """Touching pairs of shapes, and the energies and derivatives of their laws.
+
+    With those of what acts on single particles, and who is held; None where neither is.
+    """
 
     contacts: ShapeContacts
     terms: ContactTerms
+    single: ShapedTerms | None = None
+    held_n: NDArray[np.bool_] | None = None
+
+    @property
+    def energy(self) -> float:
+        """The energy of all pairs, and of single particles."""
+        pairs = float(np.add.reduce(self.terms.energy_c))
+        return pairs if self.single is None else pairs + float(np.add.reduce(self.single.energy_n))
+
+    def _net(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the net forces and torques, none on what is held."""
+        d = self.contacts.dimension
+        force, torque = (-one for one in self.contacts.gather(self.terms.first_c))
+        if self.single is not None:
+            force = force - self.single.slope_nx[:, :d]
+            torque = torque - self.single.slope_nx[:, d:]
+        if self.held_n is not None:
+            force[self.held_n] = 0.0
+            torque[self.held_n] = 0.0
+        return force, torque
 
     def forces(self) -> NDArray[np.float64]:
         """Return the (N, d) net forces."""
-        return -self.contacts.gather(self.terms.first_c)[0]
+        return self._net()[0]
 
     def torques(self) -> NDArray[np.float64]:
         """Return the (N, 1) net torques in a plane, (N, 3) in space."""
-        return -self.contacts.gather(self.terms.first_c)[1]
+        return self._net()[1]
 
     def stress(self, volume: float) -> NDArray[np.float64]:
         """Return the (d, d) stress, tension positive, row = force component; symmetric only where torques balance."""
@@ -39,13 +70,22 @@ class ShapeForces:
         return np.asarray(np.abs(self.terms.first_c) * self.contacts.push_c)
 
     def balance(self, turn_nkt: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the largest net force, or torque over radius of gyration, and the mean contact force."""
-        if not len(self.contacts):
+        """Return the largest net force, or torque over radius of gyration, and the mean contact force.
+
+        Forces on single particles that are free count with those of contacts.
+        """
+        size = self.force_c
+        if self.single is not None:
+            pushed = np.sqrt((self.single.slope_nx[:, : self.contacts.dimension] ** 2).sum(axis=1))
+            if self.held_n is not None:
+                pushed = pushed[~self.held_n]
+            size = np.concatenate([size, pushed[pushed > 0.0]])
+        if not len(size):
             return 0.0, 0.0
-        force, torque = self.contacts.gather(self.terms.first_c)
+        force, torque = self._net()
         turning = np.einsum("nkt,nt->nk", turn_nkt, torque)
         largest = max(float((force**2).sum(axis=1).max()), float((turning**2).sum(axis=1).max()))
-        return float(np.sqrt(largest)), float(self.force_c.mean())
+        return float(np.sqrt(largest)), float(size.mean())
 
 
 def check_pairs_only(scene: Scene) -> None:
@@ -57,14 +97,7 @@ def check_pairs_only(scene: Scene) -> None:
         Naming the effect.
 
     """
-    shapes = scene.packing.shapes
-    for k, one in enumerate(scene.effects):
-        if any(hasattr(type(one), hook) for hook in ("body_energy", "tangential_force")) or hasattr(one, "particles"):
-            kind = type(one).__qualname__
-            raise ValueError(
-                f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it would take for discs or "
-                f"spheres, got it at {k}: leave it out with scene.without(pm.{kind})"
-            )
+    refuse_unknown_to_shapes(scene, single=False)
 
 
 def shape_forces(scene: Scene) -> ShapeForces:
@@ -73,10 +106,14 @@ def shape_forces(scene: Scene) -> ShapeForces:
     Raises
     ------
     ValueError
-        If an effect is none of pairs of particles and their distance, or two centers coincide.
+        If an effect would take shapes for discs or spheres, or two centers coincide.
 
     """
-    check_pairs_only(scene)
-    contacts = find_shape_contacts(scene.packing)
+    refuse_unknown_to_shapes(scene)
+    packing, effects = scene.packing, scene.effects
+    contacts = find_shape_contacts(packing)
     contacts = contacts.select(contacts.gap_c < 0.0)
-    return ShapeForces(contacts, contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c))
+    terms = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c)
+    if not acts_on_single(effects):
+        return ShapeForces(contacts, terms)
+    return ShapeForces(contacts, terms, shaped_terms(effects, packing), held_particles(effects, packing.particles))

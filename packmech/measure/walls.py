@@ -11,7 +11,16 @@ from packmech.check import instance
 from packmech.contacts import Contacts
 from packmech.contacts.friction_cones import FrictionCones
 from packmech.contacts.rattlers import rattling_bodies
-from packmech.effects import Walls, held_particles, single_effects, single_terms
+from packmech.effects import (
+    Repulsion,
+    Walls,
+    contact_terms,
+    held_particles,
+    refuse_unknown_to_shapes,
+    single_effects,
+    single_terms,
+    wall_sides,
+)
 from packmech.honors import honors
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -19,6 +28,8 @@ from packmech.scene import Scene
 
 class WallContacts(NamedTuple):
     """Contacts of particles with walls, sorted by effect, low wall before high one, and particle.
+
+    A rigid body has one for each bead that touches.
 
     Attributes
     ----------
@@ -50,6 +61,8 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     """Return the contacts of a packing with the walls among the effects; one that just touches counts as open."""
     found = [WallContacts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension)), np.zeros(0))]
     held = held_particles(effects, packing.particles)
+    if packing.shapes is not None:
+        return _of_shapes(effects, packing, held)
     for k, one in enumerate(effects):
         if not isinstance(one, Walls):
             continue
@@ -64,7 +77,23 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True)
+def _of_shapes(effects: tuple[Any, ...], packing: Packing, held_n: NDArray[np.bool_] | None) -> WallContacts:
+    """Return the contacts of ellipses, spheroids, or the beads of bodies with walls."""
+    d = packing.dimension
+    found = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, d)), np.zeros(0))]
+    for k, wall, side, touches in wall_sides(effects, packing):
+        terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+        force = -terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
+        kept = force != 0.0
+        if held_n is not None:
+            kept &= ~held_n[touches.particle_w]
+        normal = np.zeros((int(kept.sum()), d))
+        normal[:, int(wall.axis)] = -side * np.sign(force[kept])
+        found.append((touches.particle_w[kept], np.full(len(normal), k), normal, np.abs(force[kept])))
+    return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
 
@@ -88,6 +117,8 @@ def wall_contacts(scene: Scene) -> WallContacts:
 
     """
     instance("scene", scene, Scene)
+    if scene.packing.shapes is not None:
+        refuse_unknown_to_shapes(scene)
     return wall_contacts_of(scene.effects, scene.packing)
 
 

@@ -309,7 +309,7 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
     return matrix
 
 
-@honors("repulsion damping friction bonds drag")
+@honors("repulsion damping friction bonds drag", shaped="pm.oscillatory_shear")
 def complex_modulus(
     scene: Scene,
     frequency_f: ArrayLike,

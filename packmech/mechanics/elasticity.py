@@ -749,7 +749,7 @@ _ZERO = 1e-10
 _CARRIES = 1e-6
 
 
-@honors("repulsion links", at_rest=True, rough="pm.elastic_moduli")
+@honors("repulsion links shapes", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,
@@ -761,9 +761,9 @@ def compliance_matrix(
 ) -> NDArray[np.float64]:
     """Return the (s, s) compliance [length^d/energy] in Mandel components: the inverse of `Moduli.energy`.
 
-    Strains per imposed stress, box free, particles relaxed, links kept (equation 49 of the polymer source with its
-    errata: both sides selected, times V). Strains that links forbid have compliance 0; entries that a soft direction
-    makes infinite are inf.
+    Strains per imposed stress, box free, particles relaxed (shapes turn, too), links kept (equation 49 of the polymer
+    source with its errata: both sides selected, times V). Strains that links forbid have compliance 0; entries that a
+    soft direction makes infinite are inf.
 
     Parameters
     ----------
@@ -773,8 +773,9 @@ def compliance_matrix(
         As in `elastic_moduli`.
     method
         "sparse": from the relaxed stiffness. "pseudoinverse": V times the strain block of B^T (B H B^T)^+ B with a
-        dense B (`change_of_basis`), as the source has it, for small packings and comparison. A pseudoinverse alone
-        gives 0 for infinitely soft strains too: its zero modes are searched for strains, which get inf.
+        dense B (`change_of_basis`; of shapes all motions), as the source has it, for small packings and comparison. A
+        pseudoinverse alone gives 0 for infinitely soft strains too: its zero modes are searched for strains, which get
+        inf.
     memory_limit
         Largest memory of the pseudoinverse [bytes].
 
@@ -812,6 +813,8 @@ def _pseudoinverse(
     scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
 ) -> NDArray[np.float64]:
     packing = scene.packing
+    if packing.shapes is not None:
+        return _shaped_pseudoinverse(scene, kind, rattlers, gap_tolerance, memory_limit)
     backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
     contacts, links = backbone.contacts, backbone.links
     size = contacts.particles * contacts.dimension
@@ -829,10 +832,34 @@ def _pseudoinverse(
     basis = motion_basis(
         links, np.eye(components), mass_n=np.ones(contacts.particles), strain_scale=scale, memory_limit=memory_limit
     )
+    return _compliance_of(full, basis, size, packing.box.volume)
+
+
+def _shaped_pseudoinverse(
+    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
+) -> NDArray[np.float64]:
+    """Return the same of a packing with shapes, whose turns are among the motions."""
+    packing = scene.packing
+    found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    free_f = found.network.free_nq.ravel()
+    size, components = int(free_f.sum()), len(found.sums.strain_ee)
+    if not size:
+        return with_infinities(np.zeros((components, components)), np.eye(components))
+    check_memory(size + components, size + components, memory_limit)
+    full = bordered(found.sums.matrix(free_f), found.sums.coupling(free_f), found.sums.strain_ee)
+    scale = packing.box.volume ** (1.0 / packing.dimension)
+    basis = np.diag(np.concatenate([np.ones(size), np.full(components, 1.0 / scale)]))
+    return _compliance_of(full, basis, size, packing.box.volume)
+
+
+def _compliance_of(full: sp.csr_array, basis: NDArray[np.float64], size: int, volume: float) -> NDArray[np.float64]:
+    """Return the compliance by a Hessian of so many positions and then strains, in a basis of motions in columns."""
+    components = full.shape[0] - size
+    scale = volume ** (1.0 / {3: 2, 6: 3}[components])
     value, vector = np.linalg.eigh(basis.T @ (full @ basis))
     strain = basis[size:] @ vector
     zero = np.abs(value) <= _ZERO * np.abs(value).max()
     _, carried, direction = np.linalg.svd((strain[:, zero] * scale).T, full_matrices=False)
     soft = direction[carried > _CARRIES]
-    inverse = packing.box.volume * (strain[:, ~zero] / value[~zero]) @ strain[:, ~zero].T
+    inverse = volume * (strain[:, ~zero] / value[~zero]) @ strain[:, ~zero].T
     return with_infinities(inverse, soft)

@@ -306,7 +306,7 @@ def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push:
     return FrictionalRelaxation(relief, negative, floppy, reached / push if push else 0.0)
 
 
-@honors("repulsion friction", at_rest=True)
+@honors("repulsion friction", at_rest=True, shaped="pm.hessian")
 def stiffness_matrix(
     scene: Scene,
     strain: str = "free",
@@ -428,7 +428,7 @@ class FrictionalModes:
         return np.asarray(np.abs(self.eigenvalue_m) <= _ZERO * self.largest)
 
 
-@honors("repulsion friction", at_rest=True)
+@honors("repulsion friction", at_rest=True, shaped="pm.normal_modes")
 def frictional_modes(
     scene: Scene,
     count: int | None = None,

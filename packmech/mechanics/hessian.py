@@ -23,7 +23,7 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts
 from packmech.contacts.network import distinct_pairs
-from packmech.effects import ContactTerms, acts_on_single, contact_terms
+from packmech.effects import ContactTerms, acts_on_single, contact_terms, held_particles
 from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import NotDefinite, factorize
@@ -405,6 +405,9 @@ def _of_shapes(
     found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep")
     everything = np.ones(found.network.free_nq.size, dtype=bool)
     position = found.sums.matrix(everything)
+    if held_particles(scene.effects, scene.packing.particles) is not None:
+        moving = sp.diags_array(found.network.free_nq.ravel().astype(float), format="csr")
+        position = sp.csr_array(moving @ position @ moving)
     position.eliminate_zeros()
     if strain == "none":
         return position

@@ -266,7 +266,7 @@ def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, ratt
         free_f = network.free_nq.ravel()
         return _PositionPart(
             found.sums.matrix(free_f), network.index_n, network.free_nq, None, found.sums.coupling(free_f),
-            found.corner, False,
+            found.corner, found.anchored,
         )  # fmt: skip
     (contacts, index, links), free, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers=rattlers)
     terms = closed_terms(scene, contacts)

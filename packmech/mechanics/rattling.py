@@ -92,7 +92,7 @@ class Rattling:
         return bool(self.rattling_n.all())
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, shaped="pm.find_rattlers")
 def find_rattling_clusters(
     packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None
 ) -> Rattling:

@@ -12,8 +12,10 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import distance_gradients, scale_of_strain
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import check_contacts
+from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
 from packmech.linalg.mandel import STRAINS, normal_strains, strain_directions
+from packmech.mechanics.shape_sums import shape_strain_columns, slope_rows
 from packmech.packing import Packing
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
@@ -28,18 +30,31 @@ def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: floa
     return contacts
 
 
+def _shape_contacts_of(
+    packing: Packing, contacts: Contacts | ShapeContacts | None, gap_tolerance: float | None
+) -> ShapeContacts:
+    """Return the same of a packing with shapes."""
+    if contacts is None:
+        return find_shape_contacts(packing, gap_tolerance=gap_tolerance)
+    if not isinstance(contacts, ShapeContacts):
+        raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {type(contacts).__name__}")
+    if contacts.particles != packing.particles or contacts.shapes != packing.shapes:
+        raise ValueError("contacts must be those of the packing, with its shapes as they are turned, got others")
+    return contacts
+
+
 def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
     """Return the (C, s) derivatives rho n.E.n of the contact distances with respect to the Mandel strains [length]."""
     return contacts.distance_c[:, None] * normal_strains(contacts.normal_cd)
 
 
-@honors("links", packing_only=True)
+@honors("links shapes", packing_only=True)
 def rigidity_matrix(
     packing: Packing,
     strain: str = "free",
     *,
     strain_scale: float | None = 1.0,
-    contacts: Contacts | None = None,
+    contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
 ) -> sp.csr_array:
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
@@ -48,7 +63,8 @@ def rigidity_matrix(
     distance rho (equations 35 and 36 of the polymer source, whose sigma in 36 holds at zero overlap only). Its
     transpose turns contact forces into net forces and V times the stress. Columns are particle-major positions, then
     the strains xx, yy, sqrt2 xy in two dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three. Rigid
-    links have no rows here; `constrained_rigidity_matrix` keeps to the motions that they admit.
+    links have no rows here; `constrained_rigidity_matrix` keeps to the motions that they admit. Of shapes the distances
+    are those at which laws are taken, and the turns of each particle follow its position, as in `hessian`.
 
     Parameters
     ----------
@@ -79,11 +95,21 @@ def rigidity_matrix(
 
     """
     one_of("strain", strain, STRAINS)
-    found = contacts_of(packing, contacts, gap_tolerance)
-    position = distance_gradients(found)
+    found: Contacts | ShapeContacts
+    if isinstance(packing, Packing) and packing.shapes is not None:
+        found = _shape_contacts_of(packing, contacts, gap_tolerance)
+        turn = packing.shapes.turn_basis(packing.radius_n)
+        width = packing.dimension + turn.shape[1]
+        position = slope_rows(found, turn, np.ones(packing.particles * width, dtype=bool))
+        columns = shape_strain_columns(found)
+    else:
+        if isinstance(contacts, ShapeContacts):
+            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
+        found = contacts_of(packing, contacts, gap_tolerance)
+        position = distance_gradients(found)
+        columns = strain_columns(found)
     if strain == "none":
         return position
-    columns = strain_columns(found)
     if strain != "free":
         admitted = strain_directions(packing.dimension, strain)
         columns = columns @ admitted @ admitted.T
@@ -148,7 +174,7 @@ def change_of_basis(
     return basis
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, shaped="pm.rigidity_matrix")
 def constrained_rigidity_matrix(
     packing: Packing,
     strain: str = "free",
@@ -198,7 +224,7 @@ def constrained_rigidity_matrix(
     return reduced
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, shaped="pm.rigidity_matrix")
 def n_matrix(
     packing: Packing,
     strain: str = "free",

@@ -23,11 +23,11 @@ from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
-from packmech.linalg.mandel import mandel_basis, strain_directions
+from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import contacts_of, strain_columns
-from packmech.mechanics.shape_sums import slope_rows, turning
+from packmech.mechanics.shape_sums import shape_strain_columns, slope_rows, turning
 from packmech.packing import Packing
 
 # what the box may do; with isotropic strains alone nobody counts
@@ -161,8 +161,7 @@ def _problem(packing: Packing, strain: str, contacts: Contacts | ShapeContacts) 
         position = slope_rows(contacts, turn, np.ones(packing.particles * width, dtype=bool))
         there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), turning(turn)])
         absent = np.flatnonzero(~there.ravel())
-        pull = np.einsum("mab,ca,cb->cm", mandel_basis(dimension), contacts.slope_cx[:, :dimension], contacts.vector_cd)
-        side = pull @ admitted
+        side = shape_strain_columns(contacts) @ admitted
     else:
         width = dimension
         position = distance_gradients(contacts)

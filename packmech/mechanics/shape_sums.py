@@ -205,6 +205,12 @@ def slope_rows(contacts: ShapeContacts, turn_nkt: NDArray[np.float64], free_f: N
     return sp.csr_array(whole[:, np.flatnonzero(free_f)])
 
 
+def shape_strain_columns(contacts: ShapeContacts) -> NDArray[np.float64]:
+    """Return the (C, s) derivatives of the distances with respect to the Mandel strains, which turn nobody [length]."""
+    d = contacts.dimension
+    return np.asarray(np.einsum("mab,ca,cb->cm", mandel_basis(d), contacts.slope_cx[:, :d], contacts.vector_cd))
+
+
 def turning(turn_nkt: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return (N, K) which coordinates of turns there are: none of discs and spheres."""
     return np.asarray((turn_nkt != 0.0).any(axis=2))

@@ -18,13 +18,16 @@ from packmech.honors import declare
 from packmech.links import Links, image_offsets
 from packmech.measure.counting import packing_fraction
 from packmech.minimize import batch_kernels as kernels
+from packmech.minimize.bodies_apart import separate
 from packmech.minimize.damped import DampedDynamics
 from packmech.minimize.fire import Fire, Fire2
 from packmech.minimize.kernels import Goal
 from packmech.minimize.program import OUTCOME_OF, Program, build_program
+from packmech.minimize.shape_rows import shapes_of
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
+from packmech.shapes import Beads
 
 # an overlap [1] above which a law that diverges at the center must not be the one to part the particles
 _DEEP = 0.2
@@ -32,6 +35,8 @@ _DEEP = 0.2
 _SUCCESS = np.array([OUTCOME_OF[code].ok for code in sorted(OUTCOME_OF)])
 # packings are dealt out to threads in this many parts for each, as they take unequal times
 _PARTS = 8
+# angle beyond which rotation vectors of rigid bodies in space start anew: they are singular at a whole turn
+_FAR_TURNED = 2.0
 # packing fractions below which particles hardly meet, and above which pairs are too many
 _LIMITS = {2: (0.1, 1.3), 3: (0.05, 1.1)}
 
@@ -51,9 +56,12 @@ def bodies_of(program: Program) -> kernels.Bodies:
     packing = program.scene.packing
     n, d = packing.particles, packing.dimension
     links = program.row_links
-    offset = np.zeros((n, 3))
+    offset, rows = np.zeros((n, 3)), len(program.row)
+    shapes = packing.shapes
     if packing.links is None or links is None:
         cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
+        if shapes is not None:
+            freedom += (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)[program.order_n]
         i, j, image = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     else:
         cluster = packing.links.clusters(n)[program.order_n]
@@ -73,11 +81,12 @@ def bodies_of(program: Program) -> kernels.Bodies:
         j_l=j,
         image_ld=image,
         volume=packing_fraction(packing) * packing.box.volume,
-        last_nd=np.zeros((n, 3)),
+        last_nd=np.zeros((rows, 3)),
         last_dd=np.zeros((3, 3)),
         center_cd=np.zeros((clusters, 3)),
         contacts_c=np.zeros(clusters, dtype=np.int64),
         rattler_c=np.zeros(clusters, dtype=np.bool_),
+        shapes=None if shapes is None else shapes_of(program.effects),
     )
 
 
@@ -86,10 +95,10 @@ def relax_deep_overlaps(program: Program) -> None:
     if not program.diverges or program.evaluate().deepest_overlap < _DEEP:
         return
     harmonic = program.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=program.scene.energy_scale)),))
-    program.place(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).packing.position_nd)
+    program.put(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).packing)
 
 
-_HONORS = declare("QuenchBatch", "repulsion links", at_rest=True)
+_HONORS = declare("QuenchBatch", "repulsion links shapes", at_rest=True)
 
 
 class QuenchBatch:
@@ -98,8 +107,8 @@ class QuenchBatch:
     All packings have the same number of particles, and the scene's effects. A step changes the packing fraction of each
     by scaling its box, shears it, and then minimizes the energy in the box as it is. Scaling and shear displace
     particles with the box, or the centers of clusters of linked particles, which keep their shape; a cluster that winds
-    around the box is strained with it. Each packing is independent of the others and of the number of threads, to the
-    bit.
+    around the box is strained with it. Ellipses, spheroids and rigid bodies keep their directions then, and turn as
+    they relax. Each packing is independent of the others and of the number of threads, to the bit.
 
     Figures are arrays with one entry for each packing, after the last step: `packing_fraction_b` [1], `energy_b`
     [energy], `pressure_b` [energy/length^d], `stress_bdd` (Cauchy, tension positive), `max_force_b`, the largest net
@@ -182,7 +191,9 @@ class QuenchBatch:
             raise TypeError(f"method must be Fire(), Fire2() or DampedDynamics(), got {method!r}")
         self._programs: list[Program] = []
         program = build_program(scene)
-        self._effects, self._axes = program.effects, program.axes
+        # what the shapes are is each packing's own
+        self._effects = program.effects if scene.packing.shapes is None else program.effects[:-1]
+        self._axes = program.axes
         begun, goal = method.start(program), Goal(self.force_tolerance, floor)
         self._start_k, self._vectors = begun.number.copy(), begun.vector_kf
         self._numbers, cap = cast("tuple[Any, float]", method.advance(cast("Any", _Recorder(scene)), goal, begun, 0))
@@ -199,6 +210,7 @@ class QuenchBatch:
         self._stress_bdd = np.zeros((self.batch, 3, 3))
         self._none_b = np.zeros(self.batch)
         self._packings: Any = None
+        self._turns_in_space = isinstance(scene.packing.shapes, Beads) and scene.packing.dimension == 3
         # the minimizer's state of each packing
         self._number_bk: list[NDArray[np.float64]] = []
         self._all = np.arange(self.batch)
@@ -210,14 +222,15 @@ class QuenchBatch:
     def restart(self, index: int, packing: Packing, *, relax: bool = False) -> None:
         """Replace one packing. Nothing of the old one is kept: no pair list, velocity or count.
 
-        Under a law that diverges at the center, deep overlaps are first relaxed with the harmonic law, as in pm.quench.
+        Under a law that diverges at the center, deep overlaps are first relaxed with the harmonic law, and rigid bodies
+        whose beads overlap deeply are taken apart, as in pm.quench.
 
         Parameters
         ----------
         index
             Which one.
         packing
-            The packing, with as many particles as the scene's; with links if that has links.
+            The packing, with as many particles as the scene's; with links if that has links, and shapes of its kind.
         relax
             Take the minimizer's steps as in `step`, in the box as it is.
 
@@ -232,12 +245,22 @@ class QuenchBatch:
             )
         if (packing.links is None) != (own.links is None):
             raise ValueError(f"packing must have links just if the scene's has, got {packing.links!r:.60}")
+        if type(packing.shapes) is not type(own.shapes):
+            raise ValueError(
+                f"packing must have shapes of the kind of the scene's, {type(own.shapes).__name__}, "
+                f"got {type(packing.shapes).__name__}"
+            )
         instance("relax", relax, bool)
         program = build_program(self.scene.replace(packing=packing))
+        apart = 0
+        if own.shapes is not None:
+            packing, apart = separate(program, packing)
+            program.put(packing)
         relax_deep_overlaps(program)
         self._figure_bk[b] = 0.0
         self._place(b, program)
         self._advance(np.array([b]), self._none_b, self._none_b, relax=relax)
+        self._figure_bk[b, kernels.EVALUATIONS] += apart
 
     def step(
         self,
@@ -250,7 +273,8 @@ class QuenchBatch:
 
         Particles, or clusters, with at most d contacts are removed until none are left: their particles are
         `rattlers_b`. `excess_contacts_b` is the number of contacts left less that of one state of self stress in a box
-        of fixed shape, N_dof - d + 1, N_dof the degrees of freedom left. It may be negative. Where forces overflow or
+        of fixed shape, N_dof - d + 1, N_dof the degrees of freedom left, turns of shapes among them. It may be
+        negative, and is in jammed packings of ellipses and spheroids, which curvature holds. Where forces overflow or
         links would be lost, a packing stays where it was before the step, with Outcome.STALLED.
 
         Parameters
@@ -295,7 +319,7 @@ class QuenchBatch:
         """
         program = self._programs[self._index(index)]
         self._update_box(program)
-        return program.scene.packing.replace(position_nd=program.positions(), box=program.box)
+        return program.packing()
 
     def outcome(self, index: int) -> Outcome:
         """Return how the last relaxation of a packing ended; STEP_LIMIT while it goes on.
@@ -416,8 +440,20 @@ class QuenchBatch:
         finally:
             for other in others:
                 other.result()
-        for b in index_k[self._figure_bk[index_k, kernels.OUTSIDE] > 0.0]:
+        stale_k = self._figure_bk[index_k, kernels.OUTSIDE] > 0.0
+        if self._turns_in_space:
+            stale_k |= self._far_turned(index_k)
+        for b in index_k[stale_k]:
             self._wrap(int(b))
+
+    def _far_turned(self, index_k: Any) -> NDArray[np.bool_]:
+        """Return which packings hold rigid bodies in space that turned so far that rotation vectors should restart."""
+        return np.array([self._largest_turn(self._programs[b]) > _FAR_TURNED for b in index_k])
+
+    def _largest_turn(self, program: Program) -> float:
+        n = len(program.order_n)
+        angle = np.sqrt((program.row[n:, :3] ** 2).sum(axis=1)) / shapes_of(program.effects).gyration_n
+        return float(angle.max())
 
     def _threads(self) -> ThreadPoolExecutor:
         if self._pool is None:
@@ -441,7 +477,12 @@ class QuenchBatch:
             back = np.rint(np.linalg.inv(change)).astype(np.int64)
             links = Links(links.i_l, links.j_l, links.image_ld @ back.T, links.length_l, links.shape_l)
         program = build_program(self.scene.replace(packing=packing.replace(box=box, links=links).wrapped()))
-        velocity = np.empty_like(old.velocity_nd)
-        velocity[old.order_n] = old.velocity_nd
-        program.velocity_nd[:] = velocity[program.order_n]
+        velocity, n = np.empty_like(old.velocity_nd), packing.particles
+        velocity[old.order_r] = old.velocity_nd
+        if self._turns_in_space:
+            # rotations count from here on, and the rates of rotation vectors are angular velocities at their start
+            bodies = shapes_of(old.effects)
+            spin = kernels.spins_of_rows(bodies, old.row, old.velocity_nd)
+            velocity[n + old.order_n] = spin * bodies.gyration_n[:, None]
+        program.velocity_nd[:] = velocity[program.order_r]
         self._place(b, program, self._number_bk[b])

@@ -12,6 +12,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 from numba.typed import List
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from packmech.minimize.damped import _Damped, damped_steps
 from packmech.minimize.fire import fire_steps
 from packmech.minimize.kernels import NOT_FINITE, RUNNING, Goal, Space, evaluate
 from packmech.minimize.pair_list import DISPLACED, SKIN_OUTER
+from packmech.minimize.shape_rows import shape_touch, spin_of, touches
 
 # columns of the figures of a packing
 (
@@ -56,8 +58,8 @@ class Bodies(NamedTuple):
 
     cluster_n is the number of each row's cluster, freedom_c its degrees of freedom, offset_nd the images that unwrap
     it, and winding_n whether it winds around the box. i_l, j_l and image_ld are the links. volume is that of the
-    particles. The rest is working space: the rows and the lattice before a step, centers of clusters, their numbers of
-    contacts, and whether they are rattlers.
+    particles. Then working space: the rows and the lattice before a step, centers of clusters, their numbers of
+    contacts, and whether they are rattlers. Last the shapes of rows; None for discs and spheres.
     """
 
     cluster_n: NDArray[np.int64]
@@ -73,6 +75,29 @@ class Bodies(NamedTuple):
     center_cd: NDArray[np.float64]
     contacts_c: NDArray[np.int64]
     rattler_c: NDArray[np.bool_]
+    shapes: Any = None
+
+
+def with_shapes(effects: Any, shapes: Any) -> Any:
+    """Return the effects with a packing's own shapes among them; as they are without."""
+    return effects if shapes is None else (*effects, shapes)
+
+
+@compiled_form(with_shapes)
+def _choose_with_shapes(effects: Any, shapes: Any) -> Any:
+    if isinstance(shapes, types.NoneType):
+        return lambda effects, shapes: effects
+    return lambda effects, shapes: effects + (shapes,)  # noqa: RUF005
+
+
+@kernel
+def spins_of_rows(shapes, row, velocity_nd):
+    """Return the (N, 3) angular velocities of rigid bodies in space, whose rows hold rotations."""
+    n = shapes.radius_n.shape[0]
+    spin = np.empty((n, 3))
+    for i in range(n):
+        spin[i, 0], spin[i, 1], spin[i, 2] = spin_of(shapes, row, velocity_nd, i)
+    return spin
 
 
 @device
@@ -121,9 +146,12 @@ def _largest(axes, row, lattice_dd):
 
 @device
 def _map_rows(axes, row, bodies, old_dd, new_dd, map_dd):
-    """Strain particles, or the centers of clusters, with the box; a cluster that winds around it is strained itself."""
+    """Strain particles, or the centers of clusters, with the box; a cluster that winds around it is strained itself.
+
+    Shapes keep their directions.
+    """
     d = len(axes)
-    n = row.shape[0]
+    n = bodies.cluster_n.shape[0]
     moved = np.empty(3)
     if bodies.freedom_c.shape[0] == n:
         for i in range(n):
@@ -180,7 +208,7 @@ def strain_packing(axes, row, space, pairs, bodies, map_dd):
     shrink = max(0.0, 1.0 - math.sqrt(strain2))
     moved = np.empty(3)
     anchor = pairs.outer_anchor_nd
-    for i in range(row.shape[0]):
+    for i in range(anchor.shape[0]):
         for a in range(d):
             moved[a] = 0.0
             for b in range(d):
@@ -256,6 +284,33 @@ def _choose_minimizer(
     return damped if numbers.instance_class is _Damped else fire
 
 
+def _touching(shapes: Any, row: Any, i: int, j: int, dx: float, dy: float, dz: float) -> int:
+    """Return in how many places two rows touch."""
+    raise NotImplementedError("contacts are counted in compiled loops")
+
+
+@compiled_form(_touching)
+def _choose_touching(shapes: Any, row: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    def round_ones(shapes, row, i, j, dx, dy, dz):
+        sigma = row[i, 3] + row[j, 3]
+        return 1 if dx * dx + dy * dy + dz * dz < sigma * sigma else 0
+
+    def others(shapes, row, i, j, dx, dy, dz):
+        sigma = row[i, 3] + row[j, 3]
+        square = dx * dx + dy * dy + dz * dz
+        if square >= sigma * sigma:
+            return 0
+        if square == 0.0:
+            dx = 1e-9 * sigma
+        number = 0
+        for k in range(touches(shapes, i, j)):
+            if shape_touch(shapes, i, j, k, dx, dy, dz, shapes.dimension).touching:
+                number += 1
+        return number
+
+    return round_ones if isinstance(shapes, types.NoneType) else others
+
+
 @device
 def _count_contacts(row, pairs, bodies):
     """Count the contacts between bodies that are no rattlers, of each body and in all; return their number."""
@@ -281,11 +336,10 @@ def _count_contacts(row, pairs, bodies):
         dx = row[j, 0] - row[i, 0] + sx
         dy = row[j, 1] - row[i, 1] + sy
         dz = row[j, 2] - row[i, 2] + sz
-        sigma = row[i, 3] + row[j, 3]
-        if dx * dx + dy * dy + dz * dz < sigma * sigma:
-            number += 1
-            contacts_c[one] += 1
-            contacts_c[other] += 1
+        here = _touching(bodies.shapes, row, i, j, dx, dy, dz)
+        number += here
+        contacts_c[one] += here
+        contacts_c[other] += here
     return number
 
 
@@ -311,7 +365,7 @@ def _count(axes, row, pairs, bodies, figure_k):
         if not rattler[c]:
             freedom += bodies.freedom_c[c]
     rattlers = 0
-    for i in range(row.shape[0]):
+    for i in range(bodies.cluster_n.shape[0]):
         rattlers += rattler[bodies.cluster_n[i]]
     figure_k[RATTLERS] = rattlers
     figure_k[EXCESS] = number - (freedom - d + 1) if freedom else 0
@@ -346,7 +400,7 @@ def _choose_tensions(links: Any, bodies: Any, axes: Any, row: Any, lattice_dd: A
 
 @device
 def _measure(effects, axes, packing, figure_k, stress_dd):
-    """Write the figures of a packing; return its pair list."""
+    """Write the figures of a packing whose effects these are; return its pair list."""
     row, force_nd, velocity_nd, space, pairs, bodies, number, vector_kf = packing
     d = len(axes)
     frame = space.frame
@@ -367,7 +421,7 @@ def _measure(effects, axes, packing, figure_k, stress_dd):
     figure_k[CONTACTS] = sums.touching
     _count(axes, row, pairs, bodies, figure_k)
     outside = False
-    for i in range(row.shape[0]):
+    for i in range(bodies.cluster_n.shape[0]):
         for a in range(d):
             part = 0.0
             for b in range(d):
@@ -395,6 +449,7 @@ def advance_packings(
     for q in range(low, high):
         b = index_k[q]
         row, force_nd, velocity_nd, space, pairs, bodies, number, vector_kf = packings[b]
+        acting = with_shapes(effects, bodies.shapes)
         figure = figure_bk[b]
         stress = stress_bdd[b]
         for i in range(row.shape[0]):
@@ -431,7 +486,7 @@ def advance_packings(
             evaluations = number[_EVALUATIONS]
             goal = Goal(settings.force_tolerance, settings.force_floor)
             status, pairs = minimize(
-                effects, axes, row, force_nd, velocity_nd, space, pairs, numbers, goal, settings.cap, number,
+                acting, axes, row, force_nd, velocity_nd, space, pairs, numbers, goal, settings.cap, number,
                 vector_kf, settings.steps,
             )  # fmt: skip
             figure[STEPS] = number[_STEP] - steps
@@ -439,7 +494,7 @@ def advance_packings(
             figure[STATUS] = status
         while True:
             packing = (row, force_nd, velocity_nd, space, pairs, bodies, number, vector_kf)
-            pairs = _measure(effects, axes, packing, figure, stress)
+            pairs = _measure(acting, axes, packing, figure, stress)
             finite = figure[MAX_FORCE] < np.inf and figure[MEAN_FORCE] < np.inf and abs(figure[ENERGY]) < np.inf
             if undone or (finite and figure[STATUS] != NOT_FINITE):
                 break

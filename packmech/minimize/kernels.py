@@ -428,7 +428,8 @@ def _survey_shapes(effects, row, pairs):
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
-    stiffness = 0.0
+    more, stiffness = survey_rows(effects, row, stiffness_n)
+    energy += more
     for i in range(n):
         stiffness = max(stiffness, stiffness_n[i])
     return Survey(energy, virial, stiffness, deepest, contacts)

@@ -177,7 +177,7 @@ class Program:
         return max(1, 1_000_000 // self.velocity_nd.size)
 
     @property
-    def _order_r(self) -> NDArray[np.int64]:
+    def order_r(self) -> NDArray[np.int64]:
         """The (R,) coordinates that rows hold, those of directors after those of positions."""
         n = len(self.order_n)
         return self.order_n if len(self.row) == n else np.concatenate([self.order_n, n + self.order_n])
@@ -270,7 +270,7 @@ class Program:
         """Return the (R, d) positions, and turns below them, in the order of the scene's packing [length]."""
         d, n = len(self.axes), len(self.order_n)
         coordinate = np.empty((len(self.row), d))
-        coordinate[self._order_r] = self.row[:, :d]
+        coordinate[self.order_r] = self.row[:, :d]
         coordinate[:n] += self.wrap_nd @ self.box.lattice_dd.T
         return coordinate
 
@@ -297,7 +297,7 @@ class Program:
     def _evaluation(self, sums: Sums, totals: Survey) -> Evaluation:
         d = len(self.axes)
         force = np.empty((len(self.row), d))
-        force[self._order_r] = self.force_nd
+        force[self.order_r] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
         if self.row_links is not None:
             stress += self._link_virial() / self.box.volume

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, positive
 from packmech.contacts import crossing_links
-from packmech.effects import FixedParticles, Harmonic, Repulsion, held_particles
+from packmech.effects import FixedParticles, Harmonic, Repulsion, held_particles, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
-from packmech.measure.shaped import check_pairs_only
 from packmech.minimize.bodies_apart import deep_overlaps, separate
 from packmech.minimize.fire import Fire
 from packmech.minimize.kernels import Goal
@@ -174,7 +173,7 @@ class _Descent:
         self.began = time.process_time()
         self.scene = scene
         if scene.packing.shapes is not None:
-            check_pairs_only(scene)
+            refuse_unknown_to_shapes(scene)
         self.program = build_program(scene)
         self.build_seconds = time.process_time() - self.began
         self.step_limit = settings.step_limit
@@ -184,11 +183,11 @@ class _Descent:
         self.newton_steps = 0
         self.evaluations = 0
         self._trace = trace
-        effects, links = scene.effects, scene.packing.links
+        effects = scene.effects
         acting = [one for one in effects if hasattr(type(one), "body_energy")]
-        # Newton's method takes second derivatives, and links only where nothing acts on single particles
+        # Newton's method takes second derivatives, and links and shapes only where nothing acts on single particles
         self.to_the_end = not all(hasattr(type(one), "body_second") for one in acting) or (
-            links is not None and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
+            not scene.packing.plain and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
         )
 
     def separate(self) -> None:

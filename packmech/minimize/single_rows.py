@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
 from packmech.jit.compiled import compiled_form, device
+from packmech.minimize.shape_rows import has_shapes, shapes_of
+from packmech.minimize.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
 
 
@@ -90,22 +92,70 @@ def _hold(rows, axes, row, force_nd, low, high):
     return 0.0, 0
 
 
-def _push_rows(one: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> tuple[float, int]:
-    if isinstance(one, RowsPushed | RowsHeld):
-        act: Any = _push if isinstance(one, RowsPushed) else _hold
-        total, pushed = act(one, axes, row, force_nd, low, high)
-        return total, pushed
+@device
+def _push_shapes(rows, shapes, axes, row, force_nd, low, high):
+    n = shapes.radius_n.shape[0]
+    total = 0.0
+    pushed = 0
+    for i in range(low, high):
+        fx = fy = fz = 0.0
+        tx = ty = tz = 0.0
+        motion = Motion(row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        for one in literal_unroll(rows.single):
+            px, py, pz, qx, qy, qz = push_on_shape(one, shapes, i, motion, rows.mass_n[i])
+            fx += px
+            fy += py
+            fz += pz
+            tx += qx
+            ty += qy
+            tz += qz
+        square = fx * fx + fy * fy
+        force_nd[i, 0] += fx
+        force_nd[i, 1] += fy
+        if len(axes) == 3:
+            force_nd[i, 2] += fz
+            square += fz * fz
+            force_nd[n + i, 0] += tx
+            force_nd[n + i, 1] += ty
+            force_nd[n + i, 2] += tz
+        else:
+            force_nd[n + i, 0] += tz
+        if square != 0.0 and not rows.held_n[i]:
+            total += math.sqrt(square)
+            pushed += 1
+    return total, pushed
+
+
+@device
+def _hold_shapes(rows, shapes, axes, row, force_nd, low, high):
+    n = shapes.radius_n.shape[0]
+    for i in range(low, high):
+        if rows.held_n[i]:
+            for a in range(len(axes)):
+                force_nd[i, a] = 0.0
+                force_nd[n + i, a] = 0.0
     return 0.0, 0
 
 
+def _push_rows(
+    one: Any, effects: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any
+) -> tuple[float, int]:  # fmt: skip
+    """Add what one record does; `effects` hold the shapes, if there are any."""
+    raise NotImplementedError("rows are pushed in compiled loops")
+
+
 @compiled_form(_push_rows)
-def _choose_push_rows(one: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
+def _choose_push_rows(one: Any, effects: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
     kind = getattr(one, "instance_class", None)
-    if kind is RowsPushed:
-        return _push
-    if kind is RowsHeld:
-        return _hold
-    return lambda one, axes, row, force_nd, low, high: (0.0, 0)
+    if kind not in (RowsPushed, RowsHeld):
+        return lambda one, effects, axes, row, force_nd, low, high: (0.0, 0)
+    if has_shapes(effects):
+        act = _push_shapes if kind is RowsPushed else _hold_shapes
+        return lambda one, effects, axes, row, force_nd, low, high: act(
+            one, shapes_of(effects), axes, row, force_nd, low, high
+        )
+    on_discs = _push if kind is RowsPushed else _hold
+    return lambda one, effects, axes, row, force_nd, low, high: on_discs(one, axes, row, force_nd, low, high)
 
 
 @device
@@ -114,7 +164,7 @@ def push_rows(effects, axes, row, force_nd, low, high):
     total = 0.0
     pushed = 0
     for one in literal_unroll(effects):
-        more, count = _push_rows(one, axes, row, force_nd, low, high)
+        more, count = _push_rows(one, effects, axes, row, force_nd, low, high)
         total += more
         pushed += count
     return total, pushed
@@ -133,29 +183,40 @@ def _survey_pushed(rows, row, stiffness_n):
 
 
 @device
+def _survey_pushed_shapes(rows, shapes, row, stiffness_n):
+    energy = 0.0
+    for i in range(shapes.radius_n.shape[0]):
+        x, y, z = row[i, 0], row[i, 1], row[i, 2]
+        for one in literal_unroll(rows.single):
+            own, stiffness = energy_of_shape(one, shapes, i, x, y, z, rows.mass_n[i])
+            energy += own
+            stiffness_n[i] += stiffness
+    return energy, rows.stiffness
+
+
+@device
 def _survey_held(rows, row, stiffness_n):
-    for i in range(row.shape[0]):
+    for i in range(rows.held_n.shape[0]):
         if rows.held_n[i]:
             stiffness_n[i] = 0.0
     return 0.0, 0.0
 
 
-def _survey_rows(one: Any, row: Any, stiffness_n: Any) -> tuple[float, float]:
-    if isinstance(one, RowsPushed | RowsHeld):
-        look: Any = _survey_pushed if isinstance(one, RowsPushed) else _survey_held
-        energy, stiffness = look(one, row, stiffness_n)
-        return energy, stiffness
-    return 0.0, 0.0
+def _survey_rows(one: Any, effects: Any, row: Any, stiffness_n: Any) -> tuple[float, float]:
+    """Return what one record does; `effects` hold the shapes, if there are any."""
+    raise NotImplementedError("rows are looked at in compiled loops")
 
 
 @compiled_form(_survey_rows)
-def _choose_survey_rows(one: Any, row: Any, stiffness_n: Any) -> Any:
+def _choose_survey_rows(one: Any, effects: Any, row: Any, stiffness_n: Any) -> Any:
     kind = getattr(one, "instance_class", None)
+    if kind is RowsPushed and has_shapes(effects):
+        return lambda one, effects, row, stiffness_n: _survey_pushed_shapes(one, shapes_of(effects), row, stiffness_n)
     if kind is RowsPushed:
-        return _survey_pushed
+        return lambda one, effects, row, stiffness_n: _survey_pushed(one, row, stiffness_n)
     if kind is RowsHeld:
-        return _survey_held
-    return lambda one, row, stiffness_n: (0.0, 0.0)
+        return lambda one, effects, row, stiffness_n: _survey_held(one, row, stiffness_n)
+    return lambda one, effects, row, stiffness_n: (0.0, 0.0)
 
 
 @device
@@ -164,7 +225,7 @@ def survey_rows(effects, row, stiffness_n):
     energy = 0.0
     stiffness = 0.0
     for one in literal_unroll(effects):
-        more, least = _survey_rows(one, row, stiffness_n)
+        more, least = _survey_rows(one, effects, row, stiffness_n)
         energy += more
         stiffness = max(stiffness, least)
     return energy, stiffness

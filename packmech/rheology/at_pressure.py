@@ -119,7 +119,7 @@ class PressureShear(Run):
         ]
 
 
-@honors("repulsion damping friction bonds drag")
+@honors("repulsion damping friction bonds drag shapes")
 def shear_at_pressure(
     scene: Scene,
     *,

@@ -251,10 +251,3 @@ def test_forces_of_many_are_the_static_ones(d, threads):
     inertia = packing.mass_n * packing.shapes.gyration(packing.radius_n) ** 2
     assert np.abs(run.velocity_nd * packing.mass_n[:, None] / dt - force).max() < 1e-12 * np.abs(force).max()
     assert np.abs(run.spin_nk * inertia[:, None] / dt - torque).max() < 1e-12 * np.abs(torque).max()
-
-
-@pytest.mark.parametrize("effect", [pm.Gravity(), pm.Walls(1, 0.0, 9.0), pm.FixedParticles((1,))])
-def test_effects_that_know_discs_only_are_refused(effect):
-    scene = pm.Scene(pair(2), (*REPULSION, effect))
-    with pytest.raises(ValueError, match=f"must hold no {type(effect).__name__} for Spheroids"):
-        pm.simulate(scene, steps=1, dt=0.01)

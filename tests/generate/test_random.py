@@ -80,3 +80,27 @@ def test_a_distribution_of_ones_own_can_be_given():
     packing = pm.random_packing(5, dimension=3, packing_fraction=0.6, seed=1, sizes=Pair())
     assert packing.radius_n.tolist() == [1.0, 1.25, 1.5, 1.75, 2.0]
     assert fraction_by_hand(packing) == pytest.approx(0.6, rel=1e-14)
+
+
+def test_scattered_shapes_are_turned_anew_and_discs_keep_their_bits():
+    discs = pm.random_packing(30, dimension=2, packing_fraction=0.5, seed=1)
+    for shapes in (pm.Ellipses(aspect=1.5), pm.Dimer()):
+        packing = pm.random_packing(30, dimension=2, packing_fraction=0.5, shapes=shapes, seed=1)
+        again = pm.scattered_packing(packing, packing_fraction=0.6, seed=2)
+        assert pm.packing_fraction(again) == pytest.approx(0.6, rel=1e-12)
+        assert again.shapes.oriented(packing.shapes.orientation_nq) == packing.shapes
+        assert np.abs(again.shapes.rotation_since(packing.shapes)).max() > 1.0
+        plain = pm.scattered_packing(discs, packing_fraction=0.6, seed=2)
+        assert np.array_equal(again.position_nd, plain.position_nd)
+
+
+def test_vacancies_of_ellipses_keep_the_shapes_of_those_that_stay():
+    packing = pm.random_packing(40, dimension=2, packing_fraction=0.8, shapes=pm.Ellipses(aspect=1.5), seed=1)
+    fewer = pm.vacancy_packing(packing, 4, seed=3, apart=True)
+    assert fewer.particles == 36
+    places = {tuple(one): k for k, one in enumerate(packing.position_nd.tolist())}
+    stayed = [places[tuple(one)] for one in fewer.position_nd.tolist()]
+    assert fewer.shapes == packing.shapes.select(np.array(stayed))
+    gone = sorted(set(range(40)) - set(stayed))
+    contacts = pm.find_shape_contacts(packing)
+    assert not (np.isin(contacts.i_c, gone) & np.isin(contacts.j_c, gone)).any()

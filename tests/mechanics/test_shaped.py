@@ -187,3 +187,50 @@ def test_a_packing_whose_particles_all_rattle_has_nothing(d):
     # kept, the two that touch have one vibration and the others cost nothing
     assert (pm.normal_modes(scene, kind="unstressed", rattlers="keep").eigenvalue_m > 1e-6).sum() == 1
     assert pm.floppy_modes(few).count == 2 * (3 if d == 2 else 5) - d - 1
+
+
+@pytest.mark.parametrize("shapes", [pm.Ellipses(aspect=1.5), pm.Dimer()], ids=["ellipses", "dimers"])
+def test_the_compliance_is_the_inverse_of_the_stiffness_by_both_methods(shapes):
+    packing = pm.random_packing(14, dimension=2, packing_fraction=0.95, shapes=shapes, seed=3)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-10).packing)
+    sparse, dense = (pm.compliance_matrix(scene, method=name) for name in ("sparse", "pseudoinverse"))
+    size = np.abs(sparse).max()
+    assert np.abs(sparse - dense).max() < 1e-10 * size
+    assert np.abs(sparse @ pm.elastic_moduli(scene).energy - np.eye(3)).max() < 1e-10
+
+
+def test_discs_written_as_round_ellipses_are_as_compliant_as_discs():
+    packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    n = packing.particles
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    round_ones = scene.replace(packing=packing.replace(shapes=pm.Spheroids(np.ones(n), np.eye(2)[[0] * n])))
+    for method in ("sparse", "pseudoinverse"):
+        one, other = (pm.compliance_matrix(each, method=method) for each in (scene, round_ones))
+        assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
+
+
+@pytest.mark.parametrize(
+    ("dimension", "shapes"),
+    [(2, pm.Ellipses(aspect=1.5)), (3, pm.Ellipses(aspect=0.7)), (3, pm.Trimer())],
+    ids=["ellipses", "spheroids", "trimers"],
+)
+def test_the_rigidity_matrix_makes_net_forces_torques_and_the_unstressed_hessian(dimension, shapes):
+    packing = pm.random_packing(9, dimension=dimension, packing_fraction=0.7, shapes=shapes, seed=3)
+    scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring(2.0)),))
+    contacts = pm.find_shape_contacts(packing)
+    matrix = pm.rigidity_matrix(packing)
+    push = 2.0 * (contacts.contact_distance_c - contacts.distance_c)
+    gained = matrix.T @ push
+    turn = packing.shapes.turn_basis(packing.radius_n)
+    torque = np.einsum("nkt,nt->nk", turn, pm.torques(scene).reshape(9, -1))
+    net = np.hstack([pm.forces(scene), torque]).ravel()
+    np.testing.assert_allclose(gained[: net.size], net, rtol=0, atol=1e-12)
+    # columns of strains: minus V times the stress, its symmetric part
+    stress = pm.stress_tensor(scene)
+    assert gained[net.size :][:dimension] == pytest.approx(-packing.box.volume * np.diag(stress), rel=1e-12)
+    full = pm.hessian(scene, kind="unstressed", strain_scale=1.0).toarray()
+    np.testing.assert_allclose(2.0 * (matrix.T @ matrix).toarray(), full, rtol=0, atol=1e-10)
+    assert pm.rigidity_matrix(packing, contacts=contacts, strain="none").shape == (len(contacts), net.size)
+    with pytest.raises(TypeError, match="ShapeContacts for a packing with shapes, got Contacts"):
+        pm.rigidity_matrix(packing, contacts=pm.find_contacts(packing.replace(shapes=None)))

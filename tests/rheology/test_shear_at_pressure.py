@@ -94,3 +94,13 @@ def test_time_is_up_with_what_was_reached():
     assert 0.0 < run.strain_t[-1] < 50.0
     assert np.isnan(run.stress_ratio).all()
     assert "asked for 0.001" in str(run.summary())
+
+
+def test_ellipses_that_are_round_are_sheared_at_a_pressure_as_discs_are():
+    packing = pm.random_packing(30, dimension=2, packing_fraction=0.85, seed=1)
+    effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5))
+    how = {"rate": 1e-2, "pressure": 1e-2, "applied_strain": 0.1, "skip_strain": 0.0, "blocks": 2}
+    round_ones = packing.replace(shapes=pm.Spheroids(np.ones(30), np.eye(2)[[0] * 30]))
+    one, other = (pm.shear_at_pressure(pm.Scene(each, effects), **how) for each in (packing, round_ones))
+    np.testing.assert_allclose(other.pressure_t, one.pressure_t, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(other.packing_fraction_t, one.packing_fraction_t, rtol=1e-9)

@@ -1,0 +1,201 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""What effects on single particles do to shapes in compiled loops: walls push and turn them, all else acts on centers.
+
+Distances from walls are those of `packmech.contacts.wall_touches`; a wall's dashpot sees their rate, which for discs is
+twice the speed. Shapes are the records of `shape_rows`, and decide by their type.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from packmech.effects import Walls, body_energy, body_force, body_second, law_energy, law_first, law_second
+from packmech.jit.compiled import compiled_form, inlined
+from packmech.minimize.shape_rows import BeadRows
+
+
+class Motion(NamedTuple):
+    """Where the center of a particle is, how fast it moves, and its angular velocity."""
+
+    x: float
+    y: float
+    z: float
+    u: float
+    v: float
+    w: float
+    ox: float
+    oy: float
+    oz: float
+
+
+@inlined
+def _component(axis, x, y, z):
+    if axis == 0.0:
+        return x
+    return y if axis == 1.0 else z
+
+
+@inlined
+def _across(axis, x, y, z):
+    """Return the vector times the unit vector along an axis."""
+    if axis == 0.0:
+        return 0.0, z, -y
+    if axis == 1.0:
+        return -z, 0.0, x
+    return y, -x, 0.0
+
+
+@inlined
+def _along(axis, push):
+    if axis == 0.0:
+        return push, 0.0, 0.0
+    if axis == 1.0:
+        return 0.0, push, 0.0
+    return 0.0, 0.0, push
+
+
+@inlined
+def _reach(wall, shapes, i):
+    """Return how far a spheroid reaches to a wall, and the factor that its director times the axis turns it by."""
+    cosine = _component(wall.axis, shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2])
+    a, b = shapes.along_n[i], shapes.across_n[i]
+    excess = (a - b) * (a + b)
+    size = math.sqrt(b * b + excess * cosine * cosine)
+    return size, excess * cosine / size
+
+
+@inlined
+def _pull(wall, distance, sigma, rate):
+    """Return du/drho of a wall, its dashpot's part in it."""
+    return law_first(wall.law, distance, sigma) + 0.25 * wall.damping * rate
+
+
+@inlined
+def _push_of_walls_on_spheroid(wall, shapes, i, motion):
+    size, bend = _reach(wall, shapes, i)
+    at = _component(wall.axis, motion.x, motion.y, motion.z)
+    speed = _component(wall.axis, motion.u, motion.v, motion.w)
+    cx, cy, cz = _across(wall.axis, shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2])
+    # the rate at which the reach grows
+    growth = bend * (cx * motion.ox + cy * motion.oy + cz * motion.oz)
+    sigma = 2.0 * shapes.radius_n[i]
+    share = sigma / size
+    push = twist = 0.0
+    below, above = at - wall.low, wall.high - at
+    if below < size:
+        first = _pull(wall, share * below, sigma, share * (speed - below / size * growth))
+        push -= first * share
+        twist += first * share * below / size * bend
+    if above < size:
+        first = _pull(wall, share * above, sigma, share * (-speed - above / size * growth))
+        push += first * share
+        twist += first * share * above / size * bend
+    fx, fy, fz = _along(wall.axis, push)
+    return fx, fy, fz, twist * cx, twist * cy, twist * cz
+
+
+@inlined
+def _push_of_walls_on_beads(wall, shapes, i, motion):
+    at = _component(wall.axis, motion.x, motion.y, motion.z)
+    speed = _component(wall.axis, motion.u, motion.v, motion.w)
+    push = tx = ty = tz = 0.0
+    for bead in range(shapes.start_n[i], shapes.start_n[i + 1]):
+        x, y, z = shapes.arm_bd[bead, 0], shapes.arm_bd[bead, 1], shapes.arm_bd[bead, 2]
+        arm = _component(wall.axis, x, y, z)
+        radius = shapes.size_b[bead]
+        below, above = at + arm - wall.low, wall.high - at - arm
+        if below < radius or above < radius:
+            cx, cy, cz = _across(wall.axis, x, y, z)
+            moving = speed + cx * motion.ox + cy * motion.oy + cz * motion.oz
+            own = 0.0
+            if below < radius:
+                own -= 2.0 * _pull(wall, 2.0 * below, 2.0 * radius, 2.0 * moving)
+            if above < radius:
+                own += 2.0 * _pull(wall, 2.0 * above, 2.0 * radius, -2.0 * moving)
+            push += own
+            tx += own * cx
+            ty += own * cy
+            tz += own * cz
+    fx, fy, fz = _along(wall.axis, push)
+    return fx, fy, fz, tx, ty, tz
+
+
+@inlined
+def _push_on_center(one, shapes, i, motion, mass):
+    x, y, z = body_force(
+        one, motion.x, motion.y, motion.z, motion.u, motion.v, motion.w, mass, shapes.radius_n[i]
+    )  # fmt: skip
+    return x, y, z, 0.0, 0.0, 0.0
+
+
+def _kind(one: Any) -> Any:
+    return getattr(one, "instance_class", type(one))
+
+
+def push_on_shape(one: Any, shapes: Any, i: int, motion: Motion, mass: float) -> Any:
+    """Return the force and the torque of one effect on a particle with a shape."""
+    raise NotImplementedError("shapes are pushed in compiled loops")
+
+
+@compiled_form(push_on_shape, inline=True)
+def _choose_push_on_shape(one: Any, shapes: Any, i: Any, motion: Any, mass: Any) -> Any:
+    if _kind(one) is not Walls:
+        return _push_on_center
+    push = _push_of_walls_on_beads if _kind(shapes) is BeadRows else _push_of_walls_on_spheroid
+    return lambda one, shapes, i, motion, mass: push(one, shapes, i, motion)
+
+
+@inlined
+def _spheroid_on_walls(wall, shapes, i, x, y, z):
+    """Return the energy of a spheroid on both walls, and a bound of its stiffness along its coordinates."""
+    size, bend = _reach(wall, shapes, i)
+    at = _component(wall.axis, x, y, z)
+    sigma = 2.0 * shapes.radius_n[i]
+    share = sigma / size
+    energy = stiffness = 0.0
+    for side in range(2):
+        distance = at - wall.low if side == 0 else wall.high - at
+        if distance < size:
+            energy += law_energy(wall.law, share * distance, sigma)
+            turn = share * distance / size * bend / shapes.gyration_n[i]
+            stiffness += abs(law_second(wall.law, share * distance, sigma)) * (share * share + turn * turn)
+    return energy, stiffness
+
+
+@inlined
+def _beads_on_walls(wall, shapes, i, x, y, z):
+    at = _component(wall.axis, x, y, z)
+    energy = stiffness = 0.0
+    for bead in range(shapes.start_n[i], shapes.start_n[i + 1]):
+        u, v, w = shapes.arm_bd[bead, 0], shapes.arm_bd[bead, 1], shapes.arm_bd[bead, 2]
+        radius = shapes.size_b[bead]
+        turn = (u * u + v * v + w * w) / shapes.gyration_n[i] ** 2
+        for side in range(2):
+            arm = _component(wall.axis, u, v, w)
+            distance = at + arm - wall.low if side == 0 else wall.high - at - arm
+            if distance < radius:
+                energy += law_energy(wall.law, 2.0 * distance, 2.0 * radius)
+                stiffness += 4.0 * abs(law_second(wall.law, 2.0 * distance, 2.0 * radius)) * (1.0 + turn)
+    return energy, stiffness
+
+
+@inlined
+def _center_alone(one, shapes, i, x, y, z, mass):
+    radius = shapes.radius_n[i]
+    xx, yy, zz, yz, xz, xy = body_second(one, x, y, z, mass, radius)
+    stiffness = max(abs(xx), abs(yy), abs(zz)) + abs(yz) + abs(xz) + abs(xy)
+    return body_energy(one, x, y, z, mass, radius), stiffness
+
+
+def energy_of_shape(one: Any, shapes: Any, i: int, x: float, y: float, z: float, mass: float) -> Any:
+    """Return the energy of a particle with a shape under one effect, and a bound of its stiffness."""
+    raise NotImplementedError("shapes are looked at in compiled loops")
+
+
+@compiled_form(energy_of_shape, inline=True)
+def _choose_energy_of_shape(one: Any, shapes: Any, i: Any, x: Any, y: Any, z: Any, mass: Any) -> Any:
+    if _kind(one) is not Walls:
+        return _center_alone
+    energy = _beads_on_walls if _kind(shapes) is BeadRows else _spheroid_on_walls
+    return lambda one, shapes, i, x, y, z, mass: energy(one, shapes, i, x, y, z)

@@ -1,0 +1,258 @@
+"""Ellipses, spheroids and rigid bodies between walls, with weight, and held: at rest, and stepped through time."""
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.minimize.program import build_program
+
+KINDS = {
+    "ellipses": (2, pm.Ellipses(aspect=1.7)),
+    "spheroids": (3, pm.Ellipses(aspect=0.6)),
+    "bent trimers": (2, pm.Trimer(angle=2.0)),
+    "trimers": (3, pm.Trimer()),
+}
+
+
+@cache
+def boxed(kind, particles=8, fraction=0.6):
+    """A skewed box with walls across x and y, of two laws, and a weight in an odd direction."""
+    d, shapes = KINDS[kind]
+    packing = pm.random_packing(particles, dimension=d, packing_fraction=fraction, shapes=shapes, seed=1)
+    side = packing.box.lattice_dd[0, 0]
+    packing = packing.replace(box=pm.Box(packing.box.lattice_dd + 0.2 * side * np.eye(d, k=1)))
+    effects = (
+        pm.Repulsion(),
+        pm.Walls(0, 0.2, side - 0.2),
+        pm.Walls(1, 0.2, side - 0.2, law=pm.PowerLaw(1.0, 2.5)),
+        pm.Gravity(0.1, -0.3, 0.2 if d == 3 else 0.0),
+    )
+    return pm.Scene(packing, effects)
+
+
+def moved(scene, i, along_x, turn):
+    """Return the scene with one particle moved and turned."""
+    packing = scene.packing
+    position, rotation = packing.position_nd.copy(), np.zeros((packing.particles, len(turn)))
+    position[i] += along_x
+    rotation[i] = turn
+    return scene.replace(packing=packing.replace(position_nd=position, shapes=packing.shapes.turned(rotation)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_forces_torques_and_the_hessian_are_the_derivatives_of_the_energy(kind):
+    scene = boxed(kind)
+    packing, d = scene.packing, scene.packing.dimension
+    n, h = packing.particles, 1e-6
+    force, torque = pm.forces(scene), pm.torques(scene).reshape(n, -1)
+    t = torque.shape[1]
+    turn = packing.shapes.turn_basis(packing.radius_n)
+    q = d + turn.shape[1]
+    hessian = pm.hessian(scene, "none").toarray()
+    assert np.abs(torque).max() > 0.1 and len(pm.wall_contacts(scene)) >= 4
+    for i in range(n):
+        for a in range(d + t):
+            step = h * np.eye(d + t)[a]
+            low, high = (pm.energy(moved(scene, i, sign * step[:d], sign * step[d:])) for sign in (-1, 1))
+            given = force[i, a] if a < d else torque[i, a - d]
+            assert (low - high) / (2.0 * h) == pytest.approx(given, abs=1e-7)
+        for a in range(q):
+            along = h * np.eye(d)[a] if a < d else np.zeros(d)
+            rotation = np.zeros(t) if a < d else h * turn[i, a - d]
+            ends = [moved(scene, i, sign * along, sign * rotation) for sign in (1, -1)]
+            slopes = [
+                -np.hstack([pm.forces(one), np.einsum("nkt,nt->nk", turn, pm.torques(one).reshape(n, -1))])
+                for one in ends
+            ]
+            change = (slopes[0] - slopes[1]) / (2.0 * h) - hessian[:, i * q + a].reshape(n, q)
+            if d == 3:
+                # of its own turns only the symmetric part is a second derivative where torques do not balance
+                change[i, d:] = 0.0
+            assert np.abs(change).max() < 1e-7
+
+
+@pytest.mark.parametrize("kind", ["spheroids", "trimers"])
+def test_second_derivatives_by_turns_in_space_are_those_of_the_energy(kind):
+    scene = boxed(kind)
+    packing, h = scene.packing, 5e-4
+    turn = packing.shapes.turn_basis(packing.radius_n)
+    q, hessian = 3 + turn.shape[1], pm.hessian(scene, "none")
+    touching = set(pm.wall_contacts(scene).particle_w.tolist())
+    for i in sorted(touching)[:3]:
+        own = hessian[i * q + 3 : (i + 1) * q, i * q + 3 : (i + 1) * q].toarray()
+        for along in (np.eye(q - 3)[0], np.ones(q - 3)):
+            rotation = h * along @ turn[i]
+            energy = {k: pm.energy(moved(scene, i, np.zeros(3), k * rotation)) for k in (-2, -1, 0, 1, 2)}
+            # of fourth order in h
+            near, far = (energy[k] - 2.0 * energy[0] + energy[-k] for k in (1, 2))
+            assert (16.0 * near - far) / (12.0 * h**2) == pytest.approx(along @ own @ along, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_compiled_loops_have_the_energy_and_the_forces_of_the_measures(kind):
+    scene = boxed(kind)
+    program = build_program(scene)
+    found = program.evaluate()
+    assert found.energy == pytest.approx(pm.energy(scene), rel=1e-13)
+    n = scene.packing.particles
+    np.testing.assert_allclose(found.force_nd[:n], pm.forces(scene), rtol=0, atol=1e-12)
+    # the slope along a turn is the torque, in the coordinates that minimizers walk over
+    gradient = np.einsum("nd,nd->", found.force_nd, found.force_nd)
+    ahead = program.coordinates() + 1e-7 * found.force_nd
+    assert (found.energy - program.evaluate(ahead).energy) / 1e-7 == pytest.approx(gradient, rel=1e-4)
+
+
+def test_an_ellipse_on_a_floor_has_the_energy_of_its_reach():
+    radius, aspect, angle, height = 0.6, 2.2, 0.7, 0.5
+    director = [[math.cos(angle), math.sin(angle)]]
+    packing = pm.Packing([[2.0, 1.0 + height]], [radius], pm.Box.cubic(6.0, 2), shapes=pm.Spheroids([aspect], director))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Walls(1, 1.0, 5.0, law=pm.LinearSpring(3.0))))
+    a, b = radius * math.sqrt(aspect), radius / math.sqrt(aspect)
+    reach = math.hypot(a * math.sin(angle), b * math.cos(angle))
+    rho = 2.0 * height * radius / reach
+    assert pm.energy(scene) == pytest.approx(1.5 * (2.0 * radius - rho) ** 2, rel=1e-14)
+    touch = pm.wall_contacts(scene)
+    assert touch.force_w == pytest.approx([3.0 * (2.0 * radius - rho) * 2.0 * radius / reach], rel=1e-14)
+    assert touch.normal_wd.tolist() == [[0.0, -1.0]]
+    # where the two just touch nothing is pushed
+    apart = scene.replace(packing=packing.replace(position_nd=[[2.0, 1.0 + reach * (1.0 + 1e-12)]]))
+    assert pm.energy(apart) == 0.0 and len(pm.wall_contacts(apart)) == 0
+
+
+@cache
+def discs(dimension):
+    packing = pm.random_packing(10, dimension=dimension, packing_fraction=0.5, seed=2)
+    side = packing.box.lattice_dd[0, 0]
+    weight = pm.Gravity(0.0, -0.05)
+    walls = (pm.Walls(1, 0.3, side - 0.3), pm.Walls(0, 0.25, side - 0.2))
+    return pm.Scene(packing, (pm.Repulsion(), *walls, weight, pm.FixedParticles((4,))))
+
+
+def written(scene, how):
+    """Return the scene with its discs or spheres written as round spheroids, or as bodies of one bead."""
+    packing = scene.packing
+    n, d = packing.position_nd.shape
+    if how == "round":
+        return scene.replace(packing=packing.replace(shapes=pm.Spheroids(np.ones(n), np.eye(d)[[0] * n])))
+    return scene.replace(packing=pm.rigid_packing(packing, np.arange(n)))
+
+
+@pytest.mark.parametrize("how", ["round", "one bead"])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_discs_written_as_shapes_rest_on_walls_as_discs_do(dimension, how):
+    scene = discs(dimension)
+    other = written(scene, how)
+    assert pm.energy(other) == pytest.approx(pm.energy(scene), rel=1e-12)
+    np.testing.assert_allclose(pm.forces(other), pm.forces(scene), rtol=0, atol=1e-12)
+    assert np.abs(pm.torques(other)).max() <= 1e-14
+    one, two = pm.wall_contacts(scene), pm.wall_contacts(other)
+    assert np.array_equal(one.particle_w, two.particle_w) and np.array_equal(one.normal_wd, two.normal_wd)
+    np.testing.assert_allclose(two.force_w, one.force_w, rtol=0, atol=1e-12)
+    q = dimension + scene.packing.dimension * (dimension - 1) // 2 if how == "one bead" else 2 * dimension - 1
+    positions = (np.arange(10)[:, None] * q + np.arange(dimension)).ravel()
+    hessian = pm.hessian(other, "none").toarray()
+    np.testing.assert_allclose(hessian[np.ix_(positions, positions)], pm.hessian(scene, "none").toarray(), atol=1e-11)
+    assert np.abs(np.delete(hessian, positions, axis=0)).max(initial=0.0) <= 1e-13
+
+
+@pytest.mark.parametrize("how", ["round", "one bead"])
+def test_discs_written_as_shapes_come_to_rest_and_vibrate_as_discs_do(how):
+    scene = discs(2)
+    rest = scene.replace(packing=pm.quench(scene, force_tolerance=1e-9).packing)
+    # at rest for both, from where the path of a descent depends on no rounding
+    again = pm.quench(written(rest, how), force_tolerance=1e-8)
+    assert again.residual < 1e-8
+    np.testing.assert_allclose(again.packing.position_nd, rest.packing.position_nd, rtol=0, atol=1e-12)
+    modes = [pm.normal_modes(one, rattlers="remove") for one in (rest, written(rest, how))]
+    # a disc has no turn to vibrate in
+    np.testing.assert_allclose(modes[1].frequency_m, modes[0].frequency_m, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["ellipses", "bent trimers"])
+def test_the_floor_carries_the_weight_of_a_pile(kind):
+    d, shapes = KINDS[kind]
+    packing = pm.random_packing(12, dimension=d, packing_fraction=0.35, shapes=shapes, seed=3)
+    side = packing.box.lattice_dd[0, 0]
+    effects = (pm.Repulsion(), pm.Gravity(0.0, -0.01), pm.Walls(1, 0.0, 3.0 * side), pm.Walls(0, 0.0, side))
+    scene = pm.Scene(packing.replace(box=pm.Box(np.diag([side, 3.0 * side]))), effects)
+    run = pm.quench(scene, force_tolerance=1e-6, step_limit=200_000)
+    assert run.ok
+    rest = scene.replace(packing=run.packing)
+    weight = 0.01 * packing.mass_n.sum()
+    on_walls = pm.wall_contacts(rest).on_walls()
+    assert on_walls == pytest.approx([0.0, -weight], abs=1e-5 * weight)
+    assert np.abs(pm.torques(rest)).max() < 1e-5 * weight
+
+
+@pytest.mark.parametrize(("aspect", "flat"), [(2.0, 0.0), (0.5, 1.0)])
+def test_a_spheroid_on_a_floor_lies_flat(aspect, flat):
+    director = np.array([[0.5, 0.6, 0.3]])
+    packing = pm.Packing([[2.0, 1.2, 2.0]], [0.5], pm.Box.cubic(4.0, 3), shapes=pm.Spheroids([aspect], director))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Gravity(0.0, -0.02, 0.0), pm.Walls(1, 0.5, 3.5)))
+    run = pm.quench(scene, force_tolerance=1e-10)
+    up = abs(float(run.packing.shapes.director_nd[0, 1]))
+    assert up == pytest.approx(flat, abs=1e-4)
+    assert pm.wall_contacts(scene.replace(packing=run.packing)).on_walls()[1] == pytest.approx(
+        -0.02 * packing.mass_n[0], rel=1e-9
+    )
+
+
+def lying(aspect=2.0, weight=0.01, stiffness=50.0):
+    """An ellipse that lies flat on a floor under its weight, and its semi-axes and the height of its center."""
+    radius = 0.5
+    a, b = radius * math.sqrt(aspect), radius / math.sqrt(aspect)
+    mass = math.pi * radius**2
+    # weight = k (2 r - rho) 2 r / b
+    height = b * (1.0 - mass * weight * b / (4.0 * stiffness * radius**2))
+    packing = pm.Packing([[2.0, 1.0 + height]], [radius], pm.Box.cubic(4.0, 2), shapes=pm.Spheroids([aspect], [[1, 0]]))
+    floor = pm.Walls(1, 1.0, 3.9, law=pm.LinearSpring(stiffness))
+    return pm.Scene(packing, (pm.Repulsion(), pm.Gravity(0.0, -weight), floor)), a, b, height
+
+
+def test_an_ellipse_on_a_floor_bounces_and_rocks_at_the_frequencies_of_its_shape():
+    """Rocking raises the center: the energy's second derivative by the angle is m g D (a^2 - b^2) / b^2."""
+    scene, a, b, height = lying()
+    assert np.abs(pm.forces(scene)).max() < 1e-12
+    modes = pm.normal_modes(scene, rattlers="keep")
+    rocking = 0.01 * height * (a**2 - b**2) / b**2 / ((a**2 + b**2) / 4.0)
+    bouncing = 4.0 * 50.0 * (0.5 / b) ** 2 / (math.pi * 0.25)
+    # gliding along the floor costs nothing and is none of the modes
+    assert modes.eigenvalue_m == pytest.approx([rocking, bouncing], rel=1e-9)
+
+
+def test_what_is_held_neither_moves_nor_turns_at_rest():
+    scene = boxed("ellipses")
+    held = scene.replace(effects=(*scene.effects, pm.FixedParticles((2, 5))))
+    run = pm.quench(held, force_tolerance=1e-6, check=False)
+    start, end = scene.packing, run.packing
+    assert np.array_equal(end.position_nd[[2, 5]], start.position_nd[[2, 5]])
+    assert np.abs(end.shapes.rotation_since(start.shapes)[[2, 5]]).max() < 1e-15
+    assert np.abs(end.shapes.rotation_since(start.shapes)).max() > 1e-2
+    assert (pm.forces(held)[[2, 5]] == 0.0).all() and (pm.torques(held)[[2, 5]] == 0.0).all()
+    matrix = pm.hessian(held, "none").toarray()
+    assert not matrix[6:9].any() and not matrix[:, 15:18].any()
+    modes = pm.normal_modes(held.replace(packing=end), rattlers="keep")
+    assert not np.isin([2, 5], modes.index_n[np.abs(modes.displacement_mnd).max(axis=(0, 2)) > 0.0]).any()
+
+
+def test_walls_of_ones_own_are_refused_by_name():
+    @pm.effect
+    class Slope(NamedTuple):
+        rate: float = 1.0
+
+        acts_as = "walls"
+
+        def body_force(self, x, y, z, u, v, w, mass, radius):
+            return 0.0, self.rate * max(radius - y, 0.0), 0.0
+
+        def body_energy(self, x, y, z, mass, radius):
+            return 0.5 * self.rate * max(radius - y, 0.0) ** 2
+
+    scene = boxed("ellipses").replace(effects=(pm.Repulsion(), Slope()))
+    for call in (pm.energy, pm.wall_contacts, lambda one: pm.simulate(one, steps=1, dt=0.1)):
+        with pytest.raises(ValueError, match="must hold no .*Slope for Spheroids, which it would take for discs"):
+            call(scene)
