@@ -228,12 +228,12 @@ class BondOrder:
         """The (N, 2 l + 1) means of the spherical harmonics Y_lm over neighbors, in space, m = -l .. l [1]."""
         if self.neighbors.vector_pd.shape[1] != 3:
             raise ValueError("packing must be three-dimensional for q_nm: in a plane there is psi_n")
-        return self.component_nm * math.sqrt((2.0 * self.degree + 1.0) / (4.0 * math.pi))
+        return np.asarray(self.component_nm * math.sqrt((2.0 * self.degree + 1.0) / (4.0 * math.pi)))
 
     @property
     def order_n(self) -> NDArray[np.float64]:
         """The (N,) orders of the particles, |psi_k| or q_l [1]."""
-        return np.sqrt((np.abs(self.component_nm) ** 2).sum(axis=1))
+        return np.asarray(np.sqrt((np.abs(self.component_nm) ** 2).sum(axis=1)))
 
     def _size(self, component_m: NDArray[np.complex128]) -> float:
         return float(np.sqrt((np.abs(component_m) ** 2).sum()))
@@ -345,4 +345,5 @@ def bond_orientational_order(
     half = _harmonics(neighbors.i_p, neighbors.vector_pd, packing.particles, number).view(np.complex128)[..., 0]
     sign = (-1.0) ** np.arange(number, 0, -1)
     q = np.concatenate([sign * half[:, :0:-1].conj(), half], axis=1)
-    return BondOrder(number, q * math.sqrt(4.0 * math.pi / (2.0 * number + 1.0)), neighbors)
+    component = (q * math.sqrt(4.0 * math.pi / (2.0 * number + 1.0))).astype(np.complex128)
+    return BondOrder(number, component, neighbors)

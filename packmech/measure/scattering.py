@@ -101,7 +101,8 @@ class _Waves:
         if np.abs(index).max(initial=0) > _LARGEST_INDEX:
             k = int(np.abs(index).max(axis=1).argmax())
             raise ValueError(f"index_kd must stay within {_LARGEST_INDEX}, got {index[k].tolist()} for wave vector {k}")
-        values, entries, places = [], [], []
+        values: list[NDArray[np.int64]] = []
+        entries, places = [], []
         for a in range(d):
             value, entry = np.unique(index[:, a], return_inverse=True)
             entries.append(entry.reshape(-1) + sum(len(one) for one in values))
