@@ -499,16 +499,22 @@ def shell_average(box: Box, index_kd: ArrayLike, value_k: ArrayLike, *, width: f
     kept = length > 0.0
     if not kept.any():
         raise ValueError("index_kd must hold a wave vector that is not zero, got none")
-    length, value = length[kept], value[kept]
-    shell = (length * (1.0 + 1e-12) / step).astype(np.int64)
-    _, place, count = np.unique(shell, return_inverse=True, return_counts=True)
-    place = place.reshape(-1)
-    mean = np.bincount(place, value) / count
-    square = np.bincount(place, (value - mean[place]) ** 2)
     # opposite wave vectors have one value
     index = integer_array("index_kd", index_kd, shape=(None, box.dimension), what="wave vector")[kept]
     both = len({tuple(one) for one in index.tolist()} & {tuple(one) for one in (-index).tolist()})
-    apart = count * (1.0 - 0.5 * both / len(index))
+    return average_shells(length[kept], value[kept], step, 1.0 - 0.5 * both / len(index))
+
+
+def average_shells(
+    length_k: NDArray[np.float64], value_k: NDArray[np.float64], width: float, independent: float = 1.0
+) -> ShellAverage:
+    """Return means over shells of width `width` of values at wave numbers, of which a share is independent."""
+    shell = (length_k * (1.0 + 1e-12) / width).astype(np.int64)
+    _, place, count = np.unique(shell, return_inverse=True, return_counts=True)
+    place = place.reshape(-1)
+    mean = np.bincount(place, value_k) / count
+    square = np.bincount(place, (value_k - mean[place]) ** 2)
+    apart = count * independent
     with np.errstate(invalid="ignore", divide="ignore"):
         error = np.where(apart > 1.0, np.sqrt(square / count / (apart - 1.0)), np.nan)
-    return ShellAverage(np.bincount(place, length) / count, mean, error, count)
+    return ShellAverage(np.bincount(place, length_k) / count, mean, error, count)

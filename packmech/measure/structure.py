@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, positive
+from packmech.check import finite_array, instance, integer, positive, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
@@ -286,16 +286,16 @@ class Correlation:
         """The (B,) |values less mean_square| [value^2]: C(r) of the chapter on jammed systems."""
         return np.abs(self.value_b - self.mean_square)
 
-    def length(self, *, r_min: float = 0.0) -> CorrelationLength:
+    def length(self, *, r_min: float = 0.0, separation: float = 0.0) -> CorrelationLength:
         """Return the length over which `connected_b` decays, see `correlation_length`.
 
         Parameters
         ----------
-        r_min
-            Maxima nearer than this are left out [length].
+        r_min, separation
+            As there.
 
         """
-        return correlation_length(self.r_b, self.connected_b, self.count_b, r_min=r_min)
+        return correlation_length(self.r_b, self.connected_b, self.count_b, r_min=r_min, separation=separation)
 
     def __repr__(self) -> str:
         return (
@@ -380,12 +380,11 @@ class CorrelationLength:
 
 
 def correlation_length(
-    r_b: ArrayLike, value_b: ArrayLike, count_b: ArrayLike, *, r_min: float = 0.0
+    r_b: ArrayLike, value_b: ArrayLike, count_b: ArrayLike, *, r_min: float = 0.0, separation: float = 0.0
 ) -> CorrelationLength:
     """Return the length over which a correlation decays: a line through the logarithms of its local maxima.
 
-    Maxima count as far as the first that lies below the noise, 1/sqrt(pairs in its bin), or in a bin without pairs.
-    For the pair distribution function give g - 1.
+    Maxima count that lie above the noise, 1/sqrt(pairs in their bin). For the pair distribution function give g - 1.
 
     Parameters
     ----------
@@ -397,6 +396,8 @@ def correlation_length(
         (B,) numbers of pairs.
     r_min
         Maxima nearer than this are left out [length].
+    separation
+        A maximum is to be the highest within this distance on either side, so that noise on a wave has none [length].
 
     Raises
     ------
@@ -414,13 +415,13 @@ def correlation_length(
     r = finite_array("r_b", r_b, shape=(None,), what="bin")
     count = finite_array("count_b", count_b, shape=(len(r),), what="bin")
     value = finite_array("value_b", np.nan_to_num(np.asarray(value_b, dtype=float)), shape=(len(r),), what="bin")
-    start = finite_array("r_min", r_min, shape=())
+    start, apart = real("r_min", r_min), real("separation", separation, at_least=0.0)
     top = np.flatnonzero((value[1:-1] > value[:-2]) & (value[1:-1] >= value[2:])) + 1
-    top = top[r[top] >= start]
-    noise = 1.0 / np.sqrt(np.maximum(count[top], 1.0))
-    low = np.flatnonzero((value[top] <= noise) | (count[top] == 0.0))
-    if len(low):
-        top, noise = top[: low[0]], noise[: low[0]]
+    noise = 1.0 / np.sqrt(np.maximum(count, 1.0))
+    top = top[(r[top] >= start) & (value[top] > noise[top]) & (count[top] > 0.0)]
+    if apart > 0.0:
+        top = top[[bool(value[b] >= value[np.abs(r - r[b]) <= apart].max()) for b in top]]
+    noise = noise[top]
     length = error = amplitude = math.nan
     if len(top) >= 3:
         line, covariance = np.polyfit(r[top], np.log(value[top]), 1, cov="unscaled")

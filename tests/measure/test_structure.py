@@ -142,3 +142,12 @@ def test_freud_agrees_on_pair_distributions_and_correlations(scattered):
         other = freud.density.CorrelationFunction(bins=10, r_max=2.9).compute((box, place), value)
         found = pm.correlation_function(packing, value, 2.9, 10)
         np.testing.assert_allclose(found.value_b[3:], other.correlation.real[3:], atol=5e-5)
+
+
+def test_noise_on_a_wave_has_no_maxima_of_its_own_where_they_are_to_stand_apart():
+    r = np.linspace(0.0, 12.5, 626)
+    wave = np.exp(-r / 3.0) * (1.0 + np.cos(2.0 * np.pi * r) + 0.05 * (-1.0) ** np.arange(626))
+    loose = pm.correlation_length(r, wave, np.full(626, 10**6))
+    found = pm.correlation_length(r, wave, np.full(626, 10**6), separation=0.4)
+    assert len(loose.r_m) > 40 and found.r_m == pytest.approx(np.arange(1, 13), abs=0.06)
+    assert found.length == pytest.approx(3.0, rel=0.01) and loose.error > 5.0 * found.error
