@@ -15,6 +15,7 @@ from packmech.validation.studies.structure import (
     KINDS,
     PRESSURE,
     SHOWN,
+    SPECTRAL_PRESSURE,
     Ordered,
     correlate,
     draw_order,
@@ -32,7 +33,7 @@ def structure(
     particles: int | None = None,
     shaped: int = 128,
     packings: int | None = None,
-    pressure: float = PRESSURE,
+    pressure: float | None = None,
     k_min: float = 0.2,
     k_max: float = 1.0,
     seed: int = 0,
@@ -53,7 +54,7 @@ def structure(
     packings
         of each kind, from seeds that follow each other (default: 4, for the spectrum 1)
     pressure
-        of the jammed packings [energy scale / diameter^d]
+        of the jammed packings [energy scale / diameter^d] (default: 1e-6, for the spectrum 1e-3)
     k_min
         lower end of the power law [1 / mean diameter]
     k_max
@@ -71,7 +72,7 @@ def structure(
             made: list[Packing] = []
             for one in seeds:
                 say(f"structure: {len(made)} of {count} packings")
-                made.append(spectral_packing(out, many, one, pressure))
+                made.append(spectral_packing(out, many, one, SPECTRAL_PRESSURE if pressure is None else pressure))
         found = measure_spectrum(made)
         fit = found.filled.power_law(k_min, k_max)
         (out / "spectrum.csv").write_text(found.to_csv(), encoding="utf-8")
@@ -79,7 +80,7 @@ def structure(
         show(f"N = {many}: exponent {fit.exponent:.4f} +- {fit.exponent_error:.4f} for k d from {k_min:g} to {k_max:g}")
         show(f"wrote spectrum.csv, packings, and spectrum.png in {out}")
         return
-    many = 1024 if particles is None else particles
+    many, pressure = 1024 if particles is None else particles, PRESSURE if pressure is None else pressure
     with working("structure") as say:
 
         def told(done: int, of: int, last: Ordered | None) -> None:
