@@ -35,7 +35,7 @@ def structure(
     packings: int | None = None,
     pressure: float | None = None,
     k_min: float = 0.2,
-    k_max: float = 1.0,
+    k_max: float = 2.0,
     seed: int = 0,
 ) -> None:
     """Measure order and correlation lengths against disorder, or the spectral density of packings; resumes.

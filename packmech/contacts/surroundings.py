@@ -143,6 +143,12 @@ def _voronoi(packing: Packing, smallest_face: float) -> Neighbors:
         if np.isfinite(size).all() and (corner >= 0).all() and 2.0 * far.max() <= margin:
             break
         margin *= 2.0
+    alone = np.bincount(pair[pair < n], minlength=n) == 0
+    if alone.any():
+        raise ValueError(
+            f"packing must have no coincident centers for Voronoi cells, got one of them at that of particle "
+            f"{int(np.argmax(alone))}"
+        )
     kept = size > smallest_face * spacing ** (d - 1)
     pair, size = pair[kept], size[kept]
     one, other = pair.T
@@ -207,7 +213,8 @@ def find_neighbors(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or a cutoff is missing or not used.
+        If an argument is not what it must be, a cutoff is missing or not used, or centers that have Voronoi cells
+        coincide.
 
     Examples
     --------

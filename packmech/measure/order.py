@@ -316,7 +316,7 @@ def bond_orientational_order(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or the neighbors are those of another packing.
+        If an argument is not what it must be, the neighbors are those of another packing, or two are at one place.
 
     Examples
     --------
@@ -338,6 +338,11 @@ def bond_orientational_order(
     if neighbors.particles != packing.particles:
         raise ValueError(
             f"neighbors must be those of the packing, of {packing.particles} particles, got {neighbors.particles}"
+        )
+    if not neighbors.vector_pd.any(axis=1).all():
+        p = int(np.argmin(neighbors.vector_pd.any(axis=1)))
+        raise ValueError(
+            f"neighbors must have centers apart, got particles {neighbors.i_p[p]} and {neighbors.j_p[p]} at one place"
         )
     if packing.dimension == 2:
         psi = _fold(neighbors.i_p, neighbors.vector_pd, packing.particles, number)

@@ -274,3 +274,11 @@ def test_freud_agrees_on_order(scattered):
         other = freud.order.Steinhardt(degree).compute((box, place), neighbors={"r_max": 2.5, "exclude_ii": True})
         np.testing.assert_allclose(found.order_n, other.particle_order, atol=5e-5)
         assert found.global_order == pytest.approx(other.order, abs=5e-5)
+
+
+def test_centers_at_one_place_have_no_bond_and_no_cells():
+    both = pm.Packing([[0.0, 0.0], [0.0, 0.0], [1.0, 1.0]], [0.1] * 3, pm.Box.cubic(3.0, 2))
+    with pytest.raises(ValueError, match="no coincident centers for Voronoi cells, got one of them at .* particle 1"):
+        pm.find_neighbors(both)
+    with pytest.raises(ValueError, match="neighbors must have centers apart, got particles 0 and 1"):
+        pm.bond_orientational_order(both, 6, "cutoff", cutoff=1.0)
