@@ -92,7 +92,9 @@ def structure(
             ordered += jam_all(
                 out, particles=shaped, kinds=(ELLIPSES, DIMERS), seeds=seeds, pressure=pressure, progress=told
             )
-    correlated = [correlate(out, many, ratio, seeds) for ratio in SHOWN]
+    at_rest = [one for one in ordered if one.kind == DISCS and one.converged]
+    chosen = {ratio: [one.seed for one in at_rest if one.disorder == ratio] for ratio in SHOWN}
+    correlated = [correlate(out, many, ratio, mine) for ratio, mine in chosen.items() if mine]
     draw_order(ordered, correlated, out, out / "order.png")
     rows = []
     for kind, disorder in sorted({(one.kind, one.disorder) for one in ordered}):

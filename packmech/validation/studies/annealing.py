@@ -146,7 +146,7 @@ def draw_annealed(found: Sequence[Annealed], path: Path) -> None:
             for ax, (name, label) in zip(axes, panels, strict=True):
                 aspect, mean, error = over_aspect(mine, name)
                 style = dict(color=COLORS[number], marker=MARKERS[number], markersize=4.0, capsize=2.0)
-                ax.errorbar(aspect, mean, error, label=f"{words_of(step)} ({seeds} seeds)", **style)
+                ax.errorbar(aspect, mean, error, label=f"{words_of(step)} ({seeds} of a kind)", **style)
                 ax.set(xlabel="aspect", ylabel=label)
                 if name == "local_order":
                     aspect, mean, error = over_aspect(mine, "global_order")

@@ -125,11 +125,12 @@ class Correlated:
 def correlate(folder: Path, particles: int, ratio: float, seeds: Sequence[int]) -> Correlated:
     """Return the correlations of all packings of discs of a size ratio, pooled; distances in mean diameters."""
     value, connected, count, pairs = 0.0, 0.0, 0.0, 0.0
-    for seed in seeds:
-        packing = pm.read_packing(packing_path(folder, DISCS, particles, ratio, seed))
-        # up to half the box
-        reach = min(_REACH, _WIDTH * math.floor(0.5 * packing.box.reduced()[0].height_d.min() / _WIDTH))
-        bins = round(reach / _WIDTH)
+    packings = [pm.read_packing(packing_path(folder, DISCS, particles, ratio, seed)) for seed in seeds]
+    # up to half the smallest box
+    half = min(0.5 * float(packing.box.reduced()[0].height_d.min()) for packing in packings)
+    bins = math.floor(min(_REACH, half) / _WIDTH)
+    reach = bins * _WIDTH
+    for packing in packings:
         psi = pm.bond_orientational_order(packing, 6).psi_n
         one = pm.correlation_function(packing, psi, r_max=reach, bins=bins)
         value = value + one.count_b * np.nan_to_num(one.value_b)
@@ -159,7 +160,8 @@ def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folde
             for name, style in (("global_order", "-"), ("local_order", ":")):
                 rows = [mean_and_error([getattr(one, name) for one in mine if one.disorder == each]) for each in x]
                 mean, error = np.array(rows).T
-                label = f"{KINDS[kind]}, N = {mine[0].particles}" if style == "-" else None
+                seeds = len({one.seed for one in mine})
+                label = f"{KINDS[kind]}, {seeds} packings of {mine[0].particles}" if style == "-" else None
                 axes[0].errorbar(
                     x, mean, error, linestyle=style, label=label, color=COLORS[number], marker=MARKERS[number],
                     markersize=4.0, capsize=2.0,
@@ -190,8 +192,7 @@ def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folde
         axes[4].set(xlabel="largest over smallest diameter", ylabel="correlation length [mean diameter]", yscale="log")
         axes[4].legend(fontsize=8.0)
         _draw_numbers(axes[5], found, folder)
-        seeds = len({one.seed for one in found})
-        figure.suptitle(f"{seeds} jammed packings each, pressure {found[0].pressure:g}, square box", fontsize=10)
+        figure.suptitle(f"Jammed packings at pressure {found[0].pressure:g} in square boxes", fontsize=10)
 
 
 def _draw_numbers(ax: Any, found: Sequence[Ordered], folder: Path) -> None:

@@ -52,7 +52,9 @@ def test_order_and_correlations_of_a_few_discs_are_drawn(tmp_path, monkeypatch):
     assert [one.disorder for one in found] == [1.2, 1.4, 1.3] and all(one.converged for one in found)
     packing = pm.read_packing(packing_path(tmp_path, DISCS, 64, 1.4, 0))
     assert found[1].global_order == pm.bond_orientational_order(packing).global_order
-    correlated = [correlate(tmp_path, 64, ratio, (0,)) for ratio in (1.2, 1.4)]
+    found += jam_all(tmp_path, particles=64, kinds=(DISCS,), **(settings | {"seeds": (1,)}))
+    # boxes of two sizes
+    correlated = [correlate(tmp_path, 64, ratio, (0, 1)) for ratio in (1.2, 1.4)]
     draw_order(found, correlated, tmp_path, tmp_path / "order.png")
     assert (tmp_path / "order.png").stat().st_size > 10_000
 
