@@ -119,6 +119,9 @@ RESTING = {
     "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
     "compliance_matrix": lambda scene: pm.compliance_matrix(scene),
     "wall_contacts": lambda scene: pm.wall_contacts(scene).force_w,
+    "force_distribution": lambda scene: [pm.force_distribution(scene).mean],
+    "force_chains": lambda scene: pm.force_chains(scene).stress_n,
+    "anneal_shape": lambda scene: pm.anneal_shape(scene, [1.1], seed=1, check=False)[0].packing.position_nd,
     "classify_jamming": lambda scene: [len(pm.classify_jamming(scene).strict)],
 }
 
@@ -247,7 +250,7 @@ def test_effects_on_single_particles_change_every_call_at_rest_that_honors_them(
     honoring = [name for name in IN_A_FIXED_BOX if CALLS[name].answer(column) == HONORED]
     assert {"energy", "forces", "hessian", "normal_modes", "quench"} <= set(honoring)
     # contacts between particles have no part in what single ones are pushed by, weights no curvature, held no energy
-    unchanged = {"stress_tensor", "pressure", "contact_forces", "torques"} | {
+    unchanged = {"stress_tensor", "pressure", "contact_forces", "torques", "force_distribution", "force_chains"} | {
         "gravity": {"hessian", "dynamical_matrix", "perturbation_energy", "wall_contacts"},
         "walls": set(),
         "held": {"energy", "wall_contacts"},

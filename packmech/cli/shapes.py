@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,6 +10,9 @@ from cyclopts import Parameter
 
 from packmech.check import integer, real
 from packmech.cli.output import show, table, working
+from packmech.validation.studies.annealing import ASPECTS as ANNEALED_ASPECTS
+from packmech.validation.studies.annealing import PRESSURE as ANNEALED_PRESSURE
+from packmech.validation.studies.annealing import STEPS, Annealed, anneal_all, draw_annealed, words_of
 from packmech.validation.studies.bodies import JammedBodies, draw_bodies, jam_bodies
 from packmech.validation.studies.shapes import (
     ASPECTS,
@@ -44,13 +48,18 @@ from packmech.validation.studies.stability import (
 # seeds of both searches for stable packings
 _STARTS = 40
 # which studies know an option
-_HONORED = {"aspects": ("jammed", "moduli"), "pressure": ("jammed", "bodies"), "scatter": ("bodies",)}
+_HONORED = {
+    "aspects": ("jammed", "moduli", "annealing"),
+    "pressure": ("jammed", "bodies", "annealing"),
+    "scatter": ("bodies",),
+    "steps": ("annealing",),
+}
 _PHI = "jamming_packing_fraction"
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 
 
 def shapes(
-    study: Literal["jammed", "moduli", "bodies", "stability"] = "jammed",
+    study: Literal["jammed", "moduli", "bodies", "stability", "annealing"] = "jammed",
     *,
     out: Path = Path("shapes"),
     dimension: int = 2,
@@ -59,6 +68,7 @@ def shapes(
     aspects: Numbers = None,
     pressure: float | None = None,
     scatter: float = 0.0,
+    steps: Numbers = None,
     seed: int = 0,
 ) -> None:
     """Jam ellipses, spheroids or rigid bodies, follow shear moduli, or compare kinds of stability; resumes.
@@ -69,32 +79,35 @@ def shapes(
         "jammed", packing fraction, contacts and quartic modes over the aspect; "moduli", shear modulus over the
         distance above jamming; "bodies", dimers over their asymmetry and trimers over their bend, every strain free;
         "stability", equal discs in a square, mechanically stable beside only locally stable, moved along their lowest
-        mode. All but the last go on from the table that they find in the folder.
+        mode; "annealing", discs that become ellipses in small steps of the aspect, beside ellipses quenched from random
+        places. All but stability go on from the table that they find in the folder.
     out
         folder to write to
     dimension
         2: ellipses; 3: spheroids; sizes 1:1.4 in halves
     particles
-        number of particles (default: 128 ellipses, 64 spheroids or bodies; for moduli 256; for stability 7)
+        number of particles (default: 128 ellipses, 64 spheroids, bodies or annealed ellipses; for moduli 256; for
+        stability 7)
     packings
         of each shape, from seeds that follow each other (default: 3); for stability, starts of both searches (40)
     aspects
         axis along the director over that across it
     pressure
-        of jammed packings and bodies [energy scale / diameter^d] (default: 1e-7)
+        of jammed packings and bodies [energy scale / diameter^d] (default: 1e-7, for annealing 1e-6)
     scatter
         of bodies: by which part of them the radii of beads may be larger or smaller [1]
+    steps
+        of the aspect, for annealing (default: 0.05 and 0.005)
     seed
         of the first packing
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
     real("scatter", scatter, at_least=0.0, below=1.0)
-    given = {"aspects": aspects is not None, "pressure": pressure is not None, "scatter": scatter > 0.0}
+    given = {"aspects": aspects, "pressure": pressure, "scatter": scatter or None, "steps": steps}
     for name, studies in _HONORED.items():
-        if given[name] and study not in studies:
+        if given[name] is not None and study not in studies:
             raise ValueError(f"{name} must be left out for {study}: only {' and '.join(studies)} know it")
-    pressure = PRESSURE if pressure is None else pressure
     if packings is None:
         packings = _STARTS if study == "stability" else 3
     seeds = range(seed, seed + integer("packings", packings, at_least=1))
@@ -104,6 +117,17 @@ def shapes(
             raise ValueError(f"dimension must be 2 for stability, got {dimension}")
         _compare_stability(out, DISCS if particles is None else integer("particles", particles, at_least=3), seeds)
         return
+    if study == "annealing":
+        _anneal(
+            out,
+            64 if particles is None else particles,
+            STEPS if steps is None else steps,
+            ANNEALED_ASPECTS if aspects is None else aspects,
+            ANNEALED_PRESSURE if pressure is None else pressure,
+            seeds,
+        )
+        return
+    pressure = PRESSURE if pressure is None else pressure
     if study == "jammed":
         count = particles if particles is not None else {2: 128, 3: 64}[dimension]
         with working("shapes") as say:
@@ -157,6 +181,39 @@ def shapes(
     head = ("aspect", "1e-5 to 1e-4", "to 1e-3", "to 1e-2", "to 1e-1", "2e-2 to 1e-1", "3/4 at")
     show(table("exponents of G over the distance above jamming", head, rows, right=tuple(range(len(head)))))
     show(f"wrote moduli-{dimension}d.csv and moduli-{dimension}d.png in {out}")
+
+
+def _anneal(
+    out: Path, particles: int, steps: Sequence[float], aspects: Sequence[float], pressure: float, seeds: range
+) -> None:
+    """Anneal and quench ellipses, and print and draw what came of it."""
+    with working("shapes") as say:
+
+        def told(done: int, of: int, last: Annealed | None) -> None:
+            note = "" if last is None else f"; aspect {last.aspect:g} gave {last.packing_fraction:.4f}"
+            say(f"shapes: {done} of {of} packings{note}")
+
+        found = anneal_all(
+            out,
+            particles=particles,
+            steps=[0.0, *steps],
+            aspects=aspects,
+            pressure=pressure,
+            seeds=seeds,
+            progress=told,
+        )
+    draw_annealed(found, out / "annealing.png")
+    rows = []
+    for step, aspect in sorted({(one.step, one.aspect) for one in found}):
+        part = [one for one in found if (one.step, one.aspect) == (step, aspect)]
+        rest = [one for one in part if one.converged]
+        names = (_PHI, "coordination_number", "nematic_order", "local_order", "global_order")
+        cells = [mean_and_error([getattr(one, name) for one in rest]) for name in names]
+        texts = [f"{mean:.4f} +- {error:.4f}" for mean, error in cells]
+        rows.append((words_of(step), f"{aspect:g}", *texts, f"{len(rest)} of {len(part)}"))
+    head = ("made", "aspect", "packing fraction", "z", "nematic", "psi_6 local", "global", "at rest")
+    show(table(f"N = {particles}, pressure {pressure:g}", head, rows, right=tuple(range(1, len(head)))))
+    show(f"wrote annealed-*.csv, their packings, and annealing.png in {out}")
 
 
 def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seeds: range, scatter: float) -> None:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,15 @@ class Sheared:
     def settings(self) -> tuple[float, ...]:
         """What it was asked for."""
         return tuple(getattr(self, one.name) for one in fields(self)[:5])
+
+
+class HasAspect(Protocol):
+    """A packing of some aspect."""
+
+    @property
+    def aspect(self) -> float:
+        """The axis along the director over that across it."""
+        ...
 
 
 def start_of(dimension: int, particles: int, aspect: float, seed: int) -> pm.Scene:
@@ -195,7 +205,7 @@ def mean_and_error(values: Sequence[float]) -> tuple[float, float]:
 
 
 def over_aspect(
-    found: Sequence[Jammed], name: str
+    found: Sequence[HasAspect], name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the aspects, and mean and standard error of a figure at each."""
     aspects = sorted({one.aspect for one in found})

@@ -1,0 +1,113 @@
+"""`packmech structure`: order of jammed packings against disorder, and the spectral density of what they fill."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from packmech.cli.output import show, table, working
+from packmech.packing import Packing
+from packmech.validation.studies.shapes import mean_and_error
+from packmech.validation.studies.structure import (
+    DIMERS,
+    DISCS,
+    ELLIPSES,
+    KINDS,
+    PRESSURE,
+    SHOWN,
+    SPECTRAL_PRESSURE,
+    Ordered,
+    correlate,
+    draw_order,
+    draw_spectrum,
+    jam_all,
+    measure_spectrum,
+    spectral_packing,
+)
+
+
+def structure(
+    study: Literal["order", "spectrum"] = "order",
+    *,
+    out: Path = Path("structure"),
+    particles: int | None = None,
+    shaped: int = 128,
+    packings: int | None = None,
+    pressure: float | None = None,
+    k_min: float = 0.2,
+    k_max: float = 2.0,
+    seed: int = 0,
+) -> None:
+    """Measure order and correlation lengths against disorder, or the spectral density of packings; resumes.
+
+    Parameters
+    ----------
+    study
+        order: six-fold order over sizes and aspects, correlation lengths over sizes, numbers of contacts; spectrum: the
+        spectral density of discs of two sizes, and its power law between two wave numbers
+    out
+        folder to write to
+    particles
+        number of discs (default: 1024, for the spectrum 16384)
+    shaped
+        number of ellipses and of dimers, for order; 0 leaves them out
+    packings
+        of each kind, from seeds that follow each other (default: 4, for the spectrum 1)
+    pressure
+        of the jammed packings [energy scale / diameter^d] (default: 1e-6, for the spectrum 1e-3)
+    k_min
+        lower end of the power law [1 / mean diameter]
+    k_max
+        its upper end
+    seed
+        of the first packing
+
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    count = packings if packings is not None else {"order": 4, "spectrum": 1}[study]
+    seeds = range(seed, seed + count)
+    if study == "spectrum":
+        many = 16384 if particles is None else particles
+        with working("structure") as say:
+            made: list[Packing] = []
+            for one in seeds:
+                say(f"structure: {len(made)} of {count} packings")
+                made.append(spectral_packing(out, many, one, SPECTRAL_PRESSURE if pressure is None else pressure))
+        found = measure_spectrum(made)
+        fit = found.filled.power_law(k_min, k_max)
+        (out / "spectrum.csv").write_text(found.to_csv(), encoding="utf-8")
+        draw_spectrum(found, fit, out / "spectrum.png")
+        show(f"N = {many}: exponent {fit.exponent:.4f} +- {fit.exponent_error:.4f} for k d from {k_min:g} to {k_max:g}")
+        show(f"wrote spectrum.csv, packings, and spectrum.png in {out}")
+        return
+    many, pressure = 1024 if particles is None else particles, PRESSURE if pressure is None else pressure
+    with working("structure") as say:
+
+        def told(done: int, of: int, last: Ordered | None) -> None:
+            note = "" if last is None else f"; {KINDS[last.kind]} {last.disorder:g} gave {last.global_order:.3f}"
+            say(f"structure: {done} of {of} packings{note}")
+
+        ordered = jam_all(out, particles=many, kinds=(DISCS,), seeds=seeds, pressure=pressure, progress=told)
+        if shaped:
+            ordered += jam_all(
+                out, particles=shaped, kinds=(ELLIPSES, DIMERS), seeds=seeds, pressure=pressure, progress=told
+            )
+    at_rest = [one for one in ordered if one.kind == DISCS and one.converged]
+    chosen = {ratio: [one.seed for one in at_rest if one.disorder == ratio] for ratio in SHOWN}
+    correlated = [correlate(out, many, ratio, mine) for ratio, mine in chosen.items() if mine]
+    draw_order(ordered, correlated, out, out / "order.png")
+    rows = []
+    for kind, disorder in sorted({(one.kind, one.disorder) for one in ordered}):
+        part = [one for one in ordered if (one.kind, one.disorder) == (kind, disorder)]
+        names = ("packing_fraction", "coordination_number", "global_order", "local_order")
+        cells = [mean_and_error([getattr(one, name) for one in part if one.converged]) for name in names]
+        texts = [f"{mean:.4f} +- {error:.4f}" for mean, error in cells]
+        rows.append((KINDS[kind], f"{disorder:g}", *texts, f"{sum(one.converged for one in part)} of {len(part)}"))
+    head = ("kind", "disorder", "packing fraction", "z", "psi_6 global", "local", "at rest")
+    show(table(f"pressure {pressure:g}", head, rows, right=tuple(range(1, len(head)))))
+    lengths = [
+        (f"{one.ratio:g}", *(f"{x.length:.3f} +- {x.error:.3f}" for x in (one.bond_length, one.pair_length)))
+        for one in correlated
+    ]
+    show(table("correlation lengths", ("size ratio", "of psi_6", "of g - 1"), lengths, right=(0, 1, 2)))
+    show(f"wrote order.csv, its packings, and order.png in {out}")

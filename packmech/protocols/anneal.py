@@ -1,0 +1,166 @@
+"""`anneal_shape`: jammed discs or spheres that become ellipses, spheroids or rows of beads, a little at a time."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterable
+
+import numpy as np
+
+from packmech.check import instance, integer, one_of, positive
+from packmech.generate.cluster_shapes import LinearCluster
+from packmech.generate.random import generator_of
+from packmech.generate.rigid import beads_of, body_of
+from packmech.honors import honors
+from packmech.loop.run_loop import Progress, run_settings
+from packmech.packing import Packing
+from packmech.protocols.jam import is_jammed, jam
+from packmech.protocols.protocol import sequence
+from packmech.result import Outcome, Run
+from packmech.scene import Scene
+from packmech.shapes import Beads, Shapes, Spheroids
+
+
+def _spheroids(packing: Packing, aspect: float, rng: np.random.Generator | None) -> Spheroids:
+    """Return ellipses or spheroids of an aspect, with the directors of the packing or, for discs, with random ones."""
+    if isinstance(packing.shapes, Spheroids):
+        director = packing.shapes.director_nd
+    else:
+        director = generator_of(None, rng).standard_normal(packing.position_nd.shape)
+    return Spheroids(np.full(packing.particles, aspect), director)
+
+
+def _rows(packing: Packing, aspect: float, beads: int, rng: np.random.Generator | None) -> Beads:
+    """Return straight rows of beads of an aspect, turned as those of the packing are or, for discs, at random."""
+    d = packing.dimension
+    row = LinearCluster(beads, length=(aspect - 1.0) / (beads - 1.0)).cluster(d)
+    body = body_of(row.position_bd, row.radius_b)
+    if isinstance(packing.shapes, Beads):
+        orientation = packing.shapes.orientation_nq
+    else:
+        orientation = generator_of(None, rng).standard_normal((packing.particles, 2 if d == 2 else 4))
+    return beads_of([body] * packing.particles, orientation)
+
+
+@honors("repulsion shapes", at_rest=True)
+def anneal_shape(
+    scene: Scene,
+    aspects: Iterable[float],
+    *,
+    beads: int | None = None,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+    pressure: float = 1e-6,
+    strain: str = "isotropic",
+    force_tolerance: float = 1e-5,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> tuple[Run, ...]:
+    """Return one run for each aspect: a jammed packing whose particles change their shape, jammed again each time.
+
+    At every step all particles take the next aspect at the area or volume that they have, relax where they stand, are
+    compressed in small steps if nothing presses then, and are followed down to the pressure: the shape annealing of the
+    chapter on jammed systems. Directors are drawn at random, uniform over all directions, when discs or spheres get
+    them; from then on they are those that the step before ended with. The smaller the steps, the more of them:
+    `numpy.arange(1.05, 1.501, 0.05)` gives those of .05 up to 1.5.
+
+    Parameters
+    ----------
+    scene
+        The scene of a jammed packing of discs or spheres, or of one that was annealed before, which goes on.
+    aspects
+        In the order in which they are visited: axis along the director over that across it; of rows of beads length
+        over width, above 1 and at most the number of beads [1].
+    beads
+        None: ellipses or spheroids. Otherwise the number of equal beads in a straight rigid row: 2 for dimers.
+    seed, rng
+        Of the random directors: exactly one of them for discs or spheres, none for particles that have directors.
+    pressure
+        At which each packing ends [energy_scale / diameter^d].
+    strain
+        "isotropic": the box keeps its shape. "free": strains relax, so that the stress is isotropic.
+    force_tolerance
+        Largest net force over mean contact force that counts as balance [1].
+    time_limit
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+    progress
+        Called as progress(stage, figures).
+    check
+        Raise NotConverged when a packing is not jammed or not balanced; otherwise a run that is not jammed is the last.
+
+    Returns
+    -------
+    tuple of Run
+        `report` as for `jam`, and aspect.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If a packing does not come to rest at the pressure and `check` is set.
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(),))
+    >>> discs = pm.jam(scene, pressure=1e-5, strain="isotropic")
+    >>> runs = pm.anneal_shape(scene.replace(packing=discs.packing), [1.1, 1.2], seed=1, pressure=1e-5)
+    >>> [run.report["aspect"] for run in runs], runs[0].report["packing_fraction"] > discs.report["packing_fraction"]
+    ([1.1, 1.2], True)
+
+    """
+    instance("scene", scene, Scene)
+    goals = sequence("aspects", aspects, "aspect")
+    one_of("strain", strain, ("isotropic", "free"))
+    positive("pressure", pressure)
+    positive("force_tolerance", force_tolerance)
+    settings = run_settings(time_limit=time_limit, progress=progress, check=check)
+    packing = scene.packing
+    if beads is not None:
+        integer("beads", beads, at_least=2)
+        if (goals <= 1.0).any() or (goals > beads).any():
+            wrong = goals[(goals <= 1.0) | (goals > beads)][0]
+            raise ValueError(f"aspects must be above 1 and at most the number of beads, {beads}, got {wrong:g}")
+    kind = Spheroids if beads is None else Beads
+    if packing.shapes is None:
+        rng = generator_of(seed, rng)
+    elif not isinstance(packing.shapes, kind):
+        raise ValueError(
+            f"scene.packing must be of discs, spheres or {kind.__name__}, got {type(packing.shapes).__name__}"
+        )
+    elif seed is not None or rng is not None:
+        raise ValueError("seed and rng must be left out for particles that have directors")
+    if not is_jammed(scene):
+        raise ValueError(
+            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
+        )
+    runs: list[Run] = []
+    ends = time.process_time() + settings.time_limit
+    for aspect in goals.tolist():
+        shapes: Shapes = _spheroids(packing, aspect, rng) if beads is None else _rows(packing, aspect, beads, rng)
+        try:
+            run = jam(
+                scene.replace(packing=packing.replace(shapes=shapes)),
+                pressure=pressure,
+                strain=strain,
+                force_tolerance=force_tolerance,
+                time_limit=None if math.isinf(ends) else max(ends - time.process_time(), 1e-9),
+                progress=progress,
+                check=check,
+            )
+        except KeyboardInterrupt as stop:
+            stop.runs = tuple(runs)  # type: ignore[attr-defined]
+            raise
+        report = {"aspect": aspect, **run.report, "method": "anneal_shape", "start": "continued"}
+        runs.append(dataclasses.replace(run, report=report))
+        if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+            break
+        packing = run.packing
+    return tuple(runs)

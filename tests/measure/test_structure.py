@@ -1,0 +1,153 @@
+"""Facts about structure in real space: brute force over images, shells of crystals, decays that are known, freud."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_pair_distribution_is_that_of_all_pairs_over_all_images(dimension, scattered, images):
+    packing = scattered(dimension)
+    found = pm.pair_distribution(packing, r_max=2.9, bins=29)
+    distance = np.sqrt((images(packing) ** 2).sum(axis=-1))
+    distance[distance == 0.0] = 99.0
+    small = packing.radius_n < 0.35
+    shell = np.diff(found.edge_b**dimension) * (np.pi if dimension == 2 else 4.0 * np.pi / 3.0)
+    count = np.histogram(distance, found.edge_b)[0]
+    assert np.array_equal(found.count_b, count)
+    np.testing.assert_allclose(found.g_b, count * packing.box.volume / (120.0**2 * shell), rtol=1e-12)
+    unlike = np.histogram(distance[small][:, ~small], found.edge_b)[0]
+    np.testing.assert_allclose(
+        found.partial_ssb[0, 1],
+        unlike * packing.box.volume / (small.sum() * (~small).sum() * shell),
+        rtol=1e-12,
+    )
+    share = found.particles_s / 120.0
+    assert found.radius_s.tolist() == [0.3, 0.42]
+    np.testing.assert_allclose(np.einsum("a,abr,b->r", share, found.partial_ssb, share), found.g_b, rtol=1e-12)
+
+
+def test_stored_points_have_the_stored_pair_distribution_and_correlations(stored):
+    packing, points = stored.packing, stored.points
+    found = pm.pair_distribution(packing, r_max=4.0, bins=40)
+    np.testing.assert_allclose(found.edge_b, points["g_edges"], atol=1e-14)
+    np.testing.assert_allclose(found.g_b, points["g"], rtol=1e-12)
+    psi = np.array(points["psi6_re"]) + 1j * np.array(points["psi6_im"])
+    both = pm.correlation_function(packing, psi, r_max=points["corr_edges"][-1], bins=20)
+    np.testing.assert_allclose(both.value_b, points["corr_complex_re"], atol=1e-12)
+    np.testing.assert_allclose(both.magnitude_b, points["corr_magnitude"], atol=1e-12)
+    assert both.count_b.tolist() == points["corr_counts"]
+    assert both.mean_square == pytest.approx(points["psi6_global"] ** 2, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "repeats"),
+    [("triangular", "hex", 16), ("square", "square", 12), ("honeycomb", "honeycomb", 8), ("sc", "sc", 7),
+     ("fcc", "fcc", 7), ("bcc", "bcc8", 7), ("hcp", "hcp", 7)],
+)  # fmt: skip
+def test_crystals_have_their_shells(kind, name, repeats, lattices):
+    """Distances and numbers of neighbors in units of the shortest, counted by a separate program."""
+    shells = lattices[name]["shells"]
+    dimension = 2 if name in ("hex", "square", "honeycomb") else 3
+    crystal = pm.lattice_packing(kind, repeats=(repeats,) * dimension)
+    # bins whose edges fall on shells, where rounding decides unless it is taken into account
+    found = pm.pair_distribution(crystal, r_max=2.7, bins=270)
+    per_particle = found.count_b / crystal.particles
+    for distance, count in shells:
+        if distance < 2.65:
+            b = int(distance * 100 * (1 + 1e-9))
+            assert per_particle[b] == count, (distance, per_particle[b])
+    assert per_particle.sum() == sum(count for distance, count in shells if distance < 2.7)
+
+
+def test_a_packing_moved_by_lattice_vectors_in_equivalent_boxes_has_the_same_pairs(scattered):
+    packing = scattered(2)
+    lattice = packing.box.lattice_dd @ np.array([[1, 1], [0, 1]])
+    other = pm.Packing(packing.position_nd, packing.radius_n, pm.Box(lattice))
+    assert np.array_equal(pm.pair_distribution(packing, 4.0).count_b, pm.pair_distribution(other, 4.0).count_b)
+
+
+def test_distances_beyond_half_the_width_are_refused_with_the_width(scattered):
+    with pytest.raises(ValueError, match=r"r_max must be at most half the smallest width .*4.344"):
+        pm.pair_distribution(scattered(2), r_max=4.4)
+    assert pm.pair_distribution(scattered(2), r_max=4.34).count_b.sum() > 0
+
+
+def test_many_sizes_are_one_species(scattered):
+    packing = scattered(2).replace(radius_n=np.linspace(0.2, 0.4, 120))
+    found = pm.pair_distribution(packing)
+    assert found.partial_ssb.shape == (1, 1, 60)
+    assert np.array_equal(found.partial_ssb[0, 0], found.g_b)
+
+
+def test_the_first_minimum_of_a_crystal_lies_between_its_shells_where_there_is_nothing():
+    found = pm.pair_distribution(pm.lattice_packing("triangular", repeats=(8, 8)), r_max=3.0, bins=60)
+    assert found.peak == pytest.approx(1.025) and 1.05 < found.first_minimum < 1.7
+    assert found.translational_order == 0.0 and found.bin_width == 0.05
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_correlations_are_those_of_all_pairs(dimension, scattered, images):
+    packing = scattered(dimension, particles=60)
+    value = np.random.default_rng(2).normal(size=(60, 3, 2)) @ np.array([1.0, 1j])
+    found = pm.correlation_function(packing, value, r_max=2.9, bins=15)
+    distance = np.sqrt((images(packing) ** 2).sum(axis=-1))
+    product = (value @ value.conj().T).real[:, :, None] + 0.0 * distance
+    for b in range(15):
+        inside = (distance >= found.edge_b[b]) & (distance < found.edge_b[b + 1]) & (distance > 0.0)
+        assert found.count_b[b] == inside.sum()
+        if inside.any():
+            assert found.value_b[b] == pytest.approx(product[inside].mean(), abs=1e-12)
+    assert found.mean_square == pytest.approx((np.abs(value.mean(axis=0)) ** 2).sum(), rel=1e-12)
+
+
+def test_a_plane_wave_correlates_as_the_bessel_function(scattered):
+    """<exp(i k (x_i - x_j))> over directions is J0(k r); in a crystal without structure within a bin to the noise."""
+    from scipy.special import j0
+
+    packing = scattered(2, particles=4000)
+    k = 2.0 * np.pi * packing.box.inverse_dd[1]
+    found = pm.correlation_function(packing, np.exp(1j * packing.position_nd @ k), r_max=4.0, bins=20)
+    away = found.value_b - j0(np.linalg.norm(k) * found.r_b)
+    assert np.abs(away * np.sqrt(found.count_b)).max() < 4.0 + 0.02 * np.sqrt(found.count_b.max())
+
+
+def test_the_length_of_a_decay_is_found_from_its_maxima_above_the_noise():
+    r = np.linspace(0.0, 20.0, 2001)
+    wave = np.exp(-r / 3.0) * np.cos(2.0 * np.pi * r)
+    found = pm.correlation_length(r, wave, np.full(2001, 10**4))
+    assert found.length == pytest.approx(3.0, rel=1e-9) and found.amplitude == pytest.approx(1.0, rel=1e-2)
+    # maxima below 1/sqrt(pairs) do not count
+    assert len(found.r_m) == int(np.floor(3.0 * np.log(100.0)))
+    assert np.isnan(pm.correlation_length(r, wave, np.full(2001, 4)).length)
+    assert pm.correlation_length(r, wave, np.full(2001, 10**4), r_min=2.5).r_m[0] == pytest.approx(3.0, abs=0.02)
+
+
+def test_freud_agrees_on_pair_distributions_and_correlations(scattered):
+    freud = pytest.importorskip("freud")
+    for dimension in (2, 3):
+        packing = scattered(dimension)
+        lattice = packing.box.lattice_dd
+        xy = lattice[0, 1] / lattice[1, 1]
+        box = freud.box.Box(lattice[0, 0], lattice[1, 1], xy=xy, is2D=True)
+        if dimension == 3:
+            box = freud.box.Box(*np.diag(lattice), xy, lattice[0, 2] / lattice[2, 2], lattice[1, 2] / lattice[2, 2])
+        place = np.zeros((packing.particles, 3))
+        place[:, :dimension] = packing.position_nd
+        place = box.wrap(place)
+        rdf = freud.density.RDF(bins=29, r_max=2.9).compute((box, place))
+        np.testing.assert_allclose(pm.pair_distribution(packing, 2.9, 29).g_b, rdf.rdf, atol=5e-5)
+        value = np.exp(1j * np.arange(packing.particles) ** 2)
+        other = freud.density.CorrelationFunction(bins=10, r_max=2.9).compute((box, place), value)
+        found = pm.correlation_function(packing, value, 2.9, 10)
+        np.testing.assert_allclose(found.value_b[3:], other.correlation.real[3:], atol=5e-5)
+
+
+def test_noise_on_a_wave_has_no_maxima_of_its_own_where_they_are_to_stand_apart():
+    r = np.linspace(0.0, 12.5, 626)
+    wave = np.exp(-r / 3.0) * (1.0 + np.cos(2.0 * np.pi * r) + 0.05 * (-1.0) ** np.arange(626))
+    loose = pm.correlation_length(r, wave, np.full(626, 10**6))
+    found = pm.correlation_length(r, wave, np.full(626, 10**6), separation=0.4)
+    assert len(loose.r_m) > 40 and found.r_m == pytest.approx(np.arange(1, 13), abs=0.06)
+    assert found.length == pytest.approx(3.0, rel=0.01) and loose.error > 5.0 * found.error

@@ -1,0 +1,75 @@
+"""The studies of annealing and of structure: rows resume, figures are written, pressures are reached."""
+
+import math
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.validation.studies.annealing import anneal_all, draw_annealed, steps_between
+from packmech.validation.studies.structure import (
+    DISCS,
+    ELLIPSES,
+    correlate,
+    draw_order,
+    draw_spectrum,
+    jam_all,
+    measure_spectrum,
+    packing_path,
+    spectral_packing,
+)
+
+
+def silent(done, of, last):
+    """Report nothing."""
+
+
+def test_steps_are_equal_and_end_at_the_aspect():
+    assert steps_between(1.0, 1.2, 0.05) == pytest.approx([1.05, 1.1, 1.15, 1.2])
+    assert steps_between(1.1, 1.2, 0.5) == [1.2]
+
+
+def test_an_annealing_that_was_stopped_goes_on_to_the_same_packings(tmp_path):
+    settings = {"particles": 16, "steps": (0.0, 0.1), "pressure": 1e-4, "seeds": (1,), "progress": silent}
+    first = anneal_all(tmp_path / "a", aspects=(1.1,), **settings)
+    both = anneal_all(tmp_path / "a", aspects=(1.1, 1.3), **settings)
+    at_once = anneal_all(tmp_path / "b", aspects=(1.1, 1.3), **settings)
+    assert [one.step for one in both] == [0.0, 0.0, 0.1, 0.1] and first[0] == both[0]
+    assert [one.packing_fraction for one in both] == [one.packing_fraction for one in at_once]
+    assert all(one.converged for one in both)
+    draw_annealed(both, tmp_path / "annealing.png")
+    assert (tmp_path / "annealing.png").stat().st_size > 10_000
+
+
+def test_order_and_correlations_of_a_few_discs_are_drawn(tmp_path, monkeypatch):
+    from packmech.validation.studies import structure
+
+    monkeypatch.setattr(structure, "RATIOS", (1.2, 1.4))
+    monkeypatch.setattr(structure, "ASPECTS", (1.3,))
+    settings = {"seeds": (0,), "pressure": 1e-4, "progress": silent}
+    found = jam_all(tmp_path, particles=64, kinds=(DISCS,), **settings)
+    found += jam_all(tmp_path, particles=16, kinds=(ELLIPSES,), **settings)
+    assert [one.disorder for one in found] == [1.2, 1.4, 1.3] and all(one.converged for one in found)
+    packing = pm.read_packing(packing_path(tmp_path, DISCS, 64, 1.4, 0))
+    assert found[1].global_order == pm.bond_orientational_order(packing).global_order
+    found += jam_all(tmp_path, particles=64, kinds=(DISCS,), **(settings | {"seeds": (1,)}))
+    # boxes of two sizes
+    correlated = [correlate(tmp_path, 64, ratio, (0, 1)) for ratio in (1.2, 1.4)]
+    draw_order(found, correlated, tmp_path, tmp_path / "order.png")
+    assert (tmp_path / "order.png").stat().st_size > 10_000
+
+
+def test_a_spectrum_is_that_of_a_packing_at_the_pressure(tmp_path):
+    packing = spectral_packing(tmp_path, 64, 1, 3e-3)
+    assert pm.pressure(pm.Scene(packing, (pm.Repulsion(),))) == pytest.approx(3e-3, rel=0.1)
+    assert spectral_packing(tmp_path, 64, 1, 3e-3) == packing
+    found = measure_spectrum([packing], width=0.5)
+    index = pm.wave_indices(packing.box, 12.0 / found.diameter, half=True)
+    value = pm.spectral_density(packing, index) / found.diameter**2
+    assert (found.filled.value_b * found.filled.count_b).sum() == pytest.approx(value.sum())
+    assert found.filled.count_b.sum() == len(index)
+    assert found.to_csv().count("\n") == len(found.filled.k_b) + 1
+    fit = found.filled.power_law(0.5, 6.0)
+    draw_spectrum(found, fit, tmp_path / "spectrum.png")
+    assert math.isfinite(fit.exponent) and (tmp_path / "spectrum.png").stat().st_size > 10_000
+    assert np.isfinite(found.centers.value_b).all()
