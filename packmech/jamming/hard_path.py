@@ -54,7 +54,9 @@ _NO_FORCE = 1e-7
 # strain beyond an opening at which the next packing is looked for, and slack that it begins with [diameter]
 _BEYOND, _SLACK = 1e-9, 1e-3
 _BARRIERS = (1e-12, 1e-13, 1e-14)
-_KICKS, _ITERATIONS = 3, 1000
+_KICKS, _ITERATIONS = 3, 400
+# the network's equations have several solutions: what is found must be this near where the rates lead, over the way
+_CORRECTED, _ROUNDED = 0.25, 1e-9
 # the shortest step of strain that is tried
 _SHORTEST = 1e-9
 # positions this many lattice vectors away are wrapped
@@ -210,6 +212,11 @@ class HardPath:
         packing = packing.replace(position_nd=position * size, box=packing.box.scaled(size))
         return packing.replace(box=self._lattice(strain, packing))
 
+    def _length(self, start: Vertex, strain: float) -> float:
+        """Return how far the rates take particles that bear forces, or the strain its own diameter."""
+        fastest = float(np.abs(start.rates.u_nd).max())
+        return abs(strain - start.strain) * max(fastest, 1.0)
+
     def _key(self, pairs: Candidates | Contacts) -> NDArray[np.int64]:
         """Return a number for each pair and its image."""
         key = np.asarray(pairs.i_c * len(self.radius_n) + pairs.j_c)
@@ -229,7 +236,8 @@ class HardPath:
         ahead = self._ahead(start, strain)
         packing, contacts, error = bring_to_contact(ahead, pairs, self.isotropic_kdd)
         self.factorizations += 4
-        if error > _TOUCH:
+        corrected = float(np.abs(packing.position_nd - ahead.position_nd)[start.live_n].max())
+        if error > _TOUCH or corrected > _CORRECTED * self._length(start, strain) + _ROUNDED:
             return _Trial(None, -math.inf, "fold")
         # the volume may have changed, its shape may not
         packing = packing.replace(box=self._lattice(strain, packing))
@@ -316,15 +324,15 @@ class HardPath:
 
         def margin(strain: float) -> float:
             if strain == start.strain:
-                # what has just opened is still there
-                return 1e-300
+                # a contact that has just been given up is still closed
+                return _TOUCH
             if strain not in found:
                 found[strain] = self._try(start, strain)
-            return max(found[strain].margin, -1.0)
+            return max(found[strain].margin, -1.0) + _TOUCH
 
         root = brentq(margin, start.strain, end.strain, xtol=1e-15, rtol=4.0 * np.finfo(float).eps, maxiter=200)
         trials = [one for strain, one in found.items() if one.vertex is not None and abs(strain - root) < 1e-11]
-        there = min(trials, key=lambda one: abs(one.margin)) if trials else self._try(start, root)
+        there = min(trials, key=lambda one: abs(one.margin + _TOUCH)) if trials else self._try(start, root)
         if there.vertex is None:
             return self._fall(start, start, "fold", end.strain - start.strain)
         if there.cause == "opening" or there.vertex.strain == start.strain:
