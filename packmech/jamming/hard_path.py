@@ -122,6 +122,8 @@ class Change:
         "fold": the network ends for another reason.
     moved
         Largest displacement of a particle that bears forces in both packings, beyond the mean one [mean diameter].
+    identities
+        Pairs (i, j, image) that bear forces before and after, images those of the start.
 
     """
 
@@ -129,6 +131,7 @@ class Change:
     after: Vertex
     cause: str
     moved: float
+    identities: tuple[frozenset[tuple[int, ...]], frozenset[tuple[int, ...]]]
 
     @property
     def jumps(self) -> bool:
@@ -341,7 +344,10 @@ class HardPath:
         if exchanged is None:
             return self._fall(start, there.vertex, there.cause, end.strain - start.strain)
         before, after = exchanged
-        return Change(before, after, there.cause, 0.0)
+        return self._noted(before, after, there.cause, 0.0)
+
+    def _noted(self, before: Vertex, after: Vertex, cause: str, moved: float) -> Change:
+        return Change(before, after, cause, moved, (self.identity(before.contacts), self.identity(after.contacts)))
 
     def _exchange(self, vertex: Vertex, direction: float) -> tuple[Vertex, Vertex] | None:
         """Return the vertex where pairs have just closed, with its own network and with that which goes on."""
@@ -417,7 +423,8 @@ class HardPath:
         ahead = packing.position_nd + math.copysign(_BEYOND, direction) * (packing.position_nd @ self.shear_dd.T)
         packing = packing.replace(position_nd=ahead, box=self._lattice(strain, packing))
         state = self._warm(packing, vertex)
-        hard = self.search(state)
+        hard, iterations = search_hard(state, self.radius_n, self.isotropic_kdd)
+        self.factorizations += iterations
         if hard is None:
             raise Lost
         place = hard.packing.replace(box=self._lattice(strain, hard.packing))
@@ -426,7 +433,7 @@ class HardPath:
         moved = place.position_nd @ np.linalg.inv(place.box.lattice_dd).T
         moved = (moved - packing.position_nd @ packing.box.inverse_dd.T)[both] @ packing.box.lattice_dd.T
         moved = moved - moved.mean(axis=0) if len(moved) else np.zeros((1, 1))
-        return Change(vertex, after, cause, float(np.sqrt((moved**2).sum(axis=1)).max()))
+        return self._noted(vertex, after, cause, float(np.sqrt((moved**2).sum(axis=1)).max()))
 
     def _warm(self, packing: Packing, vertex: Vertex) -> HardState:
         """Return the state of an interior-point search that begins with the forces of a vertex."""
@@ -443,29 +450,6 @@ class HardPath:
         force[mine] = np.maximum(vertex.force_c[order][place[mine]], force[mine])
         violation = float((slack - near.gap_c).max(initial=0.0))
         return HardState(packing.position_nd, packing.box.lattice_dd, pairs, slack, force, barrier, violation)
-
-    def search(self, state: HardState) -> HardPacking | None:
-        """Return the hard packing that an interior-point search from a state ends in; None where there is none."""
-        rung = kicks = 0
-        while True:
-            state = densify(
-                state, self.radius_n, self.isotropic_kdd, barrier=_BARRIERS[rung], iteration_limit=_ITERATIONS
-            )
-            self.factorizations += state.iterations
-            hard, _ = certify(state, self.radius_n, self.isotropic_kdd)
-            if hard is not None and not hard.floppy_modes:
-                return hard
-            if state.iterations >= _ITERATIONS:
-                return None
-            if hard is not None and kicks < _KICKS:
-                kicks, rung = kicks + 1, 0
-                near = kicked(hard.packing, self.isotropic_kdd, kicks)
-                load = float(near.particles * near.dimension)
-                state = start_state(near.position_nd, near.box.lattice_dd, near.radius_n, load)
-            elif hard is None and rung < len(_BARRIERS) - 1:
-                rung += 1
-            else:
-                return None
 
     # labels of the same lattice
 
@@ -570,3 +554,28 @@ def make_room(
             break
         trust = min(trust, max(3.0 * float(np.abs(u_nd).max()), 1e-6))
     return packing, room, active
+
+
+def search_hard(
+    state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64]
+) -> tuple[HardPacking | None, int]:
+    """Return the hard packing that an interior-point search from a state ends in, or None, and its iterations."""
+    rung = kicks = used = 0
+    while True:
+        began = state.iterations
+        state = densify(state, radius_n, basis_kdd, barrier=_BARRIERS[rung], iteration_limit=_ITERATIONS)
+        used += state.iterations - began
+        hard, _ = certify(state, radius_n, basis_kdd)
+        if hard is not None and not hard.floppy_modes:
+            return hard, used
+        if state.iterations >= _ITERATIONS:
+            return None, used
+        if hard is not None and kicks < _KICKS:
+            kicks, rung = kicks + 1, 0
+            near = kicked(hard.packing, basis_kdd, kicks)
+            load = float(near.particles * near.dimension)
+            state = start_state(near.position_nd, near.box.lattice_dd, near.radius_n, load)
+        elif hard is None and rung < len(_BARRIERS) - 1:
+            rung += 1
+        else:
+            return None, used
