@@ -82,6 +82,11 @@ class ShapeNetwork(SoftNetwork):
             sums.strain_ee + self._bulging(basis_kdd),
         )  # fmt: skip
 
+    def gradient_slopes(self) -> NDArray[np.float64]:
+        """Return the (d, d) slopes of the energy along displacement gradients, which turn nobody."""
+        one = self.contacts
+        return np.asarray(np.einsum("c,ca,cb->ab", self.first_c, one.slope_cx[:, : one.dimension], one.vector_cd))
+
     def gap_rates(self, near: ShapeContacts, answer: Response) -> NDArray[np.float64]:
         """Return how fast the distances of pairs change in a response."""
         d, u_nd = near.dimension, answer.u_nd

@@ -398,11 +398,19 @@ class SoftNetwork:
         """
         k = len(self.basis_kdd)
         found = self.coupled(np.concatenate([self.basis_kdd, shear_dd[None]]), 1e-12 * float(np.abs(self.second_c).mean()))
-        coupling, corner = found.coupling_fk, found.corner_kk
+        coupling, corner = found.coupling_fk, found.corner_kk.copy()
+        # free strains act on what is sheared already
+        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_slopes(), self.basis_kdd, shear_dd)
+        corner[k, :k] = corner[:k, k]
         step, strain_k, _ = found.solved(-coupling[:, k], -corner[:k, k], coupling[:, :k], corner[:k, :k])
         curvature = float(corner[k, k] + coupling[:, k] @ step + corner[k, :k] @ strain_k)
         gradient = shear_dd + np.einsum("k,kab->ab", strain_k, self.basis_kdd)
         return Response(self._spread(found, step), strain_k, gradient, curvature)
+
+    def gradient_slopes(self) -> NDArray[np.float64]:
+        """Return the (d, d) slopes of the energy along displacement gradients."""
+        one = self.contacts
+        return np.asarray(np.einsum("c,ca,cb->ab", self.first_c, one.normal_cd, one.vector_cd))
 
     def gap_rates(self, near: Any, answer: Response) -> NDArray[np.float64]:
         """Return how fast the distances of pairs change in a response."""
@@ -457,6 +465,11 @@ class LinkedNetwork(SoftNetwork):
         distance = np.sqrt((vector**2).sum(axis=1))
         self._vector_ld, self._normal_ld = vector, vector / distance[:, None]
         self._distance_l = distance
+
+    def gradient_slopes(self) -> NDArray[np.float64]:
+        """Return the (d, d) slopes of the energy along displacement gradients, tensions of links included."""
+        own = np.einsum("l,la,lb->ab", self.tension_l, self._normal_ld, self._vector_ld)
+        return np.asarray(super().gradient_slopes() + own)
 
     def stiff_pairs(self) -> StiffPairs:
         """Return the contacts and the links, which are stiff across by their tension."""

@@ -20,10 +20,16 @@ from packmech.jamming.hard_path import Change, HardPath, Lost, Vertex, search_ha
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
+from packmech.effects import Harmonic, Repulsion
 from packmech.minimize.soft_network import length_unit
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
+from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.pressure_path import PressurePath
+from packmech.protocols.protocol import Protocol
+from packmech.protocols.strain_path import Sheared, StrainPath
 from packmech.result import Outcome, Row, Run, Stage, csv_text
+from packmech.scene import Scene
 
 # a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
 _NEARBY, _DENSER = 0.1, 0.01
@@ -37,14 +43,15 @@ class FamilyChange:
     Attributes
     ----------
     strain
-        Where it happens [1].
+        Where it happens, and with shapes a little before it [1].
     cause
         "closing": a pair closed; "squeezing": what surrounds a rattler closed on it; "opening": the force of a contact
-        fell to zero; "fold": the network cannot be followed for another reason.
+        fell to zero; "fold": the network cannot be followed for another reason. With shapes also "instability", and
+        "several" where changes are too close to be told apart.
     route
         How the packing came to its next network: "exchange": positions stay, a contact takes over from another;
-        "interior point": it fell to the hard packing nearby, by the interior-point method that minimizes the volume.
-        Other ways down may lead elsewhere.
+        "interior point": it fell to the hard packing nearby, by the interior-point method that minimizes the volume,
+        and with shapes "downhill": by steps that lower the enthalpy. Other ways down may lead elsewhere.
     family_before, family_after
         Numbers of the families.
     closed, opened
@@ -87,7 +94,8 @@ class ShearFamilies(Run):
     contacts_t, rattlers_t
         (T,) force-bearing contacts, and particles that bear none.
     gap_error_t, imbalance_t
-        (T,) largest gap of a contact over the mean diameter, and largest net force over the mean force [1].
+        (T,) largest gap of a contact over the mean diameter, with shapes the largest overlap; and largest net force over
+        the mean force [1].
     changes
         The changes, in order.
     packings
@@ -160,13 +168,14 @@ class ShearFamilies(Run):
         return csv_text(_COLUMNS, zip(*(getattr(self, f"{name}_t").tolist() for name in _COLUMNS), strict=True))
 
 
-@honors("", packing_only=True)
+@honors("shapes", packing_only=True)
 def shear_families(
     packing: Packing,
     applied_strain: float = 0.1,
     *,
     step: float = 2e-3,
     axes: tuple[int, int] = (0, 1),
+    pressure: float = 1e-7,
     keep: Iterable[float] = (),
     time_limit: float | None = None,
     progress: Progress | None = None,
@@ -181,10 +190,15 @@ def shear_families(
     along a family, and jumps only up. A negative strain shears the other way; a walk back from `run.packing` is the
     same path up to the first jump. Labels of the lattice vectors are renewed on the way, so that strains may be large.
 
+    Packings with shapes are followed at a small pressure, under the harmonic law, from equilibrium to equilibrium as in
+    `quasistatic_shear`; packing fractions are extrapolated to zero pressure by phi (1 - 2 E / (P V)), which leaves an
+    error of second order in the overlaps. An exchange of contacts then takes a strain of the order of the pressure, in
+    which both bear forces.
+
     Parameters
     ----------
     packing
-        A jammed packing of discs or spheres: `run.packing` of a run of `jam` at a small pressure with
+        A jammed packing: of discs or spheres `run.packing` of a run of `jam` at a small pressure with
         ``strain="isotropic"``, its `report["hard_packing"]`, or an earlier run's packing.
     applied_strain
         Shear strain at the end, positive or negative [1].
@@ -192,6 +206,8 @@ def shear_families(
         Largest step of strain, at the end of each of which there is a row [1].
     axes
         Direction of the flow, and of its gradient.
+    pressure
+        Pressure at which packings with shapes are followed [energy_scale / diameter^d]; discs and spheres need none.
     keep
         Strains at which to keep the packings.
     time_limit
@@ -233,11 +249,15 @@ def shear_families(
     for k, one in enumerate(kept):
         if not min(0.0, end) <= one <= max(0.0, end):
             raise ValueError(f"keep[{k}] must lie between 0 and applied_strain, got {one}")
+    small = positive("pressure", pressure)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     with single_thread():
-        path = HardPath(_hard_packing(packing), pair)
-        walk = _Walk(packing, path, loop, began)
+        walk: _HardWalk | _SoftWalk
+        if packing.shapes is None:
+            walk = _HardWalk(packing, HardPath(_hard_packing(packing), pair), loop, began)
+        else:
+            walk = _SoftWalk(packing, pair, small, loop, began)
         goals = np.linspace(0.0, end, max(1, int(np.ceil(abs(end) / size - 1e-9))) + 1)[1:]
         goals = np.unique(np.concatenate([goals, kept]))
         return loop.run(lambda: walk.through(goals if end >= 0.0 else goals[::-1], kept), walk.finish)
@@ -290,27 +310,58 @@ def _hard_packing(packing: Packing) -> HardPacking:
     )
 
 
-class _Walk:
-    """A hard packing on its way through strains, and the rows that it leaves."""
+class _Rows:
+    """The rows, changes and packings that a walk leaves, and the run that they make."""
 
-    def __init__(self, packing: Packing, path: HardPath, loop: RunLoop, began: float) -> None:
-        self.given, self.path, self.loop, self.began = packing, path, loop, began
-        self.unit = length_unit(packing)
+    def __init__(self, axes: tuple[int, int], began: float) -> None:
+        self.axes, self.began = axes, began
         self.numbers: dict[frozenset[tuple[int, ...]], int] = {}
         self.rows: list[tuple[float, ...]] = []
         self.changes: list[FamilyChange] = []
         self.kept: list[Packing] = []
-        self._keep(path.vertex)
+
+    def number(self, network: frozenset[tuple[int, ...]]) -> int:
+        """Return the number of a network."""
+        return self.numbers.setdefault(network, len(self.numbers))
+
+    def run(self, packing: Packing, outcome: Outcome, steps: int) -> ShearFamilies:
+        """Return the run as far as it came."""
+        columns = dict(zip(_COLUMNS, np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy(), strict=True))
+        for name in ("family", "contacts", "rattlers"):
+            columns[name] = columns[name].astype(np.int64)
+        seconds = time.process_time() - self.began
+        residual = float(columns["imbalance"].max(initial=0.0))
+        stage = Stage("families", residual, steps, 0, seconds, f"{len(self.changes)} changes of the network")
+        return ShearFamilies(
+            packing=packing,
+            outcome=outcome,
+            residual=residual,
+            steps=steps,
+            force_evaluations=0,
+            seconds=seconds,
+            stages=(stage,),
+            changes=tuple(self.changes),
+            packings=tuple(self.kept),
+            axes=self.axes,
+            **{f"{name}_t": column for name, column in columns.items()},
+        )
+
+
+class _HardWalk:
+    """A hard packing on its way through strains."""
+
+    def __init__(self, packing: Packing, path: HardPath, loop: RunLoop, began: float) -> None:
+        self.given, self.path, self.loop = packing, path, loop
+        self.unit = length_unit(packing)
+        self.found = _Rows(path.axes, began)
+        self._keep(path.vertex, self.found.number(path.identity(path.vertex.contacts)))
 
     def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
         """Go through all strains."""
-        path = self.path
-        if 0.0 in kept:
-            self.kept.append(self._restored(path.vertex))
+        path, found = self.path, self.found
         for goal in goals.tolist():
-            if goal == path.vertex.strain:
-                continue
-            while True:
+            # a fall ends a little beyond the strain where it begins
+            while abs(path.vertex.strain) < abs(goal):
                 self.loop.check_time()
                 try:
                     vertex, change = path.go(goal)
@@ -318,32 +369,22 @@ class _Walk:
                     return Outcome.NOT_JAMMED
                 if change is not None:
                     self._note(change)
-                self._keep(vertex)
-                if vertex.strain == goal or (vertex.strain - goal) * (goal - self.rows[0][0]) > 0.0:
-                    break
+                self._keep(vertex, found.number(path.identity(vertex.contacts)))
             if goal in kept:
-                self.kept.append(self._restored(vertex))
-            self.loop.report(
-                "families",
-                strain=vertex.strain,
-                packing_fraction=self.rows[-1][1],
-                changes=len(self.changes),
-            )
+                found.kept.append(self._restored(path.vertex))
+            last = found.rows[-1]
+            self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
         return Outcome.FINISHED
 
-    def _number(self, vertex: Vertex) -> int:
-        return self.numbers.setdefault(self.path.identity(vertex.contacts), len(self.numbers))
-
-    def _keep(self, vertex: Vertex, number: int | None = None) -> None:
-        live = int(vertex.live_n.sum())
-        self.rows.append(
+    def _keep(self, vertex: Vertex, number: int) -> None:
+        self.found.rows.append(
             (
                 vertex.strain,
                 packing_fraction(vertex.packing),
                 vertex.stress_ratio(self.path.axes),
-                self._number(vertex) if number is None else number,
+                number,
                 len(vertex.contacts),
-                self.given.particles - live,
+                int((~vertex.live_n).sum()),
                 vertex.gap_error,
                 vertex.force_imbalance,
             )
@@ -352,10 +393,10 @@ class _Walk:
     def _note(self, change: Change) -> None:
         """Keep a change, and a row of what was before it."""
         before, after = change.identities
-        first, second = (self.numbers.setdefault(one, len(self.numbers)) for one in (before, after))
+        first, second = self.found.number(before), self.found.number(after)
         self._keep(change.before, first)
-        jump = packing_fraction(change.after.packing) - packing_fraction(change.before.packing) if change.jumps else 0.0
-        self.changes.append(
+        jump = packing_fraction(change.after.packing) - packing_fraction(change.before.packing)
+        self.found.changes.append(
             FamilyChange(
                 change.before.strain,
                 change.cause,
@@ -364,7 +405,7 @@ class _Walk:
                 second,
                 tuple(sorted(after - before)),
                 tuple(sorted(before - after)),
-                jump,
+                jump if change.jumps else 0.0,
                 change.moved,
             )
         )
@@ -378,23 +419,109 @@ class _Walk:
 
     def finish(self, outcome: Outcome) -> ShearFamilies:
         """Return the run as far as it came."""
-        columns = dict(zip(_COLUMNS, np.array(self.rows).T.copy(), strict=True))
-        for name in ("family", "contacts", "rattlers"):
-            columns[name] = columns[name].astype(np.int64)
-        seconds = time.process_time() - self.began
-        residual = float(columns["imbalance"].max())
-        note = f"{len(self.changes)} changes of the network"
-        stage = Stage("families", residual, self.path.factorizations, 0, seconds, note)
-        return ShearFamilies(
-            packing=self._restored(self.path.vertex),
-            outcome=outcome,
-            residual=residual,
-            steps=self.path.factorizations,
-            force_evaluations=0,
-            seconds=seconds,
-            stages=(stage,),
-            changes=tuple(self.changes),
-            packings=tuple(self.kept),
-            axes=self.path.axes,
-            **{f"{name}_t": column for name, column in columns.items()},
+        return self.found.run(self._restored(self.path.vertex), outcome, self.path.factorizations)
+
+
+class _SoftWalk:
+    """A packing with shapes on its way through strains at a small pressure."""
+
+    def __init__(self, packing: Packing, axes: tuple[int, int], pressure: float, loop: RunLoop, began: float) -> None:
+        scene = Scene(packing, (Repulsion(Harmonic()),))
+        if not is_jammed(scene):
+            raise ValueError("packing must be jammed under the harmonic law, got one that is not: jam it")
+        self.protocol = Protocol(scene, free_strains("isotropic", packing.dimension), "isotropic", 1e-9, loop)
+        self.axes, self.pressure, self.loop = axes, pressure, loop
+        self.found = _Rows(axes, began)
+        self.path: StrainPath | None = None
+
+    def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
+        """Go to the pressure, then through all strains."""
+        protocol, found = self.protocol, self.found
+        outcome = PressurePath(protocol).go(self.pressure)
+        if not outcome.ok:
+            return outcome
+        protocol.scene = protocol.scene.replace(packing=protocol.last)
+        self.path = path = StrainPath(protocol, self.axes, self.pressure * protocol.scene.pressure_unit)
+        self._keep(path.now)
+        for goal in goals.tolist():
+            while path.now.strain != goal:
+                if not path.sound:
+                    return Outcome.NOT_JAMMED
+                self._towards(path, goal)
+            if goal in kept:
+                found.kept.append(self._restored(path.now))
+            last = found.rows[-1]
+            self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
+        return Outcome.FINISHED
+
+    def _towards(self, path: StrainPath, goal: float) -> None:
+        start = path.now
+        reached, fallen = path.step(goal)
+        if reached.pairs != start.pairs or fallen is not None:
+            one = path.locate(start, reached.strain if fallen is None else fallen.strain)
+            if one is not None and abs(one.below - start.strain) < abs(goal - start.strain):
+                self._note(one.before, one.after, "opening" if one.opened else "closing", "exchange")
+                path.now = one.after
+                return
+        if fallen is not None:
+            self._note(reached, fallen, "instability", "downhill")
+            path.now = fallen
+            return
+        if reached.pairs != start.pairs:
+            self._note(start, reached, "several", "exchange")
+        else:
+            self._keep(reached)
+
+    def _fraction(self, one: Sheared) -> float:
+        """Return the packing fraction extrapolated to zero pressure."""
+        soft = packing_fraction(self.protocol.restored(one.packing))
+        return soft * (1.0 - 2.0 * one.energy / (one.pressure * one.volume))
+
+    def _keep(self, one: Sheared) -> None:
+        gap = -one.network.contacts.gap_c / one.network.contacts.contact_distance_c
+        self.found.rows.append(
+            (
+                one.strain,
+                self._fraction(one),
+                one.stress / one.pressure,
+                self.found.number(one.pairs),
+                len(one.pairs),
+                int((~one.held_n).sum()),
+                float(gap.max(initial=0.0)),
+                one.residual,
+            )
         )
+
+    def _note(self, before: Sheared, after: Sheared, cause: str, route: str) -> None:
+        """Keep a change, and rows on both sides of it."""
+        falls = route != "exchange"
+        self._keep(before)
+        self._keep(after)
+        moved = after.packing.position_nd @ after.packing.box.inverse_dd.T
+        moved = (moved - before.packing.position_nd @ before.packing.box.inverse_dd.T) @ after.packing.box.lattice_dd.T
+        moved = moved[before.held_n & after.held_n]
+        far = float(np.sqrt(((moved - moved.mean(axis=0)) ** 2).sum(axis=1)).max()) if falls and len(moved) else 0.0
+        self.found.changes.append(
+            FamilyChange(
+                before.strain,
+                cause,
+                route,
+                self.found.number(before.pairs),
+                self.found.number(after.pairs),
+                tuple(sorted(after.pairs - before.pairs)),
+                tuple(sorted(before.pairs - after.pairs)),
+                self._fraction(after) - self._fraction(before) if falls else 0.0,
+                far,
+            )
+        )
+
+    def _restored(self, one: Sheared) -> Packing:
+        packing = self.protocol.restored(one.packing)
+        small, _ = packing.box.reduced()
+        return packing.replace(box=small).wrapped()
+
+    def finish(self, outcome: Outcome) -> ShearFamilies:
+        """Return the run as far as it came."""
+        if self.path is None:
+            return self.found.run(self.protocol.last, outcome, 0)
+        return self.found.run(self._restored(self.path.now), outcome, self.path.iterations)

@@ -381,7 +381,8 @@ class _Shear:
     def _note(self, found: Located, start: Sheared, goal: float) -> None:
         """Keep a change of contacts that was located, and a row at it."""
         there, scene = found.there, self.protocol.scene
-        self._keep(there, work_between(start, there), goal)
+        # up to the change with the contacts before it
+        self._keep(there, work_between(start, found.before) + work_between(found.before, there), goal)
         self.changes.append(
             ContactChange(
                 found.below,

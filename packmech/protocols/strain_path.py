@@ -28,8 +28,9 @@ _ITERATIONS = 25
 _CORRECTED, _ROUNDED = 2.0, 1e-8
 # halvings of a step before contacts are let rearrange
 _HALVINGS = 10
-# part of the way to a predicted change that is left at the next tangent; tangents on either side
-_LEFT, _TANGENTS = 0.02, 12
+# part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
+# or behind the change that is near enough
+_LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
 # relaxation by FIRE where Newton's method finds no equilibrium after an instability
 _TOLERANCE, _STEPS, _ROUNDS = 1e-3, 200_000, 3
 
@@ -290,7 +291,7 @@ class StrainPath:
             if pair is None:
                 return None
             tangents.append((one.strain, there))
-            if abs(there - one.strain) <= 8.0 * np.spacing(abs(there)) + 1e-15:
+            if abs(there - one.strain) <= _NEARLY:
                 break
             aim = there - _LEFT * (there - one.strain)
             if (aim - limit) * direction > 0.0:
@@ -301,9 +302,6 @@ class StrainPath:
                 aim = one.strain + 0.5 * (aim - one.strain)
                 following = self.at(one, aim)
             if following is None or following.pairs != known:
-                break
-            if len(tangents) > 1 and abs(tangents[-1][1] - tangents[-2][1]) <= 4.0 * np.spacing(abs(there)):
-                one = following
                 break
             one = following
         if pair is None:
@@ -338,9 +336,11 @@ class StrainPath:
         last = math.nan
         for _ in range(_TANGENTS):
             found = self._tangent_to(one, pair)
-            if not math.isfinite(found) or abs(found - last) <= 4.0 * np.spacing(abs(found)):
+            if not math.isfinite(found):
                 break
             last = found
+            if abs(one.strain - found) <= _NEARLY:
+                break
             nearer = self.at(one, found + _LEFT * (one.strain - found))
             if nearer is None or nearer.pairs != changed:
                 break
