@@ -437,7 +437,9 @@ class HardPath:
 
     def _warm(self, packing: Packing, vertex: Vertex) -> HardState:
         """Return the state of an interior-point search that begins with the forces of a vertex."""
-        pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + REACH[packing.dimension])
+        pairs = candidate_pairs(
+            packing.position_nd, packing.radius_n, packing.box, scale=1.0 + REACH[packing.dimension]
+        )
         near = pair_contacts(packing, *pairs)
         slack = np.maximum(near.gap_c, _SLACK)
         barrier = _SLACK * float(vertex.force_c.mean())

@@ -150,7 +150,11 @@ class ShearFamilies(Run):
         return [
             super().rows()[0],
             ("shear strain", f"{found['strain']:.6g}", "at the end"),
-            ("packing fraction", f"{found['packing_fraction']:.10g}", f"{self.packing_fraction_t[0]:.10g} at the start"),
+            (
+                "packing fraction",
+                f"{found['packing_fraction']:.10g}",
+                f"{self.packing_fraction_t[0]:.10g} at the start",
+            ),
             ("families", str(found["families"]), "different contact networks"),
             ("changes", str(found["changes"]), "of the network"),
             ("jumps", str(found["jumps"]), f"to other packings, the largest by {found['largest_jump']:.3g}"),
