@@ -467,6 +467,8 @@ class LinkedNetwork(SoftNetwork):
         distance = np.sqrt((vector**2).sum(axis=1))
         self._vector_ld, self._normal_ld = vector, vector / distance[:, None]
         self._distance_l = distance
+        stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, self.basis_kdd, vector)
+        return -left, load_k + stretch_lk.T @ self.tension_l, virial + float((self.tension_l * distance).sum())
 
     def gradient_slopes(self) -> NDArray[np.float64]:
         """Return the (d, d) slopes of the energy along displacement gradients, tensions of links included."""

@@ -1,4 +1,4 @@
-"""`shear_families`: the packing fraction at jamming against shear strain, along families of one contact network each."""
+"""`shear_families`: packing fraction at jamming against shear strain, along families of one contact network each."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from packmech.box import Box
 from packmech.check import instance, positive, real, two_axes
 from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.rattlers import rattlers_of
+from packmech.effects import Harmonic, Repulsion
 from packmech.honors import honors
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, start_state
 from packmech.jamming.hard_path import Change, HardPath, Lost, Vertex, search_hard
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
-from packmech.effects import Harmonic, Repulsion
 from packmech.minimize.soft_network import length_unit
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
@@ -94,8 +94,8 @@ class ShearFamilies(Run):
     contacts_t, rattlers_t
         (T,) force-bearing contacts, and particles that bear none.
     gap_error_t, imbalance_t
-        (T,) largest gap of a contact over the mean diameter, with shapes the largest overlap; and largest net force over
-        the mean force [1].
+        (T,) largest gap of a contact over the mean diameter, with shapes the largest overlap; and largest net force
+        over the mean force [1].
     changes
         The changes, in order.
     packings
@@ -309,7 +309,7 @@ def _hard_packing(packing: Packing) -> HardPacking:
         if np.abs(away).max() < _NEARBY and abs(hard.packing.box.volume / reduced.box.volume - 1.0) < _DENSER:
             return hard
     raise ValueError(
-        "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got one that is not: "
+        "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got another: "
         'take the packing of pm.jam(scene, strain="isotropic")'
     )
 

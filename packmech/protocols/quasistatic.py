@@ -43,7 +43,8 @@ class ContactChange:
     opened
         Whether a contact opened; else one closed.
     pair
-        Its particles (or beads) and image, (i, j, image).
+        Its particles (or beads) and image, (i, j, image); the first of several where a particle loses or finds all its
+        contacts at once. Such a change is found by halving.
     shear_stress, pressure
         There [energy_scale / diameter^d].
     energy_change, work
@@ -241,9 +242,9 @@ def quasistatic_shear(
 
     Athermal quasistatic shear: particles are taken along, x + step * y, with what linear response adds, then Newton's
     method finds the equilibrium, at constant volume or at constant pressure in a box of the shape that the strain gives
-    it. Where the packing does not go on smoothly the step is halved, at most ten times; what is left is a rearrangement:
-    the packing falls downhill, and the report counts it (`Avalanche`). Shapes keep their directors while they are taken
-    along; links keep their length.
+    it. Where the packing does not go on smoothly the step is halved, at most ten times; what is left is a
+    rearrangement: the packing falls downhill, and the report counts it (`Avalanche`). Shapes keep their directors while
+    they are taken along; links keep their length.
 
     Parameters
     ----------
@@ -331,6 +332,8 @@ class _Shear:
         self.avalanches: list[Avalanche] = []
         self.networks: dict[frozenset[tuple[int, ...]], int] = {}
         self.work = 0.0
+        # whether contacts have changed, located or not
+        self.changed = False
         self.path: StrainPath | None = None
 
     def through(self, goals: NDArray[np.float64]) -> Outcome:
@@ -359,7 +362,7 @@ class _Shear:
     def _towards(self, path: StrainPath, goal: float) -> Outcome | None:
         """Go on to a strain, or to the next change of contacts that is to be located before it."""
         start = path.now
-        wanted = self.locate == "all" or (self.locate == "first" and not self.changes and not self.avalanches)
+        wanted = self.locate == "all" or (self.locate == "first" and not self.changed)
         reached, fallen = path.step(goal)
         if wanted and (reached.pairs != start.pairs or fallen is not None):
             found = path.locate(start, reached.strain if fallen is None else fallen.strain)
@@ -367,6 +370,7 @@ class _Shear:
                 self._note(found, start, goal)
                 path.now = found.after
                 return None
+        self.changed |= reached.pairs != start.pairs or fallen is not None
         if reached is not start:
             self._keep(reached, work_between(start, reached), goal)
         if fallen is None:
@@ -380,7 +384,7 @@ class _Shear:
 
     def _note(self, found: Located, start: Sheared, goal: float) -> None:
         """Keep a change of contacts that was located, and a row at it."""
-        there, scene = found.there, self.protocol.scene
+        there, scene, self.changed = found.there, self.protocol.scene, True
         # up to the change with the contacts before it
         self._keep(there, work_between(start, found.before) + work_between(found.before, there), goal)
         self.changes.append(

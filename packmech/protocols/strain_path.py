@@ -289,7 +289,7 @@ class StrainPath:
         for _ in range(_TANGENTS):
             there, pair = self.predicted(one, direction, known)
             if pair is None:
-                return None
+                break
             tangents.append((one.strain, there))
             if abs(there - one.strain) <= _NEARLY:
                 break
@@ -304,18 +304,41 @@ class StrainPath:
             if following is None or following.pairs != known:
                 break
             one = following
-        if pair is None:
+        below = tangents[-1][1] if tangents else math.inf
+        side = None
+        if pair is not None and abs(below - one.strain) < 1e-3 * abs(beyond - start.strain):
+            way = max(abs(below - start.strain), abs(below - one.strain))
+            side = self._behind(one, below, pair, direction * way)
+        if side is not None:
+            there_now = self.at(one, below)
+            if pair is None or there_now is None:
+                return None
+            above, after = side
+            return Located(below, above, tuple(tangents), pair, pair in known, one, there_now, after)
+        return self._bisected(one, limit, tuple(tangents))
+
+    def _bisected(self, before: Sheared, beyond: float, tangents: tuple[tuple[float, float], ...]) -> Located | None:
+        """Return a change that tangents do not see from both sides, by halving: all contacts of a particle at once."""
+        known, after, end = before.pairs, None, beyond
+        while True:
+            middle = 0.5 * (before.strain + end)
+            if abs(end - before.strain) <= _NEARLY or middle in (before.strain, end):
+                break
+            one = self.at(before, middle)
+            if one is not None and one.pairs == known:
+                before = one
+            else:
+                after, end = one, middle
+        if after is None:
+            after = self.at(before, end)
+        if after is None or after.pairs == known:
             return None
-        below = tangents[-1][1]
-        way = max(abs(below - start.strain), abs(below - one.strain))
-        side = self._behind(one, below, pair, direction * way)
-        if side is None:
+        changed = after.pairs ^ known
+        common = set.intersection(*({*pair[:2]} for pair in changed))
+        if not common:
             return None
-        above, after = side
-        there_now = self.at(one, below)
-        if there_now is None:
-            return None
-        return Located(below, above, tuple(tangents), pair, pair in known, one, there_now, after)
+        pair = min(changed)
+        return Located(before.strain, after.strain, tangents, pair, pair in known, before, after, after)
 
     def _behind(
         self, before: Sheared, strain: float, pair: tuple[int, ...], way: float

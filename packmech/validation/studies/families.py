@@ -18,12 +18,12 @@ from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -7.25, -0.5))
 # number of discs, packings of each, and strain over which slopes are compared; and of ellipses of aspect 1.5
-SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.004))
+SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.002))
 ELLIPSES = (16, 4, 0.01)
 _ASPECT = 1.5
 # half a step of the difference of packing fractions, of discs and of ellipses
 _STEP, _SOFT_STEP = 1e-5, 1e-4
-_FAMILIES = 6
+_FAMILIES = 4
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ def draw_map(folder: Path, particles: int, path: Path) -> int:
         axes.axvline(0.5, color="#404040", linestyle="--", linewidth=0.8)
         axes.set(xlabel="shear strain", ylabel="packing fraction at jamming")
         axes.set_title(
-            f"{pieces} pieces of families, {particles} discs 1:1.4, each packing sheared up and back; lines break where "
-            "contacts change",
+            f"{pieces} pieces of families, {particles} discs 1:1.4, each packing sheared up and back; "
+            "lines break where contacts change",
             fontsize=8.0,
         )
     return pieces
@@ -232,7 +232,8 @@ def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -
         if first is not None:
             return FirstChange(
                 particles, pressure, seed, first.strain, first.strain_from_above, guess, int(first.opened),
-                float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]), run.seconds,
+                float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]),
+                run.seconds,
             )  # fmt: skip
     return None
 
