@@ -16,7 +16,7 @@ closes d + 1 contacts at once. Families of sheared packings: Schreck and O'Hern,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -260,10 +260,7 @@ class HardPath:
         squeezing = _NEAR
         if not live.all():
             packing, room, _ = make_room(vertex.packing, near, ~live)
-            vertex = Vertex(
-                vertex.strain, packing, vertex.contacts, vertex.force_c, vertex.gap_error, vertex.force_imbalance,
-                vertex.rates,
-            )  # fmt: skip
+            vertex = replace(vertex, packing=packing)
             squeezing = room
         return vertex, {"closing": closing, "opening": opening, "squeezing": squeezing}
 

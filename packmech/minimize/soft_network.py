@@ -181,7 +181,7 @@ class Coupled(NamedTuple):
             return rough, np.zeros(0), 0
         relaxed = self.solve(coupling_fk)
         schur = corner_kk - coupling_fk.T @ relaxed
-        strain_k = np.linalg.solve(schur, right_k - coupling_fk.T @ rough)
+        strain_k = np.asarray(np.linalg.solve(schur, right_k - coupling_fk.T @ rough), dtype=np.float64)
         negative = int((np.linalg.eigvalsh(0.5 * (schur + schur.T)) < 0).sum())
         return rough - relaxed @ strain_k, strain_k, negative
 
@@ -374,7 +374,7 @@ class SoftNetwork:
         """Return the second derivatives of the pressure's work on the volume."""
         trace = np.einsum("kaa->k", basis_kdd)
         twice = np.outer(trace, trace) - np.einsum("kab,lba->kl", basis_kdd, basis_kdd)
-        return self.pressure * self.packing.box.volume * twice
+        return np.asarray(self.pressure * self.packing.box.volume * twice)
 
     def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""

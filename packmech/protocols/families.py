@@ -330,7 +330,9 @@ class _Rows:
 
     def run(self, packing: Packing, outcome: Outcome, steps: int) -> ShearFamilies:
         """Return the run as far as it came."""
-        columns = dict(zip(_COLUMNS, np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy(), strict=True))
+        columns: dict[str, Any] = dict(
+            zip(_COLUMNS, np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy(), strict=True)
+        )
         for name in ("family", "contacts", "rattlers"):
             columns[name] = columns[name].astype(np.int64)
         seconds = time.process_time() - self.began

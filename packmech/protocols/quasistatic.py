@@ -351,9 +351,9 @@ class _Shear:
         self._keep(path.now, 0.0, float(goals[0]))
         for goal in goals.tolist():
             while path.now.strain != goal:
-                outcome = self._towards(path, goal)
-                if outcome is not None:
-                    return outcome
+                ended = self._towards(path, goal)
+                if ended is not None:
+                    return ended
             self.protocol.loop.report(
                 "shear", strain=goal, shear_stress=self.rows[-1][1], avalanches=len(self.avalanches)
             )
@@ -445,7 +445,7 @@ class _Shear:
     def finish(self, outcome: Outcome) -> QuasistaticShear:
         """Return the run as far as it came."""
         table = np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy()
-        columns = dict(zip(_COLUMNS, table, strict=True))
+        columns: dict[str, Any] = dict(zip(_COLUMNS, table, strict=True))
         for name in ("contacts", "network"):
             columns[name] = columns[name].astype(np.int64)
         seconds = time.process_time() - self.began
@@ -466,5 +466,5 @@ class _Shear:
             avalanches=tuple(self.avalanches),
             axes=self.axes,
             held="volume" if self.asked is None else "pressure",
-            **{f"{name}_t": column for name, column in columns.items()},
+            **{f"{name}_t": columns[name] for name in _COLUMNS},
         )
