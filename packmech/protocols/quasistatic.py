@@ -290,7 +290,7 @@ def quasistatic_shear(
     >>> start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
     >>> scene = pm.Scene(start, (pm.Repulsion(),))
     >>> scene = scene.replace(packing=pm.jam(scene, pressure=1e-3).packing)
-    >>> run = pm.quasistatic_shear(scene, 2e-3, step=1e-3)
+    >>> run = pm.quasistatic_shear(scene, 3e-3, step=1e-3)
     >>> first = run.first_change
     >>> first.opened, abs(first.strain - first.strain_from_above) < 1e-12
     (True, True)
