@@ -31,6 +31,8 @@ _HALVINGS = 10
 # part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
 # or behind the change that is near enough
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
+# farther tangents are not believed, their error being of second order
+_TRUSTED = 1e-11
 # relaxation by FIRE where Newton's method finds no equilibrium after an instability
 _TOLERANCE, _STEPS, _ROUNDS = 1e-3, 200_000, 3
 
@@ -306,7 +308,7 @@ class StrainPath:
             one = following
         below = tangents[-1][1] if tangents else math.inf
         side = None
-        if pair is not None and abs(below - one.strain) < 1e-3 * abs(beyond - start.strain):
+        if pair is not None and abs(below - one.strain) <= _TRUSTED:
             way = max(abs(below - start.strain), abs(below - one.strain))
             side = self._behind(one, below, pair, direction * way)
         if side is not None:
@@ -368,7 +370,7 @@ class StrainPath:
             if nearer is None or nearer.pairs != changed:
                 break
             one = nearer
-        return last, one
+        return (last, one) if abs(one.strain - last) <= _TRUSTED else None
 
 
 def work_between(one: Sheared, other: Sheared) -> float:
