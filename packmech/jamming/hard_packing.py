@@ -472,7 +472,9 @@ def _touching_pairs(state: HardState) -> list[NDArray[np.bool_]]:
     return [first] if (first == second).all() else [second, first]
 
 
-def _polish(packing: Packing, pairs: Candidates, basis_kdd: NDArray[np.float64]) -> tuple[Packing, Contacts, float]:
+def bring_to_contact(
+    packing: Packing, pairs: Candidates, basis_kdd: NDArray[np.float64]
+) -> tuple[Packing, Contacts, float]:
     """Return the packing with the pairs at contact, by Gauss-Newton steps, the contacts, and the largest gap left."""
     error = np.inf
     best: tuple[Packing, Contacts, float] | None = None
@@ -612,7 +614,7 @@ def _accept(
             return None, reason
         packing = Packing(state.position_nd, radius_n, Box(state.lattice_dd))
         chosen = Candidates(*(part[touching] for part in state.pairs))
-        packing, contacts, gap_error = _polish(packing, chosen, basis_kdd)
+        packing, contacts, gap_error = bring_to_contact(packing, chosen, basis_kdd)
         k = len(basis_kdd)
         live = contacts.count_n() > 0
         excess = len(contacts) - (packing.dimension * (int(live.sum()) - 1) + k)

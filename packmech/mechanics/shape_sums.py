@@ -133,7 +133,7 @@ class ShapeSums:
     pair_i, pair_j, pair_pqq
         (P,) pairs of particles i < j that interact, and the blocks (i, j) of the Hessian.
     diagonal_nqq, coupling_nqe, strain_ee
-        Blocks on the diagonal, mixed derivatives with Mandel strains, and those of the strains alone.
+        Blocks on the diagonal, mixed derivatives with the strains, and those of the strains alone.
 
     """
 
@@ -170,6 +170,7 @@ def shape_sums(
     turn_nkt: NDArray[np.float64],
     first_c: NDArray[np.float64],
     second_c: NDArray[np.float64],
+    basis_edd: NDArray[np.float64] | None = None,
 ) -> ShapeSums:
     """Return the second derivatives of a sum of energies with the given derivatives by the distances.
 
@@ -181,9 +182,11 @@ def shape_sums(
         (N, K, t) rotations per length of each coordinate of turns.
     first_c, second_c
         (C,) du/drho and d2u/drho2.
+    basis_edd
+        (s, d, d) strains, any displacement gradients; Mandel's unless given.
 
     """
-    basis = mandel_basis(contacts.dimension)
+    basis = mandel_basis(contacts.dimension) if basis_edd is None else np.ascontiguousarray(basis_edd)
     pair_i, pair_j, pair_c = distinct_pairs(contacts.i_c, contacts.j_c)
     n, q = contacts.particles, contacts.dimension + turn_nkt.shape[1]
     pair, diagonal = np.zeros((len(pair_i), q, q)), np.zeros((n, q, q))

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from packmech.contacts.network import Candidates
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.linalg.factor import factorize
-from packmech.linalg.mandel import mandel_basis
 from packmech.mechanics.shape_sums import shape_sums, turning
-from packmech.minimize.soft_network import REACH, SoftNetwork, energy_between
+from packmech.minimize.soft_network import REACH, Coupled, Response, SoftNetwork, energy_between
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
@@ -67,36 +66,34 @@ class ShapeNetwork(SoftNetwork):
         """Largest stiffness of a contact along a particle's motion."""
         return float((self.second_c * self.contacts.push_c**2).max())
 
-    def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Return the Newton step and the number of negative pivots."""
+    def coupled(self, basis_kdd: NDArray[np.float64], regularization: float) -> Coupled:
+        """Return the factored second derivatives by positions and turns, and those with the strains of a basis."""
         one, packing = self.contacts, self.packing
         curved = shape_contacts(packing, one.pairs, second=True)
-        sums = shape_sums(curved, self._turn_nkt, self.first_c, self.second_c)
+        sums = shape_sums(curved, self._turn_nkt, self.first_c, self.second_c, basis_kdd)
         count, n, d = one.count_n(), packing.particles, packing.dimension
         free = np.hstack([np.ones((n, d), dtype=bool), turning(self._turn_nkt)])
         free[int(np.argmax(count)), :d] = False
         extra = np.where(count == 0, 1.0, regularization)
         free_f, added = free.ravel(), np.repeat(extra, free.shape[1])
         factor = factorize(sums.matrix(free_f, added), kind="symmetric")
-        right = -self.uphill_nd.ravel()[free_f]
-        rough = factor.solve(right)
-        strains = len(self.basis_kdd)
-        strain_k, negative, step = np.zeros(strains), factor.inertia.negative, rough
-        if strains:
-            # the free strains in Mandel components
-            share = np.einsum("kab,mab->km", self.basis_kdd, mandel_basis(d))
-            coupling = sums.coupling(free_f) @ share.T
-            corner = share @ sums.strain_ee @ share.T + regularization * n * np.eye(strains)
-            twice = np.outer(self.trace_k, self.trace_k) - np.einsum("kab,lab->kl", self.basis_kdd, self.basis_kdd)
-            corner += self.pressure * packing.box.volume * twice
-            relaxed = factor.solve(coupling)
-            schur = corner - coupling.T @ relaxed
-            strain_k = np.linalg.solve(schur, -self.uphill_k - coupling.T @ rough)
-            negative += int((np.linalg.eigvalsh(0.5 * (schur + schur.T)) < 0).sum())
-            step = rough - relaxed @ strain_k
-        whole = np.zeros(free.size)
-        whole[free_f] = step
-        return whole.reshape(free.shape), strain_k, negative
+        return Coupled(
+            factor.solve, factor.inertia.negative, np.flatnonzero(free_f), sums.coupling(free_f),
+            sums.strain_ee + self._bulging(basis_kdd),
+        )  # fmt: skip
+
+    def gradient_slopes(self) -> NDArray[np.float64]:
+        """Return the (d, d) slopes of the energy along displacement gradients, which turn nobody."""
+        one = self.contacts
+        return np.asarray(np.einsum("c,ca,cb->ab", self.first_c, one.slope_cx[:, : one.dimension], one.vector_cd))
+
+    def gap_rates(self, near: ShapeContacts, answer: Response) -> NDArray[np.float64]:
+        """Return how fast the distances of pairs change in a response."""
+        d, u_nd = near.dimension, answer.u_nd
+        turned = np.einsum("nk,nkt->nt", u_nd[:, d:], self._turn_nkt)
+        moved = u_nd[near.j_c, :d] - u_nd[near.i_c, :d] + near.vector_cd @ answer.gradient_dd.T
+        whole = np.hstack([moved, turned[near.i_c], turned[near.j_c]])
+        return np.asarray((near.slope_cx * whole).sum(axis=1))
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing after displacements, turns and strains, at the volume that is held."""

@@ -157,6 +157,48 @@ class StiffPairs(NamedTuple):
     across_c: NDArray[np.float64]
 
 
+class Coupled(NamedTuple):
+    """Second derivatives of the enthalpy: factored by the free coordinates, mixed with strains, and by strains.
+
+    `free_f` are the places of the coordinates among all; a system may have further unknowns after them.
+    """
+
+    solve: Callable[[Array], Array]
+    negative: int
+    free_f: NDArray[np.int64]
+    coupling_fk: Array
+    corner_kk: Array
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns that are factored."""
+        return len(self.coupling_fk)
+
+    def solved(self, right: Array, right_k: Array, coupling_fk: Array, corner_kk: Array) -> tuple[Array, Array, int]:
+        """Return the unknowns and the strains that give the right-hand sides, and the strains' negative pivots."""
+        rough = self.solve(right)
+        if not len(right_k):
+            return rough, np.zeros(0), 0
+        relaxed = self.solve(coupling_fk)
+        schur = corner_kk - coupling_fk.T @ relaxed
+        strain_k = np.asarray(np.linalg.solve(schur, right_k - coupling_fk.T @ rough), dtype=np.float64)
+        negative = int((np.linalg.eigvalsh(0.5 * (schur + schur.T)) < 0).sum())
+        return rough - relaxed @ strain_k, strain_k, negative
+
+
+class Response(NamedTuple):
+    """What an imposed strain does to a packing in balance, per strain.
+
+    `u_nd` are the motions beyond what the gradient takes along, turns among them, `strain_k` the free strains,
+    `gradient_dd` the displacement gradient with them, and `curvature` the second derivative of the enthalpy.
+    """
+
+    u_nd: Array
+    strain_k: Array
+    gradient_dd: Array
+    curvature: float
+
+
 class SoftNetwork:
     """Pairs that touch or may soon, their forces and the parts of the enthalpy's gradient."""
 
@@ -287,7 +329,7 @@ class SoftNetwork:
         extra = np.where(self.contacts.count_n() == 0, 1.0, regularization)
         return self.system.factor(stiff.normal_cd, stiff.along_c, stiff.across_c, extra_n=extra)
 
-    def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
+    def border(self, coupling: NDArray[np.float64], basis_kdd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coupling of the positions to the strains with that of the system's other unknowns below."""
         return coupling
 
@@ -304,35 +346,79 @@ class SoftNetwork:
         strain_dd = self.packing.box.lattice_dd @ before.inverse_dd - np.eye(self.packing.dimension)
         return work + self.pressure * before.volume * float((self.rest_dd * strain_dd).sum())
 
-    def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Return the Newton step and the number of negative pivots."""
+    def coupled(self, basis_kdd: NDArray[np.float64], regularization: float) -> Coupled:
+        """Return the factored second derivatives of the enthalpy by positions, and those with the strains of a basis.
+
+        Strains may be any displacement gradients; each takes the positions along.
+        """
         stiff, packing = self.stiff_pairs(), self.packing
         factored = self.factor(stiff, regularization)
         along, across = stiff.along_c, stiff.across_c
-        strained_ckd = np.einsum("kab,cb->cka", self.basis_kdd, stiff.vector_cd)
+        strained_ckd = np.einsum("kab,cb->cka", basis_kdd, stiff.vector_cd)
         stretch_ck = np.einsum("ca,cka->ck", stiff.normal_cd, strained_ckd)
         pushed_ckd = across[:, None, None] * strained_ckd
         pushed_ckd += ((along - across)[:, None] * stretch_ck)[:, :, None] * stiff.normal_cd[:, None, :]
-        k, n, d = len(self.basis_kdd), packing.particles, packing.dimension
+        k, n, d = len(basis_kdd), packing.particles, packing.dimension
         coupling = np.zeros((n * d, k))
         for m in range(k):
             for a in range(d):
                 column = np.bincount(stiff.j_c, pushed_ckd[:, m, a], n) - np.bincount(stiff.i_c, pushed_ckd[:, m, a], n)
                 coupling[a::d, m] = column
-        coupling = self.border(coupling)
         corner = np.einsum("cka,cla->kl", strained_ckd, pushed_ckd)
-        twice = np.outer(self.trace_k, self.trace_k) - np.einsum("kab,lab->kl", self.basis_kdd, self.basis_kdd)
-        corner += self.pressure * packing.box.volume * twice + regularization * n * np.eye(k)
-        right = np.zeros(len(coupling))
-        right[: n * d] = -self.uphill_nd.ravel()
-        rough = factored.solve(right)
-        if k == 0:
-            return rough[: n * d].reshape(n, d), np.zeros(0), factored.negative
-        relaxed = factored.solve(coupling)
-        schur = corner - coupling.T @ relaxed
-        strain_k = np.linalg.solve(schur, -self.uphill_k - coupling.T @ rough)
-        negative = factored.negative + int((np.linalg.eigvalsh(0.5 * (schur + schur.T)) < 0).sum())
-        return (rough - relaxed @ strain_k)[: n * d].reshape(n, d), strain_k, negative
+        return Coupled(
+            factored.solve, factored.negative, np.arange(n * d), self.border(coupling, basis_kdd),
+            corner + self._bulging(basis_kdd),
+        )  # fmt: skip
+
+    def _bulging(self, basis_kdd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the second derivatives of the pressure's work on the volume."""
+        trace = np.einsum("kaa->k", basis_kdd)
+        twice = np.outer(trace, trace) - np.einsum("kab,lba->kl", basis_kdd, basis_kdd)
+        return np.asarray(self.pressure * self.packing.box.volume * twice)
+
+    def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Return the Newton step and the number of negative pivots."""
+        found = self.coupled(self.basis_kdd, regularization)
+        corner = found.corner_kk + regularization * self.packing.particles * np.eye(len(self.basis_kdd))
+        right = np.zeros(found.size)
+        right[: len(found.free_f)] = -self.uphill_nd.ravel()[found.free_f]
+        step, strain_k, negative = found.solved(right, -self.uphill_k, found.coupling_fk, corner)
+        return self._spread(found, step), strain_k, found.negative + negative
+
+    def _spread(self, found: Coupled, step: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a step of the free coordinates as one of all, in the shape of the slopes."""
+        whole = np.zeros(self.uphill_nd.size)
+        whole[found.free_f] = step[: len(found.free_f)]
+        return whole.reshape(self.uphill_nd.shape)
+
+    def response(self, shear_dd: NDArray[np.float64]) -> Response:
+        """Return how the packing in balance answers to an imposed displacement gradient: to first order, exactly.
+
+        Contacts as they are; the load, or the volume, is held.
+        """
+        k = len(self.basis_kdd)
+        found = self.coupled(
+            np.concatenate([self.basis_kdd, shear_dd[None]]), 1e-12 * float(np.abs(self.second_c).mean())
+        )
+        coupling, corner = found.coupling_fk, found.corner_kk.copy()
+        # free strains act on what is sheared already
+        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_slopes(), self.basis_kdd, shear_dd)
+        corner[k, :k] = corner[:k, k]
+        step, strain_k, _ = found.solved(-coupling[:, k], -corner[:k, k], coupling[:, :k], corner[:k, :k])
+        curvature = float(corner[k, k] + coupling[:, k] @ step + corner[k, :k] @ strain_k)
+        gradient = shear_dd + np.einsum("k,kab->ab", strain_k, self.basis_kdd)
+        return Response(self._spread(found, step), strain_k, gradient, curvature)
+
+    def gradient_slopes(self) -> NDArray[np.float64]:
+        """Return the (d, d) slopes of the energy along displacement gradients."""
+        one = self.contacts
+        return np.asarray(np.einsum("c,ca,cb->ab", self.first_c, one.normal_cd, one.vector_cd))
+
+    def gap_rates(self, near: Any, answer: Response) -> NDArray[np.float64]:
+        """Return how fast the distances of pairs change in a response."""
+        u_nd = answer.u_nd
+        moved = u_nd[near.j_c] - u_nd[near.i_c] + near.vector_cd @ answer.gradient_dd.T
+        return np.asarray(np.einsum("ca,ca->c", near.normal_cd, moved))
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing after displacements and strains, at the volume that is held."""
@@ -381,8 +467,13 @@ class LinkedNetwork(SoftNetwork):
         distance = np.sqrt((vector**2).sum(axis=1))
         self._vector_ld, self._normal_ld = vector, vector / distance[:, None]
         self._distance_l = distance
-        self._stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, self.basis_kdd, vector)
-        return -left, load_k + self._stretch_lk.T @ self.tension_l, virial + float((self.tension_l * distance).sum())
+        stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, self.basis_kdd, vector)
+        return -left, load_k + stretch_lk.T @ self.tension_l, virial + float((self.tension_l * distance).sum())
+
+    def gradient_slopes(self) -> NDArray[np.float64]:
+        """Return the (d, d) slopes of the energy along displacement gradients, tensions of links included."""
+        own = np.einsum("l,la,lb->ab", self.tension_l, self._normal_ld, self._vector_ld)
+        return np.asarray(super().gradient_slopes() + own)
 
     def stiff_pairs(self) -> StiffPairs:
         """Return the contacts and the links, which are stiff across by their tension."""
@@ -434,10 +525,11 @@ class LinkedNetwork(SoftNetwork):
         done = factor_saddle(stiff, gradient, d, stiffness=unit)
         return Factored(done.solve, done.inertia.negative - count, pinned)
 
-    def border(self, coupling: NDArray[np.float64]) -> NDArray[np.float64]:
+    def border(self, coupling: NDArray[np.float64], basis_kdd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coupling with the links' stretches below, in the unit of their rows."""
         unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
-        return np.concatenate([coupling, unit * self._stretch_lk])
+        stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, basis_kdd, self._vector_ld)
+        return np.concatenate([coupling, unit * stretch_lk])
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing after displacements and strains, back on its links."""

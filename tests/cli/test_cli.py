@@ -405,6 +405,18 @@ def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
     assert not loaded & {"cvxpy", "rerun", "matplotlib", "clarabel", "highspy", "gsd", "gymnasium", "pyarrow"}
 
 
+def test_families_resume_and_are_drawn(tmp_path, capsys):
+    words = ["families", "map", "--packings", "1", "--applied-strain", "0.03", "--step", "0.01", "--out", str(tmp_path)]
+    assert execute(words) == 0
+    table = tmp_path / "map-10-0-up.csv"
+    first = table.read_bytes()
+    table.write_bytes(first + b"0.03,0.8,0.0,9,19,0,0.0,0.0\n")
+    # what is there is not made again
+    assert execute(words) == 0 and table.read_bytes() != first
+    assert (tmp_path / "map-10.png").stat().st_size > 10_000
+    assert "pieces" in capsys.readouterr().out
+
+
 def test_scaling_writes_a_table_and_a_figure(tmp_path, capsys):
     (tmp_path / "small.toml").write_text(
         '[packing]\nkind = "random"\nparticles = 40\ndimension = 2\npacking_fraction = 0.87\nseed = 1\n'

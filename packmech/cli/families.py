@@ -1,0 +1,147 @@
+"""`packmech families`: packings sheared at zero pressure, or up to the first change of their contacts; resumes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from cyclopts import Parameter
+
+from packmech.check import integer, positive
+from packmech.cli.output import show, table, working
+from packmech.validation.studies.families import (
+    ELLIPSES,
+    PRESSURES,
+    SLOPES,
+    FirstChange,
+    Slope,
+    compare_slopes,
+    draw_first_changes,
+    draw_map,
+    first_changes,
+    walk_both_ways,
+)
+
+Counts = Annotated[list[int] | None, Parameter(consume_multiple=True)]
+
+
+def families(
+    study: Literal["map", "slopes", "first-change"] = "map",
+    *,
+    out: Path = Path("families"),
+    particles: Counts = None,
+    packings: int = 10,
+    applied_strain: float = 0.5,
+    step: float = 2e-3,
+    seed: int = 0,
+) -> None:
+    """Shear packings at zero pressure along their families, or up to their first change of contacts; resumes.
+
+    Parameters
+    ----------
+    study
+        map: packing fraction at jamming over strain, each packing sheared up and back; slopes: how well d ln(phi_J) /
+        d(strain) = -Sigma/P holds for discs and ellipses; first-change: its strain over pressure and number of discs
+    out
+        folder to write to
+    particles
+        numbers of discs (default: 10 for the map, 32 128 for the first change)
+    packings
+        of each, from seeds that follow each other
+    applied_strain, step
+        of the map
+    seed
+        of the first packing
+
+    """
+    integer("packings", packings, at_least=1)
+    positive("applied_strain", applied_strain), positive("step", step)
+    out.mkdir(parents=True, exist_ok=True)
+    seeds = range(seed, seed + packings)
+    if study == "map":
+        counts = [10] if particles is None else particles
+        with working("families") as say:
+            for count in counts:
+                for k, one in enumerate(seeds):
+                    say(f"families: {k} of {packings} packings of {count}")
+                    walk_both_ways(out, count, one, applied_strain, step)
+        for count in counts:
+            pieces = draw_map(out, count, out / f"map-{count}.png")
+            show(f"wrote map-{count}-*.csv, changes-{count}-*.csv and map-{count}.png in {out}: {pieces} pieces")
+    elif study == "slopes":
+        _slopes(out, seed)
+    else:
+        _first_changes(out, [32, 128] if particles is None else particles, seeds)
+
+
+def _slopes(out: Path, seed: int) -> None:
+    """Compare slopes, and print the largest differences."""
+    wanted = [(count, 1.0, seed + k, strain) for count, many, strain in SLOPES for k in range(many)]
+    wanted += [(ELLIPSES[0], 1.5, seed + k, ELLIPSES[2]) for k in range(ELLIPSES[1])]
+    with working("families") as say:
+
+        def told(done: int, of: int, last: Slope | None) -> None:
+            note = "" if last is None else f"; off by {last.largest_error:.1e}"
+            say(f"families: slopes of {done} of {of} packings{note}")
+
+        found = compare_slopes(out, wanted, told)
+    rows = []
+    for count, aspect in sorted({(one.particles, one.aspect) for one in found}):
+        part = [one for one in found if (one.particles, one.aspect) == (count, aspect)]
+        numbers = [sum(getattr(one, name) for one in part) for name in ("changes", "jumps", "compared")]
+        error = np.nanmax([one.largest_error for one in part])
+        rows.append((f"{count}", f"{aspect:g}", f"{len(part)}", *map(str, numbers), f"{error:.1e}"))
+    head = ("N", "aspect", "packings", "changes", "jumps", "families compared", "largest error")
+    show(table("d ln(phi_J)/d(strain) against -Sigma/P", head, rows, right=tuple(range(len(head)))))
+    show(f"wrote slopes.csv in {out}")
+
+
+def _first_changes(out: Path, counts: list[int], seeds: range) -> None:
+    """Find first changes, draw them, and print medians."""
+    with working("families") as say:
+
+        def told(done: int, of: int, last: FirstChange | None) -> None:
+            note = "" if last is None else f"; N = {last.particles}, P = {last.pressure:.1e}: {last.strain:.3e}"
+            say(f"families: {done} of {of} first changes{note}")
+
+        found = first_changes(out, particles=counts, pressures=PRESSURES, seeds=seeds, progress=told)
+    draw_first_changes(found, out / "first-change.png")
+    rows = []
+    for count in counts:
+        for pressure in PRESSURES:
+            part = [one for one in found if (one.particles, one.pressure) == (count, pressure)]
+            part = [one for one in part if np.isfinite(one.strain)]
+            if not part:
+                continue
+            strain = float(np.median([one.strain for one in part]))
+            apart = max(abs(one.strain - one.strain_from_above) for one in part)
+            shot = float(np.median([abs(one.one_shot / one.strain - 1.0) for one in part]))
+            rows.append(
+                (
+                    f"{count}",
+                    f"{pressure:.1e}",
+                    f"{count**2 * pressure:.2g}",
+                    f"{len(part)}",
+                    f"{strain:.3e}",
+                    f"{strain / pressure:.3g}",
+                    f"{strain * count / pressure**0.5:.3g}",
+                    f"{sum(one.opened for one in part)}",
+                    f"{apart:.0e}",
+                    f"{shot:.1e}",
+                )
+            )
+    head = (
+        "N",
+        "P",
+        "N^2 P",
+        "packings",
+        "strain",
+        "strain/P",
+        "strain N/sqrt P",
+        "openings",
+        "sides apart",
+        "one shot",
+    )
+    show(table("first change of contacts, medians", head, rows, right=tuple(range(len(head)))))
+    show(f"wrote first-change.csv and first-change.png in {out}")

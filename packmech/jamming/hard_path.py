@@ -1,0 +1,580 @@
+"""A hard packing followed while its box shears: along its contact network, and across the changes between networks.
+
+A hard packing with one state of self stress has as many contacts as unknowns (positions and volume), so at each shear
+strain Newton's method on the distances gives it exactly. The network lasts until
+
+- a pair that did not touch closes: at that strain there are two states of self stress, and the one whose volume grows
+  most along the strain (the dual of the linear program of the least volume) says which contact opens instead. Volume
+  and positions are continuous, their slopes are not;
+- the force of a contact falls to zero: nothing holds the packing any more along the motion that opens the contact. It
+  falls to the next hard packing, by the interior-point method that minimizes the volume: packing fraction jumps up.
+
+Rattlers are kept apart from what surrounds them, by linear programs for the largest smallest gap; one that is squeezed
+closes d + 1 contacts at once. Families of sheared packings: Schreck and O'Hern, section 2.2 of their chapter.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from packmech.box import Box
+from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
+from packmech.jamming.hard_packing import (
+    REACH,
+    ContactSystem,
+    HardPacking,
+    HardState,
+    bring_to_contact,
+    certify,
+    contact_system,
+    densify,
+    kicked,
+    start_state,
+)
+from packmech.linalg.linear_programs import LinearProgram, solve_highs
+from packmech.packing import Packing
+from packmech.result import Outcome
+
+# contacts touch to this, and pairs that close at one strain are as near [contact distance]
+_TOUCH = 1e-11
+_AT_ONCE = 1e-9
+# pairs are looked at within this reach beyond contact
+_NEAR = 0.1
+# room that is enough for a rattler, trust radius of its programs, and their number [diameter]
+_ROOM, _TRUST, _PROGRAMS = 0.01, 0.1, 30
+# force that counts as none, over the mean
+_NO_FORCE = 1e-7
+# strain beyond an opening at which the next packing is looked for, and slack that it begins with [diameter]
+_BEYOND, _SLACK = 1e-9, 1e-3
+_BARRIERS = (1e-12, 1e-13, 1e-14)
+_KICKS, _ITERATIONS = 3, 400
+# the network's equations have several solutions: what is found must be this near where the rates lead, over the way
+_CORRECTED, _ROUNDED = 0.25, 1e-9
+# the shortest step of strain that is tried
+_SHORTEST = 1e-9
+# positions this many lattice vectors away are wrapped
+_FAR = 2.0
+
+
+class Rates(NamedTuple):
+    """How positions, beyond those that strain takes along, and free strains change with the shear strain."""
+
+    u_nd: NDArray[np.float64]
+    strain_k: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """An exact hard packing at a shear strain.
+
+    Attributes
+    ----------
+    strain
+        The shear strain since the start.
+    packing
+        The packing, in units of the mean diameter, as it moves on from the start.
+    contacts, force_c
+        The force-bearing contacts and their forces, whose sum of force * distance is N d.
+    gap_error, force_imbalance
+        Largest gap or overlap of a contact [mean diameter], and largest net force over the mean.
+    rates
+        How it moves on with the strain.
+
+    """
+
+    strain: float
+    packing: Packing
+    contacts: Contacts
+    force_c: NDArray[np.float64]
+    gap_error: float
+    force_imbalance: float
+    rates: Rates
+
+    @property
+    def live_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles that bear forces."""
+        return np.asarray(self.contacts.count_n() > 0)
+
+    def stress_ratio(self, axes: tuple[int, int]) -> float:
+        """Return shear stress over pressure, stress with tension positive: d ln(volume) / d(strain)."""
+        one, (flow, gradient) = self.contacts, axes
+        moment = float((self.force_c * one.normal_cd[:, flow] * one.vector_cd[:, gradient]).sum())
+        return -one.dimension * moment / float((self.force_c * one.distance_c).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One change of the contact network.
+
+    Attributes
+    ----------
+    before, after
+        The packings on both sides.
+    cause
+        "closing": a contact closed, "squeezing": a rattler was, "opening": the force of a contact fell to zero,
+        "fold": the network ends for another reason.
+    moved
+        Largest displacement of a particle that bears forces in both packings, beyond the mean one [mean diameter].
+    identities
+        Pairs (i, j, image) that bear forces before and after, images those of the start.
+
+    """
+
+    before: Vertex
+    after: Vertex
+    cause: str
+    moved: float
+    identities: tuple[frozenset[tuple[int, ...]], frozenset[tuple[int, ...]]]
+
+    @property
+    def jumps(self) -> bool:
+        """Whether it fell to another packing, and not only exchanged contacts where it stands."""
+        return self.after.strain != self.before.strain
+
+
+class Lost(Exception):  # noqa: N818 - the caller decides what to make of it
+    """Raised where no hard packing is found any more."""
+
+
+class _Trial(NamedTuple):
+    """What the network gives at a strain: the vertex, its smallest margin, and what that is a margin of."""
+
+    vertex: Vertex | None
+    margin: float
+    cause: str
+
+
+class HardPath:
+    """A hard packing on its way along a shear strain.
+
+    Parameters
+    ----------
+    hard
+        Where it starts, at strain zero; made with isotropic strain alone free.
+    axes
+        Direction of the flow and of its gradient.
+
+    """
+
+    def __init__(self, hard: HardPacking, axes: tuple[int, int]) -> None:
+        d = hard.packing.dimension
+        self.axes = axes
+        self.shear_dd = np.zeros((d, d))
+        self.shear_dd[axes] = 1.0
+        self.isotropic_kdd = np.eye(d)[None] / math.sqrt(d)
+        self.radius_n = hard.packing.radius_n
+        # lattice of the shape at strain zero, as it is labeled now, and what labels have done to images since the start
+        self._unsheared_dd = hard.packing.box.lattice_dd
+        self._change_dd = np.eye(d, dtype=np.int64)
+        self._wrapped_nd = np.zeros((hard.packing.particles, d), dtype=np.int64)
+        self.factorizations = 0
+        self.vertex = self._vertex(0.0, hard.packing, hard.contacts, hard.force_c, hard.gap_error)
+
+    # what a network is at a strain
+
+    def _vertex(
+        self, strain: float, packing: Packing, contacts: Contacts, force_c: NDArray[np.float64], gap_error: float
+    ) -> Vertex:
+        system = contact_system(contacts, self.isotropic_kdd)
+        redundant = len(contacts) - (contacts.dimension * (int(system.live_n.sum()) - 1) + 1)
+        force_c = system.balanced(force_c, np.ones_like(force_c) if redundant <= 0 else np.maximum(force_c, 1e-300))
+        imbalance = system.imbalance(force_c)
+        rates = self._rates(system, contacts)
+        self.factorizations += 2
+        return Vertex(strain, packing, contacts, force_c, gap_error, imbalance, rates)
+
+    def _rates(self, system: ContactSystem, contacts: Contacts) -> Rates:
+        """Return the motion that keeps all contacts closed while the box shears."""
+        sheared = np.einsum("ca,ab,cb->c", contacts.normal_cd, self.shear_dd, contacts.vector_cd)
+        system.prepare(np.ones(len(contacts)))
+        u_nd, strain_k = np.zeros(system.shape), np.zeros(len(self.isotropic_kdd))
+        for _ in range(2):
+            left = sheared + system.extend(u_nd, strain_k)
+            du_nd, dstrain_k = system.solve(system.gather(-left), -system.stretch_ck.T @ left)
+            u_nd, strain_k = u_nd + du_nd, strain_k + dstrain_k
+        return Rates(u_nd * system.live_n[:, None], strain_k)
+
+    def _lattice(self, strain: float, like: Packing) -> Box:
+        """Return the box of the shape that belongs to a strain, at the volume of a packing."""
+        sheared = (np.eye(like.dimension) + strain * self.shear_dd) @ self._unsheared_dd
+        return Box(sheared * (like.box.volume / abs(np.linalg.det(sheared))) ** (1.0 / like.dimension))
+
+    def _ahead(self, start: Vertex, strain: float) -> Packing:
+        """Return the packing at another strain, along the rates."""
+        step, packing = strain - start.strain, start.packing
+        grown = np.einsum("k,kab->ab", start.rates.strain_k, self.isotropic_kdd)
+        size = 1.0 + step * float(np.trace(grown)) / packing.dimension
+        position = packing.position_nd + step * (packing.position_nd @ self.shear_dd.T + start.rates.u_nd)
+        packing = packing.replace(position_nd=position * size, box=packing.box.scaled(size))
+        return packing.replace(box=self._lattice(strain, packing))
+
+    def _length(self, start: Vertex, strain: float) -> float:
+        """Return how far the rates take particles that bear forces, or the strain its own diameter."""
+        fastest = float(np.abs(start.rates.u_nd).max())
+        return abs(strain - start.strain) * max(fastest, 1.0)
+
+    def _key(self, pairs: Candidates | Contacts) -> NDArray[np.int64]:
+        """Return a number for each pair and its image."""
+        key = np.asarray(pairs.i_c * len(self.radius_n) + pairs.j_c)
+        for column in pairs.image_cd.T:
+            key = key * 401 + column + 200
+        return key
+
+    def identity(self, contacts: Contacts) -> frozenset[tuple[int, ...]]:
+        """Return the pairs (i, j, image), with the images that they had in the box and the cell of the start."""
+        moved = contacts.image_cd - self._wrapped_nd[contacts.j_c] + self._wrapped_nd[contacts.i_c]
+        image = moved @ self._change_dd.T
+        return frozenset(map(tuple, np.column_stack([contacts.i_c, contacts.j_c, image]).tolist()))
+
+    def _try(self, start: Vertex, strain: float) -> _Trial:
+        """Return what the network of a vertex gives at another strain; nothing where it cannot be brought there."""
+        pairs = Candidates(start.contacts.i_c, start.contacts.j_c, start.contacts.image_cd)
+        ahead = self._ahead(start, strain)
+        packing, contacts, error = bring_to_contact(ahead, pairs, self.isotropic_kdd)
+        self.factorizations += 4
+        corrected = float(np.abs(packing.position_nd - ahead.position_nd)[start.live_n].max())
+        if error > _TOUCH or corrected > _CORRECTED * self._length(start, strain) + _ROUNDED:
+            return _Trial(None, -math.inf, "fold")
+        # the volume may have changed, its shape may not
+        packing = packing.replace(box=self._lattice(strain, packing))
+        vertex = self._vertex(strain, packing, contacts, start.force_c, error)
+        vertex, margins = self._margins(vertex)
+        cause = min(margins, key=lambda name: margins[name])
+        return _Trial(vertex, margins[cause], cause)
+
+    def _margins(self, vertex: Vertex) -> tuple[Vertex, dict[str, float]]:
+        """Return the vertex with its rattlers apart, and how far closing, squeezing and opening are."""
+        near = self._near(vertex.packing)
+        live = vertex.live_n
+        bearing = np.isin(self._key(near), self._key(vertex.contacts))
+        both = live[near.i_c] & live[near.j_c] & ~bearing
+        closing = float((near.gap_c / near.contact_distance_c)[both].min(initial=_NEAR))
+        opening = float(vertex.force_c.min() / vertex.force_c.mean())
+        squeezing = _NEAR
+        if not live.all():
+            packing, room, _ = make_room(vertex.packing, near, ~live)
+            vertex = replace(vertex, packing=packing)
+            squeezing = room
+        return vertex, {"closing": closing, "opening": opening, "squeezing": squeezing}
+
+    def _near(self, packing: Packing) -> Contacts:
+        pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
+        return pair_contacts(packing, *pairs)
+
+    # from vertex to vertex
+
+    def go(self, strain: float) -> tuple[Vertex, Change | None]:
+        """Go on towards a strain; return the vertex there, or that of the first change on the way, and the change."""
+        start = self.vertex
+        goal = strain
+        while True:
+            trial = self._try(start, goal)
+            if trial.vertex is not None and trial.margin > -_TOUCH and not self._dips(start, trial.vertex):
+                self.vertex = self._relabeled(trial.vertex)
+                return self.vertex, None
+            if trial.vertex is not None and trial.margin <= -_TOUCH:
+                change = self._change(start, trial)
+                self.vertex = self._relabeled(change.after)
+                return self.vertex, change
+            if abs(goal - start.strain) < _SHORTEST:
+                change = self._fall(start, start, "fold", math.copysign(1.0, strain - start.strain))
+                self.vertex = self._relabeled(change.after)
+                return self.vertex, change
+            goal = 0.5 * (start.strain + goal)
+
+    def _dips(self, start: Vertex, end: Vertex) -> bool:
+        """Return whether a pair closes and opens again between two vertices, by cubics through gaps and their rates."""
+        near = self._near(start.packing)
+        size = near.contact_distance_c
+        first, then = self._gap_rates(start, near)
+        there = pair_contacts(end.packing, near.i_c, near.j_c, near.image_cd)
+        last, later = self._gap_rates(end, there)
+        step = end.strain - start.strain
+        both = start.live_n[near.i_c] & start.live_n[near.j_c]
+        turns = both & (then * step < 0.0) & (later * step > 0.0)
+        for c in np.flatnonzero(turns):
+            place = np.linspace(0.0, 1.0, 33)
+            gap = (
+                first[c] * (1 + 2 * place) * (1 - place) ** 2
+                + last[c] * place**2 * (3 - 2 * place)
+                + step * (then[c] * place * (1 - place) ** 2 - later[c] * place**2 * (1 - place))
+            )
+            if float(gap.min()) < -_AT_ONCE * size[c]:
+                return True
+        return False
+
+    def _gap_rates(self, vertex: Vertex, near: Contacts) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        rates = vertex.rates
+        grown = self.shear_dd + np.einsum("k,kab->ab", rates.strain_k, self.isotropic_kdd)
+        change = rates.u_nd[near.j_c] - rates.u_nd[near.i_c] + near.vector_cd @ grown.T
+        return near.gap_c, np.einsum("ca,ca->c", near.normal_cd, change)
+
+    def _change(self, start: Vertex, beyond: _Trial) -> Change:
+        """Return the first change between a vertex and a strain at which its network is none any more."""
+        end = beyond.vertex
+        assert end is not None
+        found: dict[float, _Trial] = {end.strain: beyond}
+
+        def margin(strain: float) -> float:
+            if strain == start.strain:
+                # a contact that has just been given up is still closed
+                return _TOUCH
+            if strain not in found:
+                found[strain] = self._try(start, strain)
+            return max(found[strain].margin, -1.0) + _TOUCH
+
+        root = brentq(margin, start.strain, end.strain, xtol=1e-15, rtol=4.0 * np.finfo(float).eps, maxiter=200)
+        trials = [one for strain, one in found.items() if one.vertex is not None and abs(strain - root) < 1e-11]
+        there = min(trials, key=lambda one: abs(one.margin + _TOUCH)) if trials else self._try(start, root)
+        if there.vertex is None:
+            return self._fall(start, start, "fold", end.strain - start.strain)
+        if there.cause == "opening" or there.vertex.strain == start.strain:
+            return self._fall(start, there.vertex, there.cause, end.strain - start.strain)
+        exchanged = self._exchange(there.vertex, end.strain - start.strain)
+        if exchanged is None:
+            return self._fall(start, there.vertex, there.cause, end.strain - start.strain)
+        before, after = exchanged
+        return self._noted(before, after, there.cause, 0.0)
+
+    def _noted(self, before: Vertex, after: Vertex, cause: str, moved: float) -> Change:
+        return Change(before, after, cause, moved, (self.identity(before.contacts), self.identity(after.contacts)))
+
+    def _exchange(self, vertex: Vertex, direction: float) -> tuple[Vertex, Vertex] | None:
+        """Return the vertex where pairs have just closed, with its own network and with that which goes on."""
+        live = vertex.live_n
+        near = self._near(vertex.packing)
+        bearing = np.isin(self._key(near), self._key(vertex.contacts))
+        closed = ~bearing & (np.abs(near.gap_c) < _AT_ONCE * near.contact_distance_c)
+        closed &= live[near.i_c] & live[near.j_c]
+        if not live.all():
+            _, room, active = make_room(vertex.packing, near, ~live)
+            if abs(room) < _AT_ONCE:
+                closed |= active
+        if not closed.any():
+            return None
+        # where these touch exactly is a strain to solve for
+        chosen = Candidates(*(part[bearing | closed] for part in (near.i_c, near.j_c, near.image_cd)))
+        both = np.concatenate([self.isotropic_kdd, self.shear_dd[None]])
+        packing, contacts, error = bring_to_contact(vertex.packing, chosen, both)
+        if error > _TOUCH:
+            return None
+        relative = packing.box.lattice_dd @ np.linalg.inv(self._unsheared_dd)
+        strain = float(relative[self.axes] / relative[self.axes[0], self.axes[0]])
+        if abs(strain - vertex.strain) > 1e-9:
+            return None
+        packing = packing.replace(box=self._lattice(strain, packing))
+        force = self._forces_ahead(contacts, direction)
+        if force is None:
+            return None
+        bears = force > _NO_FORCE * force.mean()
+        kept = contacts.select(bears)
+        count = kept.count_n() > 0
+        if len(kept) < contacts.dimension * (int(count.sum()) - 1) + 1:
+            return None
+        after = self._vertex(strain, packing, kept, force[bears], error)
+        if after.force_imbalance > 1e-9 or after.force_c.min() <= 0.0:
+            return None
+        own = np.isin(self._key(contacts), self._key(vertex.contacts))
+        before = self._vertex(strain, packing, contacts.select(own), vertex.force_c, error)
+        return before, after
+
+    def _forces_ahead(self, contacts: Contacts, direction: float) -> NDArray[np.float64] | None:
+        """Return the forces in balance, pushing, under which the volume grows most along the strain."""
+        n, d, count = contacts.particles, contacts.dimension, len(contacts)
+        rows = np.concatenate([contacts.i_c, contacts.j_c])[:, None] * d + np.arange(d)
+        columns = np.repeat(np.tile(np.arange(count), 2), d)
+        value = np.concatenate([-contacts.normal_cd, contacts.normal_cd]).ravel()
+        gather = sp.coo_array((value, (rows.ravel(), columns)), shape=(n * d, count)).tocsr()
+        used = np.flatnonzero(np.repeat(contacts.count_n() > 0, d))
+        # one particle's balance follows from that of all others
+        equal = sp.csr_array(sp.vstack([gather[used[d:]], sp.csr_array(contacts.distance_c[None])]))
+        equal_to = np.zeros(equal.shape[0])
+        equal_to[-1] = float(n * d)
+        flow, gradient = self.axes
+        cost = math.copysign(1.0, direction) * contacts.normal_cd[:, flow] * contacts.vector_cd[:, gradient]
+        program = LinearProgram(
+            cost=cost, equal=equal, equal_to=equal_to, below=sp.csr_array((0, count)), below_to=np.zeros(0),
+            lower=np.zeros(count), upper=np.full(count, np.inf), dimension=d,
+        )  # fmt: skip
+        solution = solve_highs(program, 1e-10)
+        return solution.x if solution.solve.outcome is Outcome.CONVERGED else None
+
+    def _fall(self, start: Vertex, vertex: Vertex, cause: str, direction: float) -> Change:
+        """Return the change to the hard packing nearby, where the network holds the packing no more.
+
+        Raises
+        ------
+        Lost
+            If none is found.
+
+        """
+        packing = vertex.packing
+        strain = vertex.strain + math.copysign(_BEYOND, direction)
+        ahead = packing.position_nd + math.copysign(_BEYOND, direction) * (packing.position_nd @ self.shear_dd.T)
+        packing = packing.replace(position_nd=ahead, box=self._lattice(strain, packing))
+        state = self._warm(packing, vertex)
+        hard, iterations = search_hard(state, self.radius_n, self.isotropic_kdd)
+        self.factorizations += iterations
+        if hard is None:
+            raise Lost
+        place = hard.packing.replace(box=self._lattice(strain, hard.packing))
+        after = self._vertex(strain, place, hard.contacts, hard.force_c, hard.gap_error)
+        both = vertex.live_n & after.live_n
+        moved = place.position_nd @ np.linalg.inv(place.box.lattice_dd).T
+        moved = (moved - packing.position_nd @ packing.box.inverse_dd.T)[both] @ packing.box.lattice_dd.T
+        moved = moved - moved.mean(axis=0) if len(moved) else np.zeros((1, 1))
+        return self._noted(vertex, after, cause, float(np.sqrt((moved**2).sum(axis=1)).max()))
+
+    def _warm(self, packing: Packing, vertex: Vertex) -> HardState:
+        """Return the state of an interior-point search that begins with the forces of a vertex."""
+        pairs = candidate_pairs(
+            packing.position_nd, packing.radius_n, packing.box, scale=1.0 + REACH[packing.dimension]
+        )
+        near = pair_contacts(packing, *pairs)
+        slack = np.maximum(near.gap_c, _SLACK)
+        barrier = _SLACK * float(vertex.force_c.mean())
+        force = barrier / slack
+        key, own = self._key(near), self._key(vertex.contacts)
+        order = np.argsort(own)
+        place = np.searchsorted(own[order], key)
+        place[place == len(own)] = 0
+        mine = own[order][place] == key
+        force[mine] = np.maximum(vertex.force_c[order][place[mine]], force[mine])
+        violation = float((slack - near.gap_c).max(initial=0.0))
+        return HardState(packing.position_nd, packing.box.lattice_dd, pairs, slack, force, barrier, violation)
+
+    # labels of the same lattice
+
+    def _relabeled(self, vertex: Vertex) -> Vertex:
+        """Return the vertex with short lattice vectors and particles in the cell, where they have gone far."""
+        packing = vertex.packing
+        fraction = packing.position_nd @ packing.box.inverse_dd.T
+        small, change = packing.box.reduced()
+        if np.abs(fraction).max() < _FAR and np.abs(change - np.eye(packing.dimension)).max() == 0:
+            return vertex
+        position, image = small.wrap(packing.position_nd)
+        back = np.rint(np.linalg.inv(change)).astype(np.int64)
+        self._unsheared_dd = self._unsheared_dd @ change
+        # x = wrapped + lattice @ image, by the new vectors
+        self._wrapped_nd = self._wrapped_nd @ back.T + image
+        self._change_dd = self._change_dd @ change
+        contacts = vertex.contacts
+        moved = contacts.image_cd @ back.T + image[contacts.j_c] - image[contacts.i_c]
+        order = np.lexsort((*moved.T[::-1], contacts.j_c, contacts.i_c))
+        pairs = Candidates(contacts.i_c[order], contacts.j_c[order], np.ascontiguousarray(moved[order]))
+        packing = packing.replace(position_nd=position, box=small)
+        return self._vertex(
+            vertex.strain, packing, pair_contacts(packing, *pairs), vertex.force_c[order], vertex.gap_error
+        )
+
+
+def make_room(
+    packing: Packing, near: Contacts, rattling_n: NDArray[np.bool_]
+) -> tuple[Packing, float, NDArray[np.bool_]]:
+    """Return the packing with its rattlers as far from everything as they can be, the room left, and who limits it.
+
+    Each program maximizes the smallest relative gap to first order in their displacements; distances are convex, so
+    that the true gaps are no smaller. Room of a hundredth is enough.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    near
+        All pairs that are near.
+    rattling_n
+        (N,) its rattlers.
+
+    Returns
+    -------
+    tuple
+        The packing, the smallest gap of a rattler over its contact distance, negative where one is squeezed, and
+        which of the pairs have that gap and hold it there.
+
+    """
+    with_one = np.flatnonzero(rattling_n[near.i_c] | rattling_n[near.j_c])
+    active = np.zeros(len(near), dtype=bool)
+    if not len(with_one):
+        return packing, _NEAR, active
+    number = np.where(rattling_n, np.cumsum(rattling_n) - 1, -1)
+    count, d = int(rattling_n.sum()), packing.dimension
+    trust = _TRUST
+    pairs = Candidates(near.i_c[with_one], near.j_c[with_one], near.image_cd[with_one])
+    here = pair_contacts(packing, *pairs)
+    room = float((here.gap_c / here.contact_distance_c).min())
+    if room > _ROOM:
+        return packing, room, active
+    for _ in range(_PROGRAMS):
+        unit = here.contact_distance_c
+        row, column, value = [], [], []
+        for end, sign in ((here.i_c, -1.0), (here.j_c, 1.0)):
+            one = np.flatnonzero(rattling_n[end])
+            row.append(np.repeat(one, d))
+            column.append((number[end[one]][:, None] * d + np.arange(d)).ravel())
+            value.append((-sign * here.normal_cd[one]).ravel())
+        lines = np.arange(len(here))
+        below = sp.coo_array(
+            (
+                np.concatenate([*value, unit]),
+                (np.concatenate([*row, lines]), np.concatenate([*column, np.full(len(here), count * d)])),
+            ),
+            shape=(len(here), count * d + 1),
+        ).tocsr()
+        cost = np.zeros(count * d + 1)
+        cost[-1] = -1.0
+        bound = np.full(count * d + 1, trust)
+        bound[-1] = _NEAR
+        program = LinearProgram(
+            cost=cost, equal=sp.csr_array((0, len(cost))), equal_to=np.zeros(0), below=below, below_to=here.gap_c,
+            lower=np.where(np.arange(len(cost)) < count * d, -bound, -np.inf), upper=bound, dimension=d,
+        )  # fmt: skip
+        solution = solve_highs(program, 1e-10)
+        if solution.solve.outcome is not Outcome.CONVERGED:
+            break
+        u_nd = np.zeros_like(packing.position_nd)
+        u_nd[rattling_n] = solution.x[:-1].reshape(count, d)
+        moved = packing.replace(position_nd=packing.position_nd + u_nd)
+        now = pair_contacts(moved, *pairs)
+        reached = float((now.gap_c / now.contact_distance_c).min())
+        limits = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max()), 1e-300)
+        active[:] = False
+        active[with_one[limits]] = True
+        if reached <= room + 1e-15:
+            break
+        gained, room, packing, here = reached - room, reached, moved, now
+        if room > _ROOM or gained < 1e-14:
+            break
+        trust = min(trust, max(3.0 * float(np.abs(u_nd).max()), 1e-6))
+    return packing, room, active
+
+
+def search_hard(
+    state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64]
+) -> tuple[HardPacking | None, int]:
+    """Return the hard packing that an interior-point search from a state ends in, or None, and its iterations."""
+    rung = kicks = used = 0
+    while True:
+        began = state.iterations
+        state = densify(state, radius_n, basis_kdd, barrier=_BARRIERS[rung], iteration_limit=_ITERATIONS)
+        used += state.iterations - began
+        hard, _ = certify(state, radius_n, basis_kdd)
+        if hard is not None and not hard.floppy_modes:
+            return hard, used
+        if state.iterations >= _ITERATIONS:
+            return None, used
+        if hard is not None and kicks < _KICKS:
+            kicks, rung = kicks + 1, 0
+            near = kicked(hard.packing, basis_kdd, kicks)
+            load = float(near.particles * near.dimension)
+            state = start_state(near.position_nd, near.box.lattice_dd, near.radius_n, load)
+        elif hard is None and rung < len(_BARRIERS) - 1:
+            rung += 1
+        else:
+            return None, used

@@ -1,0 +1,533 @@
+"""`shear_families`: packing fraction at jamming against shear strain, along families of one contact network each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.check import instance, positive, real, two_axes
+from packmech.contacts.network import find_contacts, pair_contacts
+from packmech.contacts.rattlers import rattlers_of
+from packmech.effects import Harmonic, Repulsion
+from packmech.honors import honors
+from packmech.jamming.hard_packing import HardPacking, HardState, certify, start_state
+from packmech.jamming.hard_path import Change, HardPath, Lost, Vertex, search_hard
+from packmech.jit.blas import single_thread
+from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.counting import packing_fraction
+from packmech.minimize.soft_network import length_unit
+from packmech.observables import Table, make_table
+from packmech.packing import Packing
+from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.pressure_path import PressurePath
+from packmech.protocols.protocol import Protocol
+from packmech.protocols.strain_path import Sheared, StrainPath
+from packmech.result import Outcome, Row, Run, Stage, csv_text
+from packmech.scene import Scene
+
+# a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
+_NEARBY, _DENSER = 0.1, 0.01
+_COLUMNS = ("strain", "packing_fraction", "stress_ratio", "family", "contacts", "rattlers", "gap_error", "imbalance")
+
+
+@dataclass(frozen=True)
+class FamilyChange:
+    """A change of the contact network at a shear strain.
+
+    Attributes
+    ----------
+    strain
+        Where it happens, and with shapes a little before it [1].
+    cause
+        "closing": a pair closed; "squeezing": what surrounds a rattler closed on it; "opening": the force of a contact
+        fell to zero; "fold": the network cannot be followed for another reason. With shapes also "instability", and
+        "several" where changes are too close to be told apart.
+    route
+        How the packing came to its next network: "exchange": positions stay, a contact takes over from another;
+        "interior point": it fell to the hard packing nearby, by the interior-point method that minimizes the volume,
+        and with shapes "downhill": by steps that lower the enthalpy. Other ways down may lead elsewhere.
+    family_before, family_after
+        Numbers of the families.
+    closed, opened
+        Pairs (i, j, image) that bear forces after it and not before, and before it and not after.
+    jump
+        Packing fraction after less that before, both at this strain to 1e-9 [1]; 0 for an exchange.
+    moved
+        Largest displacement of a particle that bears forces before and after [mean diameter]; 0 for an exchange.
+
+    """
+
+    strain: float
+    cause: str
+    route: str
+    family_before: int
+    family_after: int
+    closed: tuple[tuple[int, ...], ...]
+    opened: tuple[tuple[int, ...], ...]
+    jump: float
+    moved: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ShearFamilies(Run):
+    """The packing fraction at jamming along a shear strain, and the contact networks on the way.
+
+    Rows are at each step of strain, and two at each change of network, before it and after it. `residual` is the
+    largest imbalance of forces, `steps` counts factorizations.
+
+    Attributes
+    ----------
+    strain_t
+        (T,) shear strains since the start [1].
+    packing_fraction_t
+        (T,) packing fractions of the exact hard packings, rattlers included [1].
+    stress_ratio_t
+        (T,) shear stress over pressure, the stress Cauchy's with tension positive: -d ln(packing fraction)/d(strain).
+    family_t
+        (T,) number of the contact network; one that comes again has the number that it had.
+    contacts_t, rattlers_t
+        (T,) force-bearing contacts, and particles that bear none.
+    gap_error_t, imbalance_t
+        (T,) largest gap of a contact over the mean diameter, with shapes the largest overlap; and largest net force
+        over the mean force [1].
+    changes
+        The changes, in order.
+    packings
+        Packings at the strains that were asked for by `keep`, in the order in which they were reached.
+    axes
+        Direction of the flow, and of its gradient.
+
+    """
+
+    strain_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    packing_fraction_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    stress_ratio_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    family_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    contacts_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    rattlers_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    gap_error_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    imbalance_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    changes: tuple[FamilyChange, ...] = ()
+    packings: tuple[Packing, ...] = ()
+    axes: tuple[int, int] = (0, 1)
+
+    @property
+    def families(self) -> int:
+        """Number of different contact networks."""
+        return len(np.unique(self.family_t))
+
+    def jumps(self, above: float = 0.0) -> tuple[FamilyChange, ...]:
+        """Return the changes that fell to another packing, by more than so much in packing fraction."""
+        return tuple(one for one in self.changes if one.route != "exchange" and one.jump > above)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found by name, as plain values."""
+        return {
+            **super().to_dict(),
+            "strain": float(self.strain_t[-1]),
+            "packing_fraction": float(self.packing_fraction_t[-1]),
+            "families": self.families,
+            "changes": len(self.changes),
+            "jumps": len(self.jumps()),
+            "largest_jump": max((one.jump for one in self.jumps()), default=0.0),
+            "gap_error": float(self.gap_error_t.max()),
+        }
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return f"{super().title}, families under shear"
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        found = self.to_dict()
+        return [
+            super().rows()[0],
+            ("shear strain", f"{found['strain']:.6g}", "at the end"),
+            (
+                "packing fraction",
+                f"{found['packing_fraction']:.10g}",
+                f"{self.packing_fraction_t[0]:.10g} at the start",
+            ),
+            ("families", str(found["families"]), "different contact networks"),
+            ("changes", str(found["changes"]), "of the network"),
+            ("jumps", str(found["jumps"]), f"to other packings, the largest by {found['largest_jump']:.3g}"),
+            ("gap error", f"{found['gap_error']:.1e}", "over the mean diameter"),
+            ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
+        ]
+
+    def table(self) -> Table:
+        """Return the rows as columns."""
+        found = {name: getattr(self, f"{name}_t") for name in _COLUMNS}
+        return make_table(found, self.about(), dict.fromkeys(found, "1"))
+
+    def to_csv(self) -> str:
+        """Return the rows as CSV; numbers keep every digit."""
+        return csv_text(_COLUMNS, zip(*(getattr(self, f"{name}_t").tolist() for name in _COLUMNS), strict=True))
+
+
+@honors("shapes", packing_only=True)
+def shear_families(
+    packing: Packing,
+    applied_strain: float = 0.1,
+    *,
+    step: float = 2e-3,
+    axes: tuple[int, int] = (0, 1),
+    pressure: float = 1e-7,
+    keep: Iterable[float] = (),
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> ShearFamilies:
+    """Return the run of a jammed packing whose box is sheared at zero pressure: its families and what parts them.
+
+    The box keeps the shape that the strain gives it, lattice (1 + strain e_flow e_gradient) of that at the start, and
+    its volume is free. The exact hard packing is followed along its contact network by Newton's method; strains at
+    which a contact closes or its force falls to zero are found to rounding, whatever the step, and what happens there
+    depends on the packing alone (`FamilyChange`). Packing fraction falls, or rises, by d ln(phi) / d(strain) = -Sigma/P
+    along a family, and jumps only up. A negative strain shears the other way; a walk back from `run.packing` is the
+    same path up to the first jump. Labels of the lattice vectors are renewed on the way, so that strains may be large.
+
+    Packings with shapes are followed at a small pressure, under the harmonic law, from equilibrium to equilibrium as in
+    `quasistatic_shear`; packing fractions are extrapolated to zero pressure by phi (1 - 2 E / (P V)), which leaves an
+    error of second order in the overlaps. An exchange of contacts then takes a strain of the order of the pressure, in
+    which both bear forces.
+
+    Parameters
+    ----------
+    packing
+        A jammed packing: of discs or spheres `run.packing` of a run of `jam` at a small pressure with
+        ``strain="isotropic"``, its `report["hard_packing"]`, or an earlier run's packing.
+    applied_strain
+        Shear strain at the end, positive or negative [1].
+    step
+        Largest step of strain, at the end of each of which there is a row [1].
+    axes
+        Direction of the flow, and of its gradient.
+    pressure
+        Pressure at which packings with shapes are followed [energy_scale / diameter^d]; discs and spheres need none.
+    keep
+        Strains at which to keep the packings.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called as progress("families", figures) after each step, figures with "strain", "packing_fraction", "changes".
+    check
+        Raise NotConverged when a hard packing is lost on the way; otherwise return what there is.
+
+    Returns
+    -------
+    ShearFamilies
+        Outcome.FINISHED, or Outcome.NOT_JAMMED where no hard packing is found after a jump.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If the hard packing is lost and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was finished.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> start = pm.random_packing(10, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=1)
+    >>> jammed = pm.jam(pm.Scene(start, (pm.Repulsion(),)), strain="isotropic").packing
+    >>> run = pm.shear_families(jammed, 0.06)
+    >>> [(round(one.strain, 6), one.cause, one.route) for one in run.changes[:2]]
+    [(0.039117, 'opening', 'interior point'), (0.053443, 'closing', 'exchange')]
+
+    """
+    instance("packing", packing, Packing)
+    end = real("applied_strain", applied_strain)
+    size = positive("step", step)
+    pair = two_axes("axes", axes, dimension=packing.dimension)
+    kept = [real(f"keep[{k}]", one) for k, one in enumerate(keep)]
+    for k, one in enumerate(kept):
+        if not min(0.0, end) <= one <= max(0.0, end):
+            raise ValueError(f"keep[{k}] must lie between 0 and applied_strain, got {one}")
+    small = positive("pressure", pressure)
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    began = time.process_time()
+    with single_thread():
+        walk: _HardWalk | _SoftWalk
+        if packing.shapes is None:
+            walk = _HardWalk(packing, HardPath(_hard_packing(packing), pair), loop, began)
+        else:
+            walk = _SoftWalk(packing, pair, small, loop, began)
+        goals = np.linspace(0.0, end, max(1, int(np.ceil(abs(end) / size - 1e-9))) + 1)[1:]
+        goals = np.unique(np.concatenate([goals, kept]))
+        return loop.run(lambda: walk.through(goals if end >= 0.0 else goals[::-1], kept), walk.finish)
+
+
+def _hard_packing(packing: Packing) -> HardPacking:
+    """Return the exact hard packing of a jammed one, in reduced lengths.
+
+    Raises
+    ------
+    ValueError
+        If there is none nearby.
+
+    """
+    unit = length_unit(packing)
+    reduced = Packing(packing.position_nd / unit, packing.radius_n / unit, Box(packing.box.lattice_dd / unit))
+    d = packing.dimension
+    isotropic = np.eye(d)[None] / np.sqrt(d)
+    load = float(packing.particles * d)
+    state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
+    contacts = find_contacts(reduced, gap_tolerance=None)
+    rattling = rattlers_of(contacts)
+    bearing = contacts.select(~(rattling[contacts.i_c] | rattling[contacts.j_c]))
+    hard = None
+    if len(bearing):
+        # a soft packing at a small pressure, or a hard one, has the contacts of the hard packing already
+        near = pair_contacts(reduced, *state.pairs)
+        listed = {tuple(row) for row in np.column_stack([bearing.i_c, bearing.j_c, bearing.image_cd]).tolist()}
+        touching = np.array(
+            [tuple(row) in listed for row in np.column_stack([near.i_c, near.j_c, near.image_cd]).tolist()]
+        )
+        force = np.where(touching, 1.0, 1e-12)
+        slack = np.where(touching, 1e-12, 1.0)
+        hard, _ = certify(
+            HardState(reduced.position_nd, reduced.box.lattice_dd, state.pairs, slack, force, 1e-12, 0.0),
+            reduced.radius_n,
+            isotropic,
+        )
+        if hard is None or hard.floppy_modes:
+            hard, _ = search_hard(state, reduced.radius_n, isotropic)
+    if hard is not None:
+        live = hard.contacts.count_n() > 0
+        away = hard.packing.position_nd @ hard.packing.box.inverse_dd.T - reduced.position_nd @ reduced.box.inverse_dd.T
+        away = (away - away[live].mean(axis=0))[live] @ reduced.box.lattice_dd.T
+        if np.abs(away).max() < _NEARBY and abs(hard.packing.box.volume / reduced.box.volume - 1.0) < _DENSER:
+            return hard
+    raise ValueError(
+        "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got another: "
+        'take the packing of pm.jam(scene, strain="isotropic")'
+    )
+
+
+class _Rows:
+    """The rows, changes and packings that a walk leaves, and the run that they make."""
+
+    def __init__(self, axes: tuple[int, int], began: float) -> None:
+        self.axes, self.began = axes, began
+        self.numbers: dict[frozenset[tuple[int, ...]], int] = {}
+        self.rows: list[tuple[float, ...]] = []
+        self.changes: list[FamilyChange] = []
+        self.kept: list[Packing] = []
+
+    def number(self, network: frozenset[tuple[int, ...]]) -> int:
+        """Return the number of a network."""
+        return self.numbers.setdefault(network, len(self.numbers))
+
+    def run(self, packing: Packing, outcome: Outcome, steps: int) -> ShearFamilies:
+        """Return the run as far as it came."""
+        columns: dict[str, Any] = dict(
+            zip(_COLUMNS, np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy(), strict=True)
+        )
+        for name in ("family", "contacts", "rattlers"):
+            columns[name] = columns[name].astype(np.int64)
+        seconds = time.process_time() - self.began
+        residual = float(columns["imbalance"].max(initial=0.0))
+        stage = Stage("families", residual, steps, 0, seconds, f"{len(self.changes)} changes of the network")
+        return ShearFamilies(
+            packing=packing,
+            outcome=outcome,
+            residual=residual,
+            steps=steps,
+            force_evaluations=0,
+            seconds=seconds,
+            stages=(stage,),
+            changes=tuple(self.changes),
+            packings=tuple(self.kept),
+            axes=self.axes,
+            **{f"{name}_t": column for name, column in columns.items()},
+        )
+
+
+class _HardWalk:
+    """A hard packing on its way through strains."""
+
+    def __init__(self, packing: Packing, path: HardPath, loop: RunLoop, began: float) -> None:
+        self.given, self.path, self.loop = packing, path, loop
+        self.unit = length_unit(packing)
+        self.found = _Rows(path.axes, began)
+        self._keep(path.vertex, self.found.number(path.identity(path.vertex.contacts)))
+
+    def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
+        """Go through all strains."""
+        path, found = self.path, self.found
+        for goal in goals.tolist():
+            # a fall ends a little beyond the strain where it begins
+            while abs(path.vertex.strain) < abs(goal):
+                self.loop.check_time()
+                try:
+                    vertex, change = path.go(goal)
+                except Lost:
+                    return Outcome.NOT_JAMMED
+                if change is not None:
+                    self._note(change)
+                self._keep(vertex, found.number(path.identity(vertex.contacts)))
+            if goal in kept:
+                found.kept.append(self._restored(path.vertex))
+            last = found.rows[-1]
+            self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
+        return Outcome.FINISHED
+
+    def _keep(self, vertex: Vertex, number: int) -> None:
+        self.found.rows.append(
+            (
+                vertex.strain,
+                packing_fraction(vertex.packing),
+                vertex.stress_ratio(self.path.axes),
+                number,
+                len(vertex.contacts),
+                int((~vertex.live_n).sum()),
+                vertex.gap_error,
+                vertex.force_imbalance,
+            )
+        )
+
+    def _note(self, change: Change) -> None:
+        """Keep a change, and a row of what was before it."""
+        before, after = change.identities
+        first, second = self.found.number(before), self.found.number(after)
+        self._keep(change.before, first)
+        jump = packing_fraction(change.after.packing) - packing_fraction(change.before.packing)
+        self.found.changes.append(
+            FamilyChange(
+                change.before.strain,
+                change.cause,
+                "interior point" if change.jumps else "exchange",
+                first,
+                second,
+                tuple(sorted(after - before)),
+                tuple(sorted(before - after)),
+                jump if change.jumps else 0.0,
+                change.moved,
+            )
+        )
+
+    def _restored(self, vertex: Vertex) -> Packing:
+        """Return the packing of a vertex in true lengths, in a box of short vectors, particles inside."""
+        small, _ = vertex.packing.box.reduced()
+        box = Box(small.lattice_dd * self.unit)
+        position, _ = box.wrap(vertex.packing.position_nd * self.unit)
+        return self.given.replace(position_nd=position, box=box)
+
+    def finish(self, outcome: Outcome) -> ShearFamilies:
+        """Return the run as far as it came."""
+        return self.found.run(self._restored(self.path.vertex), outcome, self.path.factorizations)
+
+
+class _SoftWalk:
+    """A packing with shapes on its way through strains at a small pressure."""
+
+    def __init__(self, packing: Packing, axes: tuple[int, int], pressure: float, loop: RunLoop, began: float) -> None:
+        scene = Scene(packing, (Repulsion(Harmonic()),))
+        if not is_jammed(scene):
+            raise ValueError("packing must be jammed under the harmonic law, got one that is not: jam it")
+        self.protocol = Protocol(scene, free_strains("isotropic", packing.dimension), "isotropic", 1e-9, loop)
+        self.axes, self.pressure, self.loop = axes, pressure, loop
+        self.found = _Rows(axes, began)
+        self.path: StrainPath | None = None
+
+    def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
+        """Go to the pressure, then through all strains."""
+        protocol, found = self.protocol, self.found
+        outcome = PressurePath(protocol).go(self.pressure)
+        if not outcome.ok:
+            return outcome
+        protocol.scene = protocol.scene.replace(packing=protocol.last)
+        self.path = path = StrainPath(protocol, self.axes, self.pressure * protocol.scene.pressure_unit)
+        self._keep(path.now)
+        for goal in goals.tolist():
+            while path.now.strain != goal:
+                if not path.sound:
+                    return Outcome.NOT_JAMMED
+                self._towards(path, goal)
+            if goal in kept:
+                found.kept.append(self._restored(path.now))
+            last = found.rows[-1]
+            self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
+        return Outcome.FINISHED
+
+    def _towards(self, path: StrainPath, goal: float) -> None:
+        start = path.now
+        reached, fallen = path.step(goal)
+        if reached.pairs != start.pairs or fallen is not None:
+            one = path.locate(start, reached.strain if fallen is None else fallen.strain)
+            if one is not None and abs(one.below - start.strain) < abs(goal - start.strain):
+                self._note(one.before, one.after, "opening" if one.opened else "closing", "exchange")
+                path.now = one.after
+                return
+        if fallen is not None:
+            self._note(reached, fallen, "instability", "downhill")
+            path.now = fallen
+            return
+        if reached.pairs != start.pairs:
+            self._note(start, reached, "several", "exchange")
+        else:
+            self._keep(reached)
+
+    def _fraction(self, one: Sheared) -> float:
+        """Return the packing fraction extrapolated to zero pressure."""
+        soft = packing_fraction(self.protocol.restored(one.packing))
+        return soft * (1.0 - 2.0 * one.energy / (one.pressure * one.volume))
+
+    def _keep(self, one: Sheared) -> None:
+        gap = -one.network.contacts.gap_c / one.network.contacts.contact_distance_c
+        self.found.rows.append(
+            (
+                one.strain,
+                self._fraction(one),
+                one.stress / one.pressure,
+                self.found.number(one.pairs),
+                len(one.pairs),
+                int((~one.held_n).sum()),
+                float(gap.max(initial=0.0)),
+                one.residual,
+            )
+        )
+
+    def _note(self, before: Sheared, after: Sheared, cause: str, route: str) -> None:
+        """Keep a change, and rows on both sides of it."""
+        falls = route != "exchange"
+        self._keep(before)
+        self._keep(after)
+        moved = after.packing.position_nd @ after.packing.box.inverse_dd.T
+        moved = (moved - before.packing.position_nd @ before.packing.box.inverse_dd.T) @ after.packing.box.lattice_dd.T
+        moved = moved[before.held_n & after.held_n]
+        far = float(np.sqrt(((moved - moved.mean(axis=0)) ** 2).sum(axis=1)).max()) if falls and len(moved) else 0.0
+        self.found.changes.append(
+            FamilyChange(
+                before.strain,
+                cause,
+                route,
+                self.found.number(before.pairs),
+                self.found.number(after.pairs),
+                tuple(sorted(after.pairs - before.pairs)),
+                tuple(sorted(before.pairs - after.pairs)),
+                self._fraction(after) - self._fraction(before) if falls else 0.0,
+                far,
+            )
+        )
+
+    def _restored(self, one: Sheared) -> Packing:
+        packing = self.protocol.restored(one.packing)
+        small, _ = packing.box.reduced()
+        return packing.replace(box=small).wrapped()
+
+    def finish(self, outcome: Outcome) -> ShearFamilies:
+        """Return the run as far as it came."""
+        if self.path is None:
+            return self.found.run(self.protocol.last, outcome, 0)
+        return self.found.run(self._restored(self.path.now), outcome, self.path.iterations)

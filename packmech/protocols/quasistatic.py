@@ -1,0 +1,470 @@
+"""`quasistatic_shear`: small steps of shear strain, each followed to equilibrium, at constant volume or pressure."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance, one_of, positive, real, two_axes
+from packmech.honors import honors
+from packmech.jit.blas import single_thread
+from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.measure.counting import packing_fraction
+from packmech.observables import Table, make_table
+from packmech.packing import no_own_images
+from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.pressure_path import PressurePath
+from packmech.protocols.protocol import Protocol
+from packmech.protocols.strain_path import Located, Sheared, StrainPath, work_between
+from packmech.result import Outcome, Row, Run, Stage, csv_text
+from packmech.scene import Scene
+
+_COLUMNS = (
+    "strain", "shear_stress", "pressure", "packing_fraction", "energy", "work", "modulus", "contacts", "network",
+    "predicted_change", "residual",
+)  # fmt: skip
+# part of the energy that a fall must free to be one and no exchange of contacts
+_FALL = 1e-12
+
+
+@dataclass(frozen=True)
+class ContactChange:
+    """The strain at which a contact of a sheared packing opens or closes.
+
+    Attributes
+    ----------
+    strain, strain_from_above
+        The strain by tangents ever nearer before the change, and by such behind it [1].
+    opened
+        Whether a contact opened; else one closed.
+    pair
+        Its particles (or beads) and image, (i, j, image); the first of several where a particle loses or finds all its
+        contacts at once. Such a change is found by halving.
+    shear_stress, pressure
+        There [energy_scale / diameter^d].
+    energy_change, work
+        What the energy (with a pressure held, energy + pressure * volume) has grown by since the start, and the work
+        that the shear stress did, its integral over the strain times the volume [energy_scale].
+    tangents
+        Strains of tangents before the change, and the strains of the change that they predict; the first is that of
+        linear response at the start of the step.
+
+    """
+
+    strain: float
+    strain_from_above: float
+    opened: bool
+    pair: tuple[int, ...]
+    shear_stress: float
+    pressure: float
+    energy_change: float
+    work: float
+    tangents: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Avalanche:
+    """A fall to another equilibrium at a strain where the packing becomes unstable.
+
+    Attributes
+    ----------
+    strain, width
+        The strain of the equilibrium after the fall, and how far before it the last one before is [1].
+    energy_drop
+        Energy (with a pressure held, energy + pressure * volume) that is freed [energy_scale].
+    stress_drop
+        Shear stress before less that after it [energy_scale / diameter^d].
+    contacts_opened, contacts_closed
+        How many contacts are lost and won.
+
+    """
+
+    strain: float
+    width: float
+    energy_drop: float
+    stress_drop: float
+    contacts_opened: int
+    contacts_closed: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class QuasistaticShear(Run):
+    """Stress against strain of a packing that is sheared from equilibrium to equilibrium.
+
+    Attributes
+    ----------
+    strain_t
+        (T,) shear strains since the start [1].
+    shear_stress_t, pressure_t
+        (T,) shear stress, Cauchy's with tension positive, and pressure [energy_scale / diameter^d].
+    packing_fraction_t
+        (T,) packing fractions [1].
+    energy_t, work_t
+        (T,) energies, and work that the shear stress has done since the start [energy_scale].
+    modulus_t
+        (T,) tangent moduli d(volume * stress)/d(strain) / volume of the equilibrium, by linear response [energy_scale /
+        diameter^d].
+    contacts_t, network_t
+        (T,) contacts of particles that are no rattlers, and the number of their network.
+    predicted_change_t
+        (T,) strain of the next change of contacts by the tangent there; infinite where it predicts none [1].
+    residual_t
+        (T,) largest net force over the mean contact force [1].
+    changes
+        Changes of contacts that were located, in order.
+    avalanches
+        Falls to other equilibria, in order.
+    axes, held
+        Direction of the flow and of its gradient; "volume" or "pressure".
+
+    """
+
+    strain_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    shear_stress_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    pressure_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    packing_fraction_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    energy_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    work_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    modulus_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    contacts_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    network_t: NDArray[np.int64] = None  # type: ignore[assignment]
+    predicted_change_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    residual_t: NDArray[np.float64] = None  # type: ignore[assignment]
+    changes: tuple[ContactChange, ...] = ()
+    avalanches: tuple[Avalanche, ...] = ()
+    axes: tuple[int, int] = (0, 1)
+    held: str = "volume"
+
+    @property
+    def first_change(self) -> ContactChange | None:
+        """The first change of contacts that was located; None where there was none, or none could be."""
+        return self.changes[0] if self.changes else None
+
+    @property
+    def yield_strain(self) -> float:
+        """Strain of the largest growth of the stress along the shear; nan where it is still growing at the end [1]."""
+        grown = (self.shear_stress_t - self.shear_stress_t[0]) * np.sign(self.strain_t[-1] or 1.0)
+        k = int(np.argmax(grown))
+        return float(self.strain_t[k]) if 0 < k < len(grown) - 1 else math.nan
+
+    def linear_range(self, tolerance: float = 0.05) -> float:
+        """Return the strain up to which stress follows the modulus at the start, to a part of it; inf up to the end.
+
+        Between rows it is interpolated.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the tolerance is not positive.
+
+        """
+        part = positive("tolerance", tolerance)
+        straight = self.modulus_t[0] * (self.strain_t - self.strain_t[0])
+        off = np.abs(self.shear_stress_t - self.shear_stress_t[0] - straight) - part * np.abs(straight)
+        off[0] = 0.0
+        beyond = np.flatnonzero(off > 0.0)
+        if not len(beyond):
+            return math.inf
+        k = int(beyond[0])
+        low, high = min(float(off[k - 1]), 0.0), float(off[k])
+        return abs(float(self.strain_t[k - 1] + (self.strain_t[k] - self.strain_t[k - 1]) * low / (low - high)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found by name, as plain values."""
+        first = self.first_change
+        return {
+            **super().to_dict(),
+            "held": self.held,
+            "strain": float(self.strain_t[-1]),
+            "shear_stress": float(self.shear_stress_t[-1]),
+            "modulus": float(self.modulus_t[0]),
+            "first_change": math.nan if first is None else first.strain,
+            "first_change_opened": None if first is None else first.opened,
+            "yield_strain": self.yield_strain,
+            "linear_range": self.linear_range(),
+            "avalanches": len(self.avalanches),
+        }
+
+    @property
+    def title(self) -> str:
+        """What the run is of, in words."""
+        return f"{super().title}, sheared quasistatically at constant {self.held}"
+
+    def rows(self) -> list[Row]:
+        """Return what the run reached: name, value, and what the value is."""
+        found, d, first = self.to_dict(), self.packing.dimension, self.first_change
+        unit = f"energy_scale / diameter^{d}"
+        what = "none was located" if first is None else f"a contact {'opens' if first.opened else 'closes'}"
+        return [
+            super().rows()[0],
+            ("shear strain", f"{found['strain']:.6g}", "at the end"),
+            ("shear stress", f"{found['shear_stress']:.6g}", unit),
+            ("shear modulus", f"{found['modulus']:.6g}", f"{unit}, at the start"),
+            ("first change", f"{found['first_change']:.10g}", what),
+            ("linear range", f"{found['linear_range']:.4g}", "strain up to which stress is linear to 5 %"),
+            ("yield strain", f"{found['yield_strain']:.4g}", "of the largest stress"),
+            ("avalanches", str(found["avalanches"]), ""),
+            ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
+        ]
+
+    def table(self) -> Table:
+        """Return the rows as columns."""
+        found = {name: getattr(self, f"{name}_t") for name in _COLUMNS}
+        density = f"energy_scale/diameter^{self.packing.dimension}"
+        units = dict.fromkeys(found, "1") | dict.fromkeys(("shear_stress", "pressure", "modulus"), density)
+        return make_table(found, self.about(), units | dict.fromkeys(("energy", "work"), "energy_scale"))
+
+    def to_csv(self) -> str:
+        """Return the rows as CSV; numbers keep every digit."""
+        return csv_text(_COLUMNS, zip(*(getattr(self, f"{name}_t").tolist() for name in _COLUMNS), strict=True))
+
+
+@honors("repulsion links shapes", at_rest=True)
+def quasistatic_shear(
+    scene: Scene,
+    applied_strain: float = 0.1,
+    *,
+    step: float = 1e-3,
+    axes: tuple[int, int] = (0, 1),
+    pressure: float | None = None,
+    locate: str = "first",
+    force_tolerance: float = 1e-9,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> QuasistaticShear:
+    """Return the run of a jammed packing that is sheared in small steps, in equilibrium after each.
+
+    Athermal quasistatic shear: particles are taken along, x + step * y, with what linear response adds, then Newton's
+    method finds the equilibrium, at constant volume or at constant pressure in a box of the shape that the strain gives
+    it. Where the packing does not go on smoothly the step is halved, at most ten times; what is left is a
+    rearrangement: the packing falls downhill, and the report counts it (`Avalanche`). Shapes keep their directors while
+    they are taken along; links keep their length.
+
+    Parameters
+    ----------
+    scene
+        The scene of a jammed packing, at rest under pressure.
+    applied_strain
+        Shear strain at the end, positive or negative [1].
+    step
+        Step of strain, at the end of each of which there is a row [1].
+    axes
+        Direction of the flow, and of its gradient.
+    pressure
+        Pressure to hold [energy_scale / diameter^d]; the packing goes there first. None holds the volume.
+    locate
+        "first": the strain of the first change of contacts is found to rounding, from both sides, and has a row;
+        "all": those of all changes, so that `work_t` is exact to fourth order of the steps throughout; "none".
+    force_tolerance
+        Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
+    time_limit
+        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+    progress
+        Called as progress("shear", figures) after each step, figures with "strain", "shear_stress", "avalanches".
+    check
+        Raise NotConverged when the packing does not come to rest; otherwise return what there is.
+
+    Returns
+    -------
+    QuasistaticShear
+        Outcome.FINISHED; Outcome.UNJAMMED, a success, where the pressure is lost.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If the packing does not come to rest and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.run` set to what was finished.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
+    >>> scene = pm.Scene(start, (pm.Repulsion(),))
+    >>> scene = scene.replace(packing=pm.jam(scene, pressure=1e-3).packing)
+    >>> run = pm.quasistatic_shear(scene, 3e-3, step=1e-3)
+    >>> first = run.first_change
+    >>> first.opened, abs(first.strain - first.strain_from_above) < 1e-12
+    (True, True)
+
+    """
+    instance("scene", scene, Scene)
+    no_own_images("scene.packing", scene.packing)
+    end = real("applied_strain", applied_strain)
+    size = positive("step", step)
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
+    asked = None if pressure is None else positive("pressure", pressure)
+    one_of("locate", locate, ("first", "all", "none"))
+    tolerance = positive("force_tolerance", force_tolerance)
+    if not is_jammed(scene):
+        raise ValueError(
+            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
+        )
+    began = time.process_time()
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    d = scene.packing.dimension
+    basis = np.zeros((0, d, d)) if asked is None else free_strains("isotropic", d)
+    protocol = Protocol(scene, basis, "none" if asked is None else "isotropic", tolerance, loop)
+    shear = _Shear(protocol, pair, asked, locate, began)
+    steps = max(1, math.ceil(abs(end) / size - 1e-9))
+    goals = np.linspace(0.0, end, steps + 1)[1:]
+    with single_thread():
+        return loop.run(lambda: shear.through(goals), shear.finish)
+
+
+class _Shear:
+    """A packing on its way, and the rows that it leaves."""
+
+    def __init__(
+        self, protocol: Protocol, axes: tuple[int, int], pressure: float | None, locate: str, began: float
+    ) -> None:
+        self.protocol, self.axes, self.asked, self.locate, self.began = protocol, axes, pressure, locate, began
+        self.rows: list[tuple[float, ...]] = []
+        self.changes: list[ContactChange] = []
+        self.avalanches: list[Avalanche] = []
+        self.networks: dict[frozenset[tuple[int, ...]], int] = {}
+        self.work = 0.0
+        # whether contacts have changed, located or not
+        self.changed = False
+        self.path: StrainPath | None = None
+
+    def through(self, goals: NDArray[np.float64]) -> Outcome:
+        """Go to the pressure, then through all strains."""
+        protocol, unit = self.protocol, self.protocol.scene.pressure_unit
+        if self.asked is not None:
+            outcome = PressurePath(protocol).go(self.asked)
+            if not outcome.ok:
+                return outcome
+            protocol.scene = protocol.scene.replace(packing=protocol.last)
+        self.path = path = StrainPath(protocol, self.axes, None if self.asked is None else self.asked * unit)
+        if not path.sound:
+            return Outcome.STALLED
+        self.start = path.now
+        self._keep(path.now, 0.0, float(goals[0]))
+        for goal in goals.tolist():
+            while path.now.strain != goal:
+                ended = self._towards(path, goal)
+                if ended is not None:
+                    return ended
+            self.protocol.loop.report(
+                "shear", strain=goal, shear_stress=self.rows[-1][1], avalanches=len(self.avalanches)
+            )
+        return Outcome.FINISHED
+
+    def _towards(self, path: StrainPath, goal: float) -> Outcome | None:
+        """Go on to a strain, or to the next change of contacts that is to be located before it."""
+        start = path.now
+        wanted = self.locate == "all" or (self.locate == "first" and not self.changed)
+        reached, fallen = path.step(goal)
+        if wanted and (reached.pairs != start.pairs or fallen is not None):
+            found = path.locate(start, reached.strain if fallen is None else fallen.strain)
+            if found is not None and abs(found.below - start.strain) <= abs(goal - start.strain):
+                self._note(found, start, goal)
+                path.now = found.after
+                return None
+        self.changed |= reached.pairs != start.pairs or fallen is not None
+        if reached is not start:
+            self._keep(reached, work_between(start, reached), goal)
+        if fallen is None:
+            return None
+        if fallen.pressure <= 0.0 or not fallen.pairs:
+            return Outcome.UNJAMMED
+        if not path.sound:
+            return Outcome.STALLED
+        self._fall(reached, fallen)
+        return None
+
+    def _note(self, found: Located, start: Sheared, goal: float) -> None:
+        """Keep a change of contacts that was located, and a row at it."""
+        there, scene, self.changed = found.there, self.protocol.scene, True
+        # up to the change with the contacts before it
+        self._keep(there, work_between(start, found.before) + work_between(found.before, there), goal)
+        self.changes.append(
+            ContactChange(
+                found.below,
+                found.above,
+                found.opened,
+                found.pair,
+                there.stress / scene.pressure_unit,
+                there.pressure / scene.pressure_unit,
+                (there.enthalpy - self.start.enthalpy) / scene.energy_scale,
+                self.work / scene.energy_scale,
+                found.tangents,
+            )
+        )
+        self._keep(found.after, work_between(there, found.after), goal)
+
+    def _fall(self, before: Sheared, after: Sheared) -> None:
+        """Keep a fall to another equilibrium, and a row after it."""
+        scene, step = self.protocol.scene, after.strain - before.strain
+        ahead = before.enthalpy + step * before.slope + 0.5 * step**2 * before.curvature
+        drop = ahead - after.enthalpy
+        self._keep(after, step * before.slope + 0.5 * step**2 * before.curvature, 2.0 * after.strain - before.strain)
+        if drop > _FALL * abs(before.enthalpy):
+            self.avalanches.append(
+                Avalanche(
+                    after.strain,
+                    abs(step),
+                    drop / scene.energy_scale,
+                    (before.stress - after.stress) / scene.pressure_unit,
+                    len(before.pairs - after.pairs),
+                    len(after.pairs - before.pairs),
+                )
+            )
+
+    def _keep(self, one: Sheared, work: float, goal: float) -> None:
+        assert self.path is not None
+        self.work += work
+        scene = self.protocol.scene
+        unit = scene.pressure_unit
+        self.protocol.last = self.protocol.restored(one.packing)
+        self.rows.append(
+            (
+                one.strain,
+                one.stress / unit,
+                one.pressure / unit,
+                packing_fraction(self.protocol.last),
+                one.energy / scene.energy_scale,
+                self.work / scene.energy_scale,
+                one.modulus / unit,
+                len(one.pairs),
+                self.networks.setdefault(one.pairs, len(self.networks)),
+                self.path.predicted(one, goal - one.strain or 1.0, one.pairs)[0],
+                one.residual,
+            )
+        )
+
+    def finish(self, outcome: Outcome) -> QuasistaticShear:
+        """Return the run as far as it came."""
+        table = np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy()
+        columns: dict[str, Any] = dict(zip(_COLUMNS, table, strict=True))
+        for name in ("contacts", "network"):
+            columns[name] = columns[name].astype(np.int64)
+        seconds = time.process_time() - self.began
+        residual = float(columns["residual"].max(initial=0.0))
+        iterations = 0 if self.path is None else self.path.iterations
+        stage = Stage("quasistatic shear", residual, iterations, iterations, seconds, f"{len(self.rows)} equilibria")
+        packing = self.protocol.last
+        small, _ = packing.box.reduced()
+        return QuasistaticShear(
+            packing=packing.replace(box=small).wrapped(),
+            outcome=outcome,
+            residual=residual,
+            steps=iterations,
+            force_evaluations=iterations,
+            seconds=seconds,
+            stages=(*self.protocol.stages, stage),
+            changes=tuple(self.changes),
+            avalanches=tuple(self.avalanches),
+            axes=self.axes,
+            held="volume" if self.asked is None else "pressure",
+            **{f"{name}_t": columns[name] for name in _COLUMNS},
+        )

@@ -1,0 +1,402 @@
+"""One soft packing on its way along a shear strain, at constant volume or pressure, from equilibrium to equilibrium."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.box import Box
+from packmech.contacts.network import Contacts
+from packmech.contacts.rattlers import rattlers_of
+from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.contacts.shape_rattlers import shape_rattlers
+from packmech.measure.stress import energy, stress_tensor
+from packmech.minimize.soft_network import Response, SoftNetwork
+from packmech.minimize.soft_newton import SoftState, descend, network_of, newton
+from packmech.packing import Packing
+from packmech.protocols.protocol import Protocol
+from packmech.protocols.soft import search_pressure
+
+Pairs = frozenset[tuple[int, ...]]
+
+_ITERATIONS = 25
+# an equilibrium this near where the tangent leads, over the way, is the same one gone on; and rounding [diameter]
+_CORRECTED, _ROUNDED = 2.0, 1e-8
+# halvings of a step before contacts are let rearrange
+_HALVINGS = 10
+# part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
+# or behind the change that is near enough
+_LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
+# farther tangents are not believed, their error being of second order
+_TRUSTED = 1e-11
+# relaxation by FIRE where Newton's method finds no equilibrium after an instability
+_TOLERANCE, _STEPS, _ROUNDS = 1e-3, 200_000, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Sheared:
+    """A packing in equilibrium at a shear strain, in reduced units, and how it answers to more of it.
+
+    Attributes
+    ----------
+    strain
+        Shear strain since the start.
+    packing, network
+        The packing and what Newton's method sees of it.
+    pairs
+        Contacts of particles that are no rattlers, as (i, j, image).
+    answer
+        Its linear response to the shear.
+    energy, pressure, stress
+        Energy [energy], pressure and shear stress [energy/length^d], tension positive.
+    enthalpy
+        Energy, and pressure held times volume [energy].
+    volume
+        Of the box [length^d].
+    residual
+        Largest net force over the mean contact force.
+    curvature
+        Second derivative of the enthalpy by the strain [energy].
+    held_n
+        (N,) particles that are no rattlers.
+
+    """
+
+    strain: float
+    packing: Packing
+    network: SoftNetwork
+    pairs: Pairs
+    answer: Response
+    energy: float
+    pressure: float
+    stress: float
+    enthalpy: float
+    volume: float
+    residual: float
+    curvature: float
+    held_n: NDArray[np.bool_]
+
+    @property
+    def modulus(self) -> float:
+        """Tangent modulus of the shear: its curvature over the volume [energy/length^d]."""
+        return self.curvature / self.volume
+
+    @property
+    def slope(self) -> float:
+        """Derivative of the enthalpy by the strain [energy]."""
+        return self.stress * self.volume
+
+
+class Located(NamedTuple):
+    """A change of contacts found from both sides.
+
+    `below` and `above` are its strain by tangents before and behind it; `tangents` are strains of tangents before it
+    and the strains that they predict; `pair` is the one that changes and `opened` whether it opens; the packings
+    are those nearest to it on both sides, and the one at it.
+    """
+
+    below: float
+    above: float
+    tangents: tuple[tuple[float, float], ...]
+    pair: tuple[int, ...]
+    opened: bool
+    before: Sheared
+    there: Sheared
+    after: Sheared
+
+
+class StrainPath:
+    """One packing on its way in shear strain.
+
+    Parameters
+    ----------
+    protocol
+        The protocol of a packing at rest; its free strains are those that the box makes by itself: none at constant
+        volume, the isotropic one at constant pressure.
+    axes
+        Direction of the flow, and of its gradient.
+    pressure
+        Pressure that is held [energy/length^d]; None holds the volume.
+
+    """
+
+    def __init__(self, protocol: Protocol, axes: tuple[int, int], pressure: float | None) -> None:
+        self.protocol, self.axes, self.pressure = protocol, axes, pressure
+        scene, d = protocol.scene, protocol.scene.packing.dimension
+        self.shear_dd = np.zeros((d, d))
+        self.shear_dd[axes] = 1.0
+        self.unit = protocol.length**d / scene.energy_scale
+        self.load = None if pressure is None else pressure * self.unit
+        packing = protocol.reduced(scene.packing)
+        self._unsheared_dd = packing.box.lattice_dd
+        self.iterations = 0
+        state = self._relaxed(packing)
+        self.iterations += state.iterations
+        self.tolerance = max(protocol.force_tolerance, 1e-7)
+        self.sound = state.sound(self.tolerance)
+        self.now = self._measured(0.0, state)
+
+    def _relaxed(self, packing: Packing) -> SoftState:
+        units, basis = self.protocol.units, self.protocol.basis_kdd
+        if packing.plain:
+            return newton(packing, units, basis, self.load, iterations=_ITERATIONS)
+        return descend(packing, units, basis, self.load)
+
+    def _measured(self, strain: float, state: SoftState) -> Sheared:
+        packing = state.packing
+        network = network_of(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
+        restored = self.protocol.restored(packing)
+        scene = self.protocol.scene.replace(packing=restored)
+        stress = stress_tensor(scene)
+        d, volume, own = packing.dimension, restored.box.volume, energy(scene)
+        flow, gradient = self.axes
+        pairs, held = bearing_pairs(packing, network)
+        answer = network.response(self.shear_dd)
+        return Sheared(
+            strain, packing, network, pairs, answer, own,
+            (0.0 - float(np.trace(stress))) / d, 0.5 * float(stress[flow, gradient] + stress[gradient, flow]),
+            own + (self.pressure or 0.0) * volume, volume, state.residual,
+            answer.curvature * self.protocol.scene.energy_scale, held,
+        )  # fmt: skip
+
+    def _ahead(self, start: Sheared, strain: float) -> Packing:
+        """Return the packing at another strain, along the linear response."""
+        step, packing, d = strain - start.strain, start.packing, start.packing.dimension
+        answer = start.answer
+        position = packing.position_nd + step * (packing.position_nd @ answer.gradient_dd.T + answer.u_nd[:, :d])
+        size = 1.0 + step * float(np.trace(answer.gradient_dd)) / d
+        packing = packing.replace(position_nd=position, box=self._box(strain, packing.box.volume * size**d))
+        if packing.shapes is not None:
+            turned = np.einsum("nk,nkt->nt", step * answer.u_nd[:, d:], packing.shapes.turn_basis(packing.radius_n))
+            packing = packing.replace(shapes=packing.shapes.turned(turned))
+        return packing
+
+    def _box(self, strain: float, volume: float) -> Box:
+        """Return the box of the shape at a strain."""
+        lattice = (np.eye(len(self.shear_dd)) + strain * self.shear_dd) @ self._unsheared_dd
+        return Box(lattice * (volume / abs(np.linalg.det(lattice))) ** (1.0 / len(lattice)))
+
+    def at(self, start: Sheared, strain: float) -> Sheared | None:
+        """Return the equilibrium of a packing gone on to another strain; None where it does not go on."""
+        self.protocol.loop.check_time()
+        ahead = self._ahead(start, strain)
+        state = self._relaxed(ahead)
+        self.iterations += state.iterations
+        if not state.sound(self.tolerance):
+            return None
+        moved = state.packing.position_nd - ahead.position_nd
+        held = start.held_n
+        if held.any():
+            moved = moved[held] - moved[held].mean(axis=0)
+            d = moved.shape[1]
+            way = abs(strain - start.strain) * max(1.0, float(np.abs(start.answer.u_nd[:, :d][held]).max()))
+            if float(np.abs(moved).max()) > _CORRECTED * way + _ROUNDED:
+                return None
+        return self._measured(strain, state)
+
+    def step(self, strain: float) -> tuple[Sheared, Sheared | None]:
+        """Return the last equilibrium on the way to a strain, and None, or the next one where it becomes unstable.
+
+        The first is the equilibrium at that strain wherever the packing goes on to it.
+        """
+        start, goal = self.now, strain
+        shortest = abs(strain - start.strain) * 0.5**_HALVINGS
+        while True:
+            found = self.at(start, goal)
+            if found is not None:
+                start = found
+                if goal == strain:
+                    self.now = found
+                    return found, None
+                goal = strain
+                continue
+            if abs(goal - start.strain) <= shortest * 1.001:
+                after = self._fallen(start, goal)
+                self.now = after
+                return start, after
+            goal = 0.5 * (start.strain + goal)
+
+    def _fallen(self, start: Sheared, strain: float) -> Sheared:
+        """Return the equilibrium that an unstable packing falls to."""
+        step, packing = strain - start.strain, start.packing
+        position = packing.position_nd + step * packing.position_nd @ self.shear_dd.T
+        packing = packing.replace(position_nd=position, box=self._box(strain, packing.box.volume))
+        units, basis = self.protocol.units, self.protocol.basis_kdd
+        state = descend(packing, units, basis, self.load)
+        self.iterations += state.iterations
+        if not state.sound(self.tolerance) and packing.plain:
+            state = self._relaxed_by_fire(packing)
+        self.sound = state.sound(self.tolerance)
+        return self._measured(strain, state)
+
+    def _relaxed_by_fire(self, packing: Packing) -> SoftState:
+        protocol = self.protocol
+        if self.load is not None:
+            return search_pressure(protocol, packing, self.load)
+        tolerance = _TOLERANCE
+        state = None
+        for _ in range(_ROUNDS):
+            relaxed, done = protocol.relax(protocol.restored(packing), tolerance, _STEPS)
+            packing = protocol.reduced(relaxed)
+            state = newton(packing, protocol.units, protocol.basis_kdd, None)
+            self.iterations += state.iterations + done.steps
+            if state.sound(self.tolerance):
+                break
+            tolerance *= 1e-2
+        assert state is not None
+        return state
+
+    # changes of contacts
+
+    def predicted(self, one: Sheared, direction: float, known: Pairs) -> tuple[float, tuple[int, ...] | None]:
+        """Return the strain at which the tangent lets a contact change first, and which; infinite without any."""
+        near = one.network.near(one.packing)
+        rate = one.network.gap_rates(near, one.answer) * math.copysign(1.0, direction)
+        held = one.held_n
+        names = pair_names(near)
+        own = np.array([name in known for name in names], dtype=bool)
+        gap = near.gap_c
+        with np.errstate(divide="ignore", invalid="ignore"):
+            way = np.where(own, -gap / rate, gap / -rate)
+        valid = held[near.i_c] & held[near.j_c] & np.isfinite(way)
+        valid &= np.where(own, (rate > 0.0) & (gap <= 0.0), (rate < 0.0) & (gap >= 0.0))
+        if not valid.any():
+            return math.copysign(math.inf, direction), None
+        c = int(np.flatnonzero(valid)[np.argmin(way[valid])])
+        return one.strain + math.copysign(float(way[c]), direction), names[c]
+
+    def _tangent_to(self, one: Sheared, pair: tuple[int, ...]) -> float:
+        """Return the strain at which the tangent of an equilibrium gives a pair no gap."""
+        near = one.network.near(one.packing)
+        names = pair_names(near)
+        if pair not in names:
+            return math.nan
+        c = names.index(pair)
+        return one.strain - float(near.gap_c[c] / one.network.gap_rates(near, one.answer)[c])
+
+    def locate(self, start: Sheared, beyond: float) -> Located | None:
+        """Return the first change of contacts between an equilibrium and a strain, None where none can be located.
+
+        Tangents are renewed ever nearer to what they predict, first before the change and then behind it.
+        """
+        direction = math.copysign(1.0, beyond - start.strain)
+        known, one = start.pairs, start
+        tangents: list[tuple[float, float]] = []
+        pair: tuple[int, ...] | None = None
+        limit = beyond
+        for _ in range(_TANGENTS):
+            there, pair = self.predicted(one, direction, known)
+            if pair is None:
+                break
+            tangents.append((one.strain, there))
+            if abs(there - one.strain) <= _NEARLY:
+                break
+            aim = there - _LEFT * (there - one.strain)
+            if (aim - limit) * direction > 0.0:
+                aim = 0.5 * (one.strain + limit)
+            following = self.at(one, aim)
+            while (following is None or following.pairs != known) and abs(aim - one.strain) > 1e-15:
+                limit = aim
+                aim = one.strain + 0.5 * (aim - one.strain)
+                following = self.at(one, aim)
+            if following is None or following.pairs != known:
+                break
+            one = following
+        below = tangents[-1][1] if tangents else math.inf
+        side = None
+        if pair is not None and abs(below - one.strain) <= _TRUSTED:
+            way = max(abs(below - start.strain), abs(below - one.strain))
+            side = self._behind(one, below, pair, direction * way)
+        if side is not None:
+            there_now = self.at(one, below)
+            if pair is None or there_now is None:
+                return None
+            above, after = side
+            return Located(below, above, tuple(tangents), pair, pair in known, one, there_now, after)
+        return self._bisected(one, limit, tuple(tangents))
+
+    def _bisected(self, before: Sheared, beyond: float, tangents: tuple[tuple[float, float], ...]) -> Located | None:
+        """Return a change that tangents do not see from both sides, by halving: all contacts of a particle at once."""
+        known, after, end = before.pairs, None, beyond
+        while True:
+            middle = 0.5 * (before.strain + end)
+            if abs(end - before.strain) <= _NEARLY or middle in (before.strain, end):
+                break
+            one = self.at(before, middle)
+            if one is not None and one.pairs == known:
+                before = one
+            else:
+                after, end = one, middle
+        if after is None:
+            after = self.at(before, end)
+        if after is None or after.pairs == known:
+            return None
+        changed = after.pairs ^ known
+        common = set.intersection(*({*pair[:2]} for pair in changed))
+        if not common:
+            return None
+        pair = min(changed)
+        return Located(before.strain, after.strain, tangents, pair, pair in known, before, after, after)
+
+    def _behind(
+        self, before: Sheared, strain: float, pair: tuple[int, ...], way: float
+    ) -> tuple[float, Sheared] | None:
+        """Return the strain of a pair's change by tangents behind it, and the equilibrium nearest to it there."""
+        changed = before.pairs ^ {pair}
+        far = 0.25 * way
+        one: Sheared | None = None
+        for _ in range(40):
+            one = self.at(before, strain + far)
+            if one is not None and one.pairs == changed:
+                break
+            far, one = 0.5 * far, None
+            if abs(far) < 1e-15:
+                break
+        if one is None:
+            return None
+        last = math.nan
+        for _ in range(_TANGENTS):
+            found = self._tangent_to(one, pair)
+            if not math.isfinite(found):
+                break
+            last = found
+            if abs(one.strain - found) <= _NEARLY:
+                break
+            nearer = self.at(one, found + _LEFT * (one.strain - found))
+            if nearer is None or nearer.pairs != changed:
+                break
+            one = nearer
+        return (last, one) if abs(one.strain - last) <= _TRUSTED else None
+
+
+def work_between(one: Sheared, other: Sheared) -> float:
+    """Return the work of the shear stress on the way between two equilibria, by cubics through stress and modulus.
+
+    Exact to the fourth order of the strain between them where no contact changes on the way.
+    """
+    step = other.strain - one.strain
+    return step * 0.5 * (one.slope + other.slope) + step**2 / 12.0 * (one.curvature - other.curvature)
+
+
+def pair_names(near: Contacts | ShapeContacts) -> list[tuple[int, ...]]:
+    """Return pairs as (i, j, image), or by the sites of shapes that touch."""
+    first, second = (near.site_i_c, near.site_j_c) if isinstance(near, ShapeContacts) else (near.i_c, near.j_c)
+    return [tuple(row) for row in np.column_stack([first, second, near.image_cd]).tolist()]
+
+
+def bearing_pairs(packing: Packing, network: SoftNetwork) -> tuple[Pairs, NDArray[np.bool_]]:
+    """Return the touching pairs of particles that are no rattlers, and which particles are none."""
+    near = network.contacts
+    if packing.links is not None:
+        # which clusters are held takes a linear program: what bears next to nothing is none
+        push = np.abs(network.first_c)
+        bears = push > 1e-7 * push.mean() if len(push) else np.zeros(0, dtype=bool)
+        held = near.select(bears).count_n() > 0
+    else:
+        held = ~(rattlers_of(near) if packing.shapes is None else shape_rattlers(packing, near))
+        bears = held[near.i_c] & held[near.j_c]
+    return frozenset(pair_names(near.select(bears))), held

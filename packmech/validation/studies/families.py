@@ -1,0 +1,273 @@
+"""Families of sheared packings, the identity of their slopes, and the first change of contacts over pressure and N."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import packmech as pm
+from packmech.validation.studies.rows import complete_rows
+from packmech.view.figures import COLORS, MARKERS, styled_figure
+
+PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -7.25, -0.5))
+# number of discs, packings of each, and strain over which slopes are compared; and of ellipses of aspect 1.5
+SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.002))
+ELLIPSES = (16, 4, 0.01)
+_ASPECT = 1.5
+# half a step of the difference of packing fractions, of discs and of ellipses
+_STEP, _SOFT_STEP = 1e-5, 1e-4
+_FAMILIES = 4
+
+
+@dataclass(frozen=True)
+class Slope:
+    """How well d ln(phi_J)/d(strain) = -Sigma/P holds along the families of one packing.
+
+    `largest_error` is the largest difference of both sides in the middle of `compared` families.
+    """
+
+    particles: int
+    aspect: float
+    seed: int
+    strain: float
+    families: int
+    changes: int
+    jumps: int
+    compared: int
+    largest_error: float
+    largest_slope: float
+    imbalance: float
+    seconds: float
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What it was asked for."""
+        return tuple(getattr(self, one.name) for one in fields(self)[:4])
+
+
+@dataclass(frozen=True)
+class FirstChange:
+    """The first change of contacts of one shear-stabilized packing at constant volume.
+
+    `one_shot` is the prediction of linear response at the start, `work_error` the relative difference of the energy's
+    growth from the work done up to the change.
+    """
+
+    particles: int
+    pressure: float
+    seed: int
+    strain: float
+    strain_from_above: float
+    one_shot: float
+    opened: int
+    shear_modulus: float
+    work_error: float
+    contacts: int
+    seconds: float
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What it was asked for."""
+        return tuple(getattr(self, one.name) for one in fields(self)[:3])
+
+
+def jammed_discs(particles: int, seed: int, pressure: float = 1e-8, strain: str = "isotropic") -> pm.Scene:
+    """Return the scene of a jammed packing of discs 1:1.4 in halves."""
+    start = pm.random_packing(
+        particles, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=seed
+    )  # fmt: skip
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    return scene.replace(packing=pm.jam(scene, pressure=pressure, strain=strain).packing)
+
+
+# the map of families, as figure 2.7 of the source
+
+
+def walk_both_ways(folder: Path, particles: int, seed: int, strain: float, step: float) -> list[Path]:
+    """Return the tables of a packing's families up to a strain and back to zero, made where they are not there."""
+    paths = [folder / f"map-{particles}-{seed}-{way}.csv" for way in ("up", "down")]
+    if all(path.exists() for path in paths):
+        return paths
+    up = pm.shear_families(jammed_discs(particles, seed).packing, strain, step=step)
+    down = pm.shear_families(up.packing, -strain, step=step)
+    for path, run, offset in zip(paths, (up, down), (0.0, up.strain_t[-1]), strict=True):
+        table = run.table()
+        columns = dict(table.columns) | {"strain": table["strain"] + offset}
+        # names of families are numbers within one walk
+        _write(path, columns)
+        changes = folder / path.name.replace("map", "changes")
+        kept = [(one.strain + offset, one.cause, one.route, one.jump, one.moved) for one in run.changes]
+        with changes.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([("strain", "cause", "route", "jump", "moved"), *kept])
+    return paths
+
+
+def _write(path: Path, columns: dict[str, NDArray[np.generic]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        csv.writer(file, lineterminator="\n").writerows([tuple(columns), *rows])
+
+
+def read_columns(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of a table of numbers."""
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = list(csv.reader(file))
+    table = np.array(rows, dtype=np.float64).reshape(-1, len(head))
+    return dict(zip(head, table.T, strict=True))
+
+
+def draw_map(folder: Path, particles: int, path: Path) -> int:
+    """Draw all families in a folder as packing fraction over strain; return how many pieces of them there are."""
+    pieces = 0
+    with styled_figure(path, (7.2, 5.4)) as figure:
+        axes = figure.subplots()
+        for number, table in enumerate(sorted(folder.glob(f"map-{particles}-*.csv"))):
+            found = read_columns(table)
+            strain, fraction, family = found["strain"], found["packing_fraction"], found["family"]
+            breaks = np.flatnonzero(np.diff(family) != 0) + 1
+            for piece in np.split(np.arange(len(strain)), breaks):
+                pieces += 1
+                axes.plot(strain[piece], fraction[piece], color=COLORS[number // 2 % len(COLORS)], linewidth=0.8)
+        axes.axvline(0.5, color="#404040", linestyle="--", linewidth=0.8)
+        axes.set(xlabel="shear strain", ylabel="packing fraction at jamming")
+        axes.set_title(
+            f"{pieces} pieces of families, {particles} discs 1:1.4, each packing sheared up and back; "
+            "lines break where contacts change",
+            fontsize=8.0,
+        )
+    return pieces
+
+
+# d ln(phi_J) / d(strain) = -Sigma / P
+
+
+def compare_slopes(
+    folder: Path, wanted: Sequence[tuple[int, float, int, float]], progress: Callable[[int, int, Slope | None], None]
+) -> list[Slope]:
+    """Return how well the identity holds for (particles, aspect, seed, strain); each is written once it is there."""
+    return complete_rows(folder / "slopes.csv", Slope, wanted, _slope, progress)
+
+
+def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
+    if aspect == 1.0:
+        packing, step, size = jammed_discs(particles, seed).packing, _STEP, strain / 20.0
+    else:
+        start = pm.random_packing(
+            particles,
+            dimension=2,
+            sizes=pm.Bidisperse(ratio=1.4),
+            packing_fraction=0.6,
+            seed=seed,
+            shapes=pm.Ellipses(aspect),
+        )
+        packing = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic").packing
+        step, size = _SOFT_STEP, strain / 5.0
+    run = pm.shear_families(packing, strain, step=size)
+    breaks = np.flatnonzero(np.diff(run.family_t) != 0) + 1
+    ends = [run.strain_t[piece[[0, -1]]] for piece in np.split(np.arange(len(run.strain_t)), breaks)]
+    middles = sorted(
+        float(0.5 * (low + high)) for low, high in sorted(ends, key=lambda e: e[0] - e[1]) if high - low > 8.0 * step
+    )[:_FAMILIES]
+    errors, slopes = [], []
+    for packing_there in pm.shear_families(packing, strain, step=size, keep=middles).packings if middles else ():
+        both = [pm.shear_families(packing_there, sign * 2.0 * step, step=step) for sign in (1.0, -1.0)]
+        if any(one.changes for one in both):
+            continue
+        (_, near, far), (_, less, least) = (np.log(one.packing_fraction_t) for one in both)
+        slope = (8.0 * (near - less) - (far - least)) / (12.0 * step)
+        errors.append(abs(float(slope + both[0].stress_ratio_t[0])))
+        slopes.append(abs(float(slope)))
+    return Slope(
+        particles, aspect, seed, strain, run.families, len(run.changes), len(run.jumps()), len(errors),
+        max(errors, default=math.nan), max(slopes, default=math.nan), run.residual, run.seconds,
+    )  # fmt: skip
+
+
+# the first change of contacts
+
+
+def first_changes(
+    folder: Path,
+    *,
+    particles: Sequence[int],
+    pressures: Sequence[float],
+    seeds: Sequence[int],
+    progress: Callable[[int, int, FirstChange | None], None],
+) -> list[FirstChange]:
+    """Return the first changes of shear-stabilized packings of all sizes, pressures and seeds; resumes."""
+    jammed: dict[tuple[int, int], dict[float, pm.Scene]] = {}
+
+    def make(particles: int, pressure: float, seed: int) -> FirstChange:
+        if (particles, seed) not in jammed:
+            jammed.clear()
+            scene = jammed_discs(particles, seed, pressure=max(pressures), strain="free")
+            goals = sorted(pressures, reverse=True)
+            runs = pm.sweep_pressure(scene, goals, strain="free", check=False)
+            jammed[particles, seed] = {
+                goal: scene.replace(packing=run.packing) for goal, run in zip(goals, runs, strict=False) if run.ok
+            }
+        scene_there = jammed[particles, seed].get(pressure)
+        nothing = (math.nan, math.nan, math.nan, 0, math.nan, math.nan, 0, math.nan)
+        if scene_there is None:
+            return FirstChange(particles, pressure, seed, *nothing)
+        return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
+
+    wanted = [(n, p, s) for n, s, p in itertools.product(particles, seeds, pressures)]
+    return complete_rows(folder / "first-change.csv", FirstChange, wanted, make, progress)
+
+
+def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -> FirstChange | None:
+    tiny = 1e-3 * pressure
+    guess = float(pm.quasistatic_shear(scene, tiny, step=tiny, check=False).predicted_change_t[0])
+    for factor in (1.1, 1.6, 3.0, 8.0):
+        run = pm.quasistatic_shear(scene, factor * guess, step=guess / 6.0, check=False)
+        first = run.first_change
+        if first is not None:
+            return FirstChange(
+                particles, pressure, seed, first.strain, first.strain_from_above, guess, int(first.opened),
+                float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]),
+                run.seconds,
+            )  # fmt: skip
+    return None
+
+
+def draw_first_changes(found: Sequence[FirstChange], path: Path) -> None:
+    """Draw the first change over pressure, over both scalings, and which of them are openings."""
+    with styled_figure(path, (10.8, 3.8)) as figure:
+        left, middle, right = figure.subplots(1, 3)
+        for number, particles in enumerate(sorted({one.particles for one in found})):
+            rows = []
+            for pressure in sorted({one.pressure for one in found}):
+                part = [
+                    one
+                    for one in found
+                    if (one.particles, one.pressure) == (particles, pressure) and math.isfinite(one.strain)
+                ]
+                if part:
+                    strain = np.quantile([one.strain for one in part], [0.25, 0.5, 0.75])
+                    rows.append((pressure, *strain, float(np.mean([one.opened for one in part]))))
+            pressure_p, low, mid, high, opened = np.array(rows).T
+            style = {"color": COLORS[number], "marker": MARKERS[number], "markersize": 4.0, "linewidth": 1.0}
+            bars = np.array([mid - low, high - mid])
+            left.errorbar(pressure_p, mid, bars, label=f"N = {particles}", capsize=2.0, **style)
+            middle.errorbar(particles**2 * pressure_p, mid / pressure_p, bars / pressure_p, capsize=2.0, **style)
+            right.plot(particles**2 * pressure_p, opened, **style)
+            left.plot(pressure_p, np.sqrt(pressure_p) / particles, color=COLORS[number], linestyle=":", linewidth=1.0)
+        x = np.array([min(one.pressure for one in found), max(one.pressure for one in found)])
+        left.plot(x, 2.0 * x, color="#404040", linestyle="--", linewidth=1.0, label="2 P")
+        left.plot([], [], color="#404040", linestyle=":", label="sqrt(P) / N")
+        scaled = np.logspace(-4.0, 4.0, 60)
+        middle.axhline(2.0, color="#404040", linestyle="--", linewidth=1.0)
+        middle.plot(scaled[scaled > 0.05], 1.0 / np.sqrt(scaled[scaled > 0.05]), color="#404040", linestyle=":")
+        left.set(xscale="log", yscale="log", xlabel="pressure", ylabel="strain of the first change of contacts")
+        left.legend()
+        middle.set(xscale="log", yscale="log", xlabel="$N^2 P$", ylabel="strain / pressure")
+        right.set(xscale="log", xlabel="$N^2 P$", ylabel="fraction of openings", ylim=(-0.03, 1.03))
+        left.set_title("medians and quartiles of packings", fontsize=8.0)
