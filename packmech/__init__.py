@@ -133,6 +133,11 @@ _PUBLIC = {
     "observable": "packmech.observables",
     "read_table": "packmech.files.tables",
     "write_table": "packmech.files.tables",
+    # ensembles
+    "Ensemble": "packmech.ensemble.table",
+    "read_ensemble": "packmech.ensemble.table",
+    "resume_ensemble": "packmech.ensemble.run",
+    "run_ensemble": "packmech.ensemble.run",
     # mechanics
     "mandel_tensor": "packmech.linalg.mandel",
     "mandel_vector": "packmech.linalg.mandel",
