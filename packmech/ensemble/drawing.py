@@ -82,7 +82,9 @@ def draw_ensemble(
                     right.legend(fontsize=7.0)
             if fit is not None:
                 x = np.geomspace(found.by[over].min(), found.by[over].max(), 100)
-                right.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color="#404040", linestyle="--", linewidth=1.0)
+                right.plot(
+                    x, fit.limit + fit.prefactor * x**fit.exponent, color="#404040", linestyle="--", linewidth=1.0
+                )
             right.set(xlabel=over, ylabel=f"{statistic} of {name.replace('_', ' ')}")
             if log:
                 right.set(xscale="log", yscale="log")

@@ -202,7 +202,10 @@ def listed_members(folder: Path) -> list[Member]:
 def _order(member: Member) -> list[Any]:
     """Return what members are sorted by: names, then values, numbers before texts."""
     values = sorted(member.parameters.items())
-    return [(name, isinstance(one, str | list), str(one) if isinstance(one, str | list) else one or 0) for name, one in values]
+    return [
+        (name, isinstance(one, str | list), str(one) if isinstance(one, str | list) else one or 0)
+        for name, one in values
+    ]
 
 
 def find(folder: Path, member: Member) -> Found:

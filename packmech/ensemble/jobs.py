@@ -165,7 +165,7 @@ def function_at(reference: Mapping[str, str], argument: str = "job") -> Callable
             raise ValueError(f"{argument} must be in a module that can be imported, got {module}: {error}") from error
     if not callable(found):
         raise ValueError(f"{argument} must be a function, got {module}:{name}, which is {found!r}")
-    return found
+    return found  # type: ignore[no-any-return]
 
 
 def check_parameters(table: Mapping[str, Any], member: Member) -> None:
@@ -192,7 +192,8 @@ def _arguments(function: Callable[..., Any], member: Member, folder: Path) -> di
         signature.bind(**given)
     except TypeError as error:
         raise ValueError(
-            f"grid must name the parameters of {function.__name__}{signature}, got {', '.join(member.parameters)}: {error}"
+            f"grid must name the parameters of {function.__name__}{signature}, got {', '.join(member.parameters)}: "
+            f"{error}"
         ) from error
     return given
 
@@ -309,7 +310,9 @@ def _of_value(made: Any) -> Outcome:
     packings: dict[str, Packing] = {}
     for name, value in made.items():
         if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN:
-            raise ValueError(f"job must name what it returns by words other than {', '.join(sorted(_TAKEN))}, got {name!r}")
+            raise ValueError(
+                f"job must name what it returns by words other than {', '.join(sorted(_TAKEN))}, got {name!r}"
+            )
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, Packing):

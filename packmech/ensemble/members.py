@@ -70,7 +70,9 @@ def state_point_text(parameters: Mapping[str, Any]) -> str:
         for k, part in enumerate(path):
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
-                raise ValueError(f"grid must not name a value and what lies in it, got {'.'.join(path[: k + 1])} and {name}")
+                raise ValueError(
+                    f"grid must not name a value and what lies in it, got {'.'.join(path[: k + 1])} and {name}"
+                )
         if last in table:
             raise ValueError(f"grid must not name a value and what lies in it, got {name} and more below it")
         table[last] = value
@@ -158,8 +160,8 @@ def _plain(name: str, value: Any) -> Any:
 def values_in(text: str, name: str = "grid") -> list[Any]:
     """Return the values that a text of the command line names.
 
-    ``0:10`` are whole numbers, the last left out; ``0.01:1:20:log`` and ``0:1:11:linear`` so many numbers with both ends;
-    anything else is a list with commas.
+    ``0:10`` are whole numbers, the last left out; ``0.01:1:20:log`` and ``0:1:11:linear`` so many numbers with both
+    ends; anything else is a list with commas.
 
     Raises
     ------

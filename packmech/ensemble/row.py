@@ -13,7 +13,7 @@ from packmech.files.packings import replacing
 FILE = "workflow.toml"
 
 
-def write_row(folder: Path, *, group: int = 100, seconds: float = 60.0, load: str = "") -> Path:
+def write_row(folder: Path, *, group: int = 100, seconds: float = 60.0, options: str = "") -> Path:
     """Write row's workflow.toml into the folder of an ensemble; return its path.
 
     ``row submit`` then hands the members that have no result yet to the cluster's scheduler, so many to a job; each job
@@ -27,14 +27,14 @@ def write_row(folder: Path, *, group: int = 100, seconds: float = 60.0, load: st
         Members to a job.
     seconds
         Walltime that a member may take [s].
-    load
+    options
         Further options of the command, such as limits.
 
     """
     integer("group", group, at_least=1)
     positive("seconds", seconds)
     whole = max(1, round(seconds))
-    command = f"packmech ensemble resume --folder . --workers 1 {load}".strip()
+    command = f"packmech ensemble resume --folder . --workers 1 {options}".strip()
     tables = {
         "workspace": {"value_file": STATE_POINT},
         "action": [

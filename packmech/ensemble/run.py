@@ -8,7 +8,7 @@ import queue
 import threading
 import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -165,16 +165,14 @@ def run_ensemble(
     ({'done': 2, 'failed': 0, 'missing': 0}, ('contacts', 'bulk_modulus'))
 
     """
+    settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
+    place = _folder(folder)
     members = part_of(members_of(grid), part)
-    table = job_table(
-        job, measures=measures, seeding=seeding, check=check, keep_packings=keep_packings, load=load
-    )
+    table = job_table(job, measures=measures, seeding=seeding, check=check, keep_packings=keep_packings, load=load)
     if members:
         check_parameters(table, members[0])
-    place = _folder(folder)
     prepare(place, table)
     make_members(place, members)
-    settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
     _complete(place, members, settings)
     return read_ensemble(place)
 
@@ -307,7 +305,9 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> N
         with safe_interrupts():
             while waiting:
                 groups = [waiting[k : k + size] for k in range(0, len(waiting), size)]
-                replies = _replies(engine, groups, (str(folder), settings.limits, settings.retry, token), pending, others)
+                replies = _replies(
+                    engine, groups, (str(folder), settings.limits, settings.retry, token), pending, others
+                )
                 busy = _taken(replies, known)
                 waiting = [one for one in waiting if one.id in busy]
                 if waiting:
@@ -386,7 +386,8 @@ def _taken(replies: Any, known: _Progress) -> set[str]:
             raise found
         if isinstance(found, BaseException):
             raise ConnectionError(
-                f"executor must live until all members are finished, got {type(found).__name__}: {found}; {known.words()}"
+                f"executor must live until all members are finished, got {type(found).__name__}: {found}; "
+                f"{known.words()}"
             ) from found
         for reply in found:
             if reply.state == "folder":

@@ -116,8 +116,9 @@ def values_of(ensemble: Ensemble, name: str) -> NDArray[np.float64]:
     column = ensemble[name]
     if column.dtype.kind == "U":
         raise ValueError(f"name must be that of numbers, got {name!r}, a text")
-    value = column[ensemble["state"] == "done"].astype(np.float64)
-    return value[np.isfinite(value)]
+    value: NDArray[np.float64] = column[ensemble["state"] == "done"].astype(np.float64)
+    finite: NDArray[np.float64] = value[np.isfinite(value)]
+    return finite
 
 
 def group_statistics(
@@ -204,7 +205,7 @@ def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] |
 
 
 class PowerLaw(NamedTuple):
-    """value = limit + prefactor * size**exponent, with one standard error of each; `chi_square` is per degree of freedom."""
+    """value = limit + prefactor * size**exponent, each with its standard error; `chi_square` per degree of freedom."""
 
     exponent: float
     exponent_error: float
@@ -276,11 +277,13 @@ def _line(
 
 
 def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.int64]]]:
-    """Return the curves over one parameter: a label for each set of the others' values, and the groups on it in order."""
+    """Return the curves over one parameter: a label for the values of the others, and the groups on it in order."""
     others = [name for name in found.by if name != over]
     keys = [tuple(found.by[name][g] for name in others) for g in range(len(found))]
     curves = []
-    for key, part in itertools.groupby(sorted(range(len(found)), key=lambda g: (keys[g], found.by[over][g])), keys.__getitem__):
+    for key, part in itertools.groupby(
+        sorted(range(len(found)), key=lambda g: (keys[g], found.by[over][g])), keys.__getitem__
+    ):
         label = ", ".join(f"{name} = {value}" for name, value in zip(others, key, strict=True))
         curves.append((label, np.array(list(part))))
     return curves

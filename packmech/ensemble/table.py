@@ -25,7 +25,9 @@ _OWN = ("id", "state", "random_seed", "seconds", "reason", "message", "traceback
 _REDUCED = "energy_scale/diameter^d"
 _UNITS = {
     "seconds": "s",
-    **dict.fromkeys(("pressure", "bulk_modulus", "shear_modulus", "shear_modulus_mean", "shear_modulus_reuss"), _REDUCED),
+    **dict.fromkeys(
+        ("pressure", "bulk_modulus", "shear_modulus", "shear_modulus_mean", "shear_modulus_reuss"), _REDUCED
+    ),
 }
 # longest list of values that a repr shows
 _SHOWN = 4
@@ -198,4 +200,6 @@ def _column(values: list[Any]) -> Column:
         return np.array(values, dtype=np.int64)
     if all(isinstance(one, int | float) for one in given):
         return np.array([np.nan if one is None else one for one in values], dtype=np.float64)
-    return np.array(["" if one is None else one if isinstance(one, str) else json.dumps(one) for one in values], dtype=np.str_)
+    return np.array(
+        ["" if one is None else one if isinstance(one, str) else json.dumps(one) for one in values], dtype=np.str_
+    )

@@ -1,8 +1,8 @@
 """A process that runs members one after the other, and who watches it: limits of time and memory, ends of all kinds.
 
-`Worker` starts ``python -m packmech.ensemble.worker`` and talks to it in lines of JSON. The process writes results itself,
-so that nothing of a finished member is in memory anywhere; who watches it learns only how the member ended, and records
-what the process cannot: that it was ended.
+`Worker` starts ``python -m packmech.ensemble.worker`` and talks to it in lines of JSON. The process writes results
+itself, so that nothing of a finished member is in memory anywhere; who watches it learns only how the member ended, and
+records what the process cannot: that it was ended.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Reply:
-    """How a member ended: "done", "failed", "busy" (another command runs it), "stopped" or "folder" (cannot be written)."""
+    """How a member ended: "done", "failed", "busy" (another command runs it), "stopped", "folder" (not writable)."""
 
     id: str
     state: str
@@ -428,7 +428,9 @@ def _carry_out(folder: Path, member: Member, retry: bool) -> dict[str, Any]:
                 return {"state": "failed", "message": f"{known.failure['reason']}: {known.failure['message']}"}
             remove_leftovers(folder, member, checkpoint=known.failure is not None)
             try:
-                outcome = run_member(_job(folder, (folder / JOB).stat().st_mtime_ns), member, folder / WORKSPACE / member.id)
+                outcome = run_member(
+                    _job(folder, (folder / JOB).stat().st_mtime_ns), member, folder / WORKSPACE / member.id
+                )
             except KeyboardInterrupt:
                 raise
             except BaseException as error:

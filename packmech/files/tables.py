@@ -1,4 +1,4 @@
-"""What a run kept against time, or an ensemble of its members, as a file with columns: parquet, or plain CSV by the ending of the name.
+"""What a run kept against time, or an ensemble of its members, as a file with columns: parquet, or CSV by its ending.
 
 A tensor takes a column for each component, ``overall_stress_xy`` and so on, row first; the unit of each column and what
 the run says of itself are in the file. CSV files start with a line ``# packmech table`` and a JSON table of both, then

@@ -99,9 +99,7 @@ def _shipped() -> Any:
     return resources.files("packmech") / "scenes"
 
 
-def read_scene(
-    path: PathLike, *, seed: int | None = None, changes: Mapping[str, Any] | None = None
-) -> Scene:
+def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str, Any] | None = None) -> Scene:
     """Return the scene in a TOML file, or the shipped scene of that name.
 
     Parameters
@@ -223,7 +221,7 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
 
 
 def _entry(place: Any, part: str) -> Any:
-    """Return the name in a table, or the number in a list of kinds, that a part of a path means; None if there is none."""
+    """Return the name in a table, or the number in a list of kinds, that a part of a path means; None if none."""
     if isinstance(place, dict):
         return part if part in place else None
     if part.isdigit():
