@@ -102,25 +102,17 @@ def test_a_disk_that_may_not_be_written_any_more_ends_the_call(small_disk, calle
     assert pm.run_ensemble(called("square"), {"seed": range(4)}, place / "out", workers=1).counts()["done"] == 4
 
 
-def test_a_result_that_does_not_fit_ends_the_call_anywhere(tmp_path, called):
+def test_a_result_that_does_not_fit_ends_the_call_anywhere(tmp_path, job):
     script = f"""
 import resource, sys
 import packmech as pm
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-if __name__ == "__main__":
-    try:
-        pm.run_ensemble({called("troubled").__module__!r} + ":troubled", {{"kind": ["works", "writes"]}}, {str(tmp_path / "out")!r}, workers=1)
-    except OSError as error:
-        sys.exit(str(error))
+try:
+    pm.run_ensemble({job("troubled")!r}, {{"kind": ["works", "writes"]}}, {str(tmp_path / "out")!r}, workers=1)
+except OSError as error:
+    sys.exit(str(error))
 """
-    path = os.pathsep.join(filter(None, [os.path.dirname(__file__), os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert "File too large" in done.stderr
     assert "1 of 2 members are finished and stay" in done.stderr
     assert pm.read_ensemble(tmp_path / "out").counts() == {"done": 1, "failed": 0, "missing": 1}

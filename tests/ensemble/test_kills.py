@@ -1,4 +1,4 @@
-"""SIGKILL at random times: every row is there once in the end, with the same bits, and nothing finished is run again."""
+"""SIGKILL at random times: every row is there once in the end, bit for bit, and nothing finished is run again."""
 
 import os
 import pathlib

@@ -10,10 +10,10 @@ from packmech.ensemble.statistics import bootstrap, fit_power_law, group_statist
 
 
 def test_bootstrap_errors_are_the_known_ones_of_normal_numbers():
-    value = np.random.default_rng(1).normal(size=400)
+    value_kr = np.random.default_rng(1).normal(size=(30, 400))
     for statistic, error in (("mean", 1.0), ("width", math.sqrt(0.5)), ("median", math.sqrt(math.pi / 2.0))):
-        found = bootstrap(value, statistic=statistic, draws=4000)[1]
-        assert found == pytest.approx(error / 20.0, rel=0.15), statistic
+        found = np.mean([bootstrap(value, statistic=statistic, draws=300)[1] for value in value_kr])
+        assert found == pytest.approx(error / 20.0, rel=0.06), statistic
 
 
 def test_the_error_of_a_mean_agrees_with_the_formula():
@@ -47,11 +47,11 @@ def test_a_histogram_is_a_density_of_all_values():
 
 
 def test_groups_are_those_of_equal_parameters_and_failures_do_not_count(tmp_path, called):
-    grid = [{"scale": [1.0, 2.0], "seed": range(3)}, {"scale": ["wrong"], "seed": range(2)}]
+    grid = [{"scale": [1.0, 2.0], "seed": range(3)}, {"scale": 3.0, "seed": ["no number", "none"]}]
     made = pm.run_ensemble(called("square"), grid, tmp_path / "out", workers=1)
     assert made.counts() == {"done": 6, "failed": 2, "missing": 0}
     found = group_statistics(made, "square")
-    assert found.by["scale"].tolist() == ["1.0", "2.0", "wrong"]
+    assert found.by["scale"].tolist() == [1.0, 2.0, 3.0]
     assert found.count_g.tolist() == [3, 3, 0]
     np.testing.assert_allclose(found.value_g[:2], [5.0 / 3.0, 10.0 / 3.0])
     with pytest.raises(ValueError, match="a text"):
