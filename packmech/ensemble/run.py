@@ -8,7 +8,7 @@ import queue
 import threading
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +27,8 @@ Progress = Callable[[str, dict[str, Any]], None]
 
 # for so long the first member is alone, so that what it compiles the others find [s]
 _HEAD_START = 60.0
+# members that take less than this are given to a process in groups that take about as long [s]
+_GROUP_SECONDS = 0.5
 # between two attempts at members that another command runs [s]
 _BUSY = 0.5
 # executors other than this process get groups of members: so many groups at least, and members in a group at most
@@ -294,32 +296,37 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> N
     token = uuid.uuid4().hex
     stopping = _STOPPING[token] = threading.Event()
     workers = _WORKERS[token] = []
+    local = settings.executor is None
     threads = min(settings.workers, len(waiting))
-    engine = ThreadPoolExecutor(threads) if settings.executor is None else settings.executor
-    size = settings.group or 1
-    if settings.executor is not None and settings.group is None:
-        size = min(_LARGEST_GROUP, max(1, len(waiting) // _GROUPS))
-    others = threads - 1 if settings.executor is None else 0
+    engine = settings.executor or ThreadPoolExecutor(threads)
     pending: set[Future[list[Reply]]] = set()
+
+    def size() -> int:
+        """Return how many members a group gets."""
+        if settings.group is not None:
+            return settings.group
+        if not local:
+            return min(_LARGEST_GROUP, max(1, len(waiting) // _GROUPS))
+        # so many that a process is busy while its next group is on the way; single ones where they take long
+        taken = (time.monotonic() - known.began) * threads / max(known.ended, 1)
+        return max(1, min(_LARGEST_GROUP, int(_GROUP_SECONDS / taken))) if known.ended >= threads else 1
+
     try:
         with safe_interrupts():
             while waiting:
-                groups = [waiting[k : k + size] for k in range(0, len(waiting), size)]
-                replies = _replies(
-                    engine, groups, (str(folder), settings.limits, settings.retry, token), pending, others
-                )
+                given = (str(folder), settings.limits, settings.retry, token)
+                replies = _replies(engine, waiting, size, given, pending, threads if local else 0)
                 busy = _taken(replies, known)
                 waiting = [one for one in waiting if one.id in busy]
                 if waiting:
                     known.busy = len(waiting)
                     known.report()
                     time.sleep(_BUSY)
-                    others = 0  # no head start for what another command ran
     finally:
         stopping.set()
         for one in pending:
             one.cancel()
-        if settings.executor is None:
+        if local:
             engine.shutdown(wait=True, cancel_futures=True)
         for worker in workers:
             worker.close()
@@ -328,48 +335,49 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> N
 
 def _replies(
     engine: Executor,
-    groups: Sequence[Sequence[Member]],
+    members: Sequence[Member],
+    size: Callable[[], int],
     settings: tuple[str, Limits, bool, str],
     pending: set[Future[list[Reply]]],
-    others: int,
-) -> Any:
+    threads: int,
+) -> Iterator[list[Reply] | BaseException]:
     """Give what came of each group as it ends; the executor's own errors are given, too.
 
-    Where there are other workers on this machine, the first group gets a head start.
+    Threads of this process get two groups each at a time, and the first of them a head start; other executors all.
     """
     finished: queue.SimpleQueue[Future[list[Reply]]] = queue.SimpleQueue()
+    given = 0
 
-    def submit(group: Sequence[Member]) -> Future[list[Reply]]:
+    def submit() -> Future[list[Reply]]:
+        nonlocal given
+        group = members[given : given + size()]
+        given += len(group)
         future: Future[list[Reply]] = engine.submit(run_group, group, *settings)
         pending.add(future)
         future.add_done_callback(finished.put)
         return future
 
     try:
-        first = submit(groups[0])
-        if others:
+        first = submit()
+        if threads > 1:
             # the other threads start their processes meanwhile
-            for _ in range(others):
+            for _ in range(threads - 1):
                 engine.submit(run_group, [], *settings)
             wait([first], _HEAD_START)
-        for group in groups[1:]:
-            submit(group)
-    except Exception as error:
-        yield error
-        return
-    while pending:
-        future = finished.get()
-        pending.discard(future)
-        try:
+        while pending:
+            while given < len(members) and (not threads or len(pending) < 2 * threads):
+                submit()
+            future = finished.get()
+            pending.discard(future)
             yield future.result()
-        except BaseException as error:
-            # a cancelled future's error is no Exception in every library
-            if isinstance(error, KeyboardInterrupt | GeneratorExit):
-                raise
-            yield error
+    except (KeyboardInterrupt, GeneratorExit):
+        raise
+    except BaseException as error:
+        # a cancelled future's error is no Exception in every library
+        yield error
 
 
-def _taken(replies: Any, known: _Progress) -> set[str]:
+def _taken(replies: Iterator[list[Reply] | BaseException], known: _Progress) -> set[str]:
     """Count what came of the members; return those that another command runs.
 
     Raises
@@ -416,9 +424,4 @@ def run_group(members: Sequence[Member], folder: str, limits: Limits, retry: boo
     stopping = stopping or threading.Event()
     if not members:
         worker.start(stopping)
-    replies = []
-    for one in members:
-        replies.append(worker.run(Path(folder), one, limits, stopping, retry=retry))
-        if replies[-1].state in ("folder", "stopped"):
-            break
-    return replies
+    return worker.run(Path(folder), members, limits, stopping, retry=retry)

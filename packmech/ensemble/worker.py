@@ -22,7 +22,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -101,13 +101,16 @@ class Worker:
     def run(
         self,
         folder: Path,
-        member: Member,
+        members: Sequence[Member],
         limits: Limits,
         stopping: threading.Event,
         *,
         retry: bool = False,
-    ) -> Reply:
-        """Run one member; return how it ended, after recording it.
+    ) -> list[Reply]:
+        """Run members one after the other; return how each ended, after recording it.
+
+        The process has all requests at once, so that it need not wait for who watches. The list is shorter where the
+        work stopped.
 
         Raises
         ------
@@ -115,77 +118,89 @@ class Worker:
             If no process can be started.
 
         """
-        request = {"folder": str(folder), "member": asdict(member), "retry": retry}
-        for attempt in range(ATTEMPTS):
-            reply, failure = self._attempt(request, member, limits, stopping)
-            if reply is not None:
-                return reply
-            if stopping.is_set():
-                return Reply(member.id, "stopped")
-            assert failure is not None
-            if failure["reason"] in _FINAL or attempt == ATTEMPTS - 1:
-                return self._record(folder, member, failure)
-            # what ended the process may be about to end this one
-            stopping.wait(0.2)
-        raise AssertionError("unreachable")
+        replies: list[Reply] = []
+        attempts = 0
+        while len(replies) < len(members):
+            waiting = members[len(replies) :]
+            found, failure = self._attempt(folder, waiting, limits, stopping, retry)
+            replies += found
+            attempts = 0 if found else attempts
+            if failure is None:
+                break
+            attempts += 1
+            if failure["reason"] in _FINAL or attempts == ATTEMPTS:
+                replies.append(self._record(folder, members[len(replies)], failure))
+                attempts = 0
+            else:
+                # what ended the process may be about to end this one
+                stopping.wait(0.2)
+        if stopping.is_set() and len(replies) < len(members):
+            replies.append(Reply(members[len(replies)].id, "stopped"))
+        return replies
 
-    def _record(self, folder: Path, member: Member, failure: dict[str, Any]) -> Reply:
+    def _record(self, folder: Path, member: Member, failure: dict[str, str]) -> Reply:
         """Write why a member failed whose process could not; it may have finished in the last moment."""
+        if failure["reason"] == _INTERRUPTED:
+            return Reply(member.id, "stopped")
         try:
             with claimed(folder, member) as own:
                 if not own:
                     return Reply(member.id, "busy")
                 if find(folder, member).state == "done":
                     return Reply(member.id, "done")
-                if failure["reason"] == _INTERRUPTED:
-                    return Reply(member.id, "stopped")
                 write_failure(folder, member, failure)
         except FolderError as error:
             return Reply(member.id, "folder", str(error))
         return Reply(member.id, "failed", f"{failure['reason']}: {failure['message']}")
 
     def _attempt(
-        self, request: dict[str, Any], member: Member, limits: Limits, stopping: threading.Event
-    ) -> tuple[Reply | None, dict[str, str] | None]:
-        """Let the process run a member; return what it said, or what ended it."""
+        self, folder: Path, members: Sequence[Member], limits: Limits, stopping: threading.Event, retry: bool
+    ) -> tuple[list[Reply], dict[str, str] | None]:
+        """Let the process run members; return what it said of them, and what ended it in the one after these."""
+        replies: list[Reply] = []
         process = self._started(stopping)
         if process is None:
-            return Reply(member.id, "stopped"), None
+            return replies, None
         assert process.stdin is not None
         os.ftruncate(self._errors.fileno(), 0)
+        requests = [{"folder": str(folder), "member": asdict(one), "retry": retry} for one in members]
         try:
-            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.write(b"".join(json.dumps(one).encode() + b"\n" for one in requests))
             process.stdin.flush()
         except OSError:
-            return None, self._ended()
+            return replies, self._ended()
+        # of the member that runs: when it began, how long it compiled, since when it does
         began, paused, since = time.monotonic(), 0.0, None
         while True:
             line = self._line(_LOOK)
+            now = time.monotonic()
+            if line and "state" in line and line["state"] != _INTERRUPTED:
+                replies.append(Reply(members[len(replies)].id, line["state"], line.get("message", "")))
+                if len(replies) == len(members) or line["state"] == "folder":
+                    return replies, None
+                began, paused, since = now, 0.0, None
+                os.ftruncate(self._errors.fileno(), 0)
+                continue
             if stopping.is_set():
                 self.stop()
-                return (Reply(member.id, line["state"]) if line and "state" in line else None), None
-            now = time.monotonic()
+                return replies, None
             if line is None:
-                return None, self._ended()
+                return replies, self._ended()
             if "state" in line:
-                if line["state"] == "interrupted":
-                    self._kill()
-                    return None, _failure(_INTERRUPTED, "the process that ran it was told to stop", "")
-                return Reply(member.id, line["state"], line.get("message", "")), None
+                self._kill()
+                return replies, _failure(_INTERRUPTED, "the process that ran it was told to stop", "")
             if "compiling" in line:
                 if line["compiling"]:
                     since = now
                 elif since is not None:
                     paused, since = paused + now - since, None
-            spent = (since or now) - began - paused
-            if spent > limits.seconds:
-                return None, self._over(_TIME, f"it ran for more than {limits.seconds:g} s")
+            if (since or now) - began - paused > limits.seconds:
+                return replies, self._over(_TIME, f"it ran for more than {limits.seconds:g} s")
             if limits.memory < math.inf:
                 memory = _memory(process.pid)
                 if memory > limits.memory:
-                    return None, self._over(
-                        _MEMORY, f"its process took {memory / 1e6:.0f} MB, more than {limits.memory / 1e6:.0f} MB"
-                    )
+                    limit = f"{limits.memory / 1e6:.0f} MB"
+                    return replies, self._over(_MEMORY, f"its process took {memory / 1e6:.0f} MB, more than {limit}")
 
     def start(self, stopping: threading.Event) -> None:
         """Start the process ahead of the first member."""
@@ -247,7 +262,7 @@ class Worker:
         self._unread = rest
         return dict(json.loads(line))
 
-    def _ended(self) -> dict[str, Any]:
+    def _ended(self) -> dict[str, str]:
         """Say how a process ended that nobody here ended."""
         process = self._process
         assert process is not None
@@ -260,7 +275,7 @@ class Worker:
         self._kill()
         return _failure(_ENDED, f"the process that ran it ended {how}{hint}, {ATTEMPTS} times", said)
 
-    def _over(self, reason: str, message: str) -> dict[str, Any]:
+    def _over(self, reason: str, message: str) -> dict[str, str]:
         """End a process that goes beyond a limit; say where it was."""
         process = self._process
         assert process is not None
@@ -306,7 +321,7 @@ class Worker:
         self._errors.close()
 
 
-def _failure(reason: str, message: str, said: str) -> dict[str, Any]:
+def _failure(reason: str, message: str, said: str) -> dict[str, str]:
     """Return the row of a failure."""
     return {"reason": reason, "message": message, "traceback": said}
 

@@ -77,11 +77,8 @@ def test_a_dask_scheduler_with_workers_gives_the_same_bits(tmp_path, command, da
     assert found[0].counts()["done"] == 8
     assert rows(found[0]) == rows(found[1])
     for one in found[0].members:
-        packings = [(tmp_path / name / "workspace" / one.id / "packing.npz").read_bytes() for name in ("there", "here")]
-        assert pm.read_packing(tmp_path / "there" / "workspace" / one.id / "packing.npz") == pm.read_packing(
-            tmp_path / "here" / "workspace" / one.id / "packing.npz"
-        )
-        assert len(packings[0]) == len(packings[1])
+        path = pathlib.Path("workspace", one.id, "packing.npz")
+        assert pm.read_packing(tmp_path / "there" / path) == pm.read_packing(tmp_path / "here" / path)
 
 
 def test_a_scheduler_that_goes_away_ends_the_command_and_finished_members_stay(
@@ -152,7 +149,5 @@ def test_row_gets_the_members_that_have_no_result_in_groups(tmp_path, command, j
     assert line[:2] == ["packmech", "ensemble"]
     done = subprocess.run([sys.executable, "-m", "packmech", *line[1:]], cwd=folder, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
-    states = pm.read_ensemble(folder)
-    assert {one.id for one, state in zip(states.members, states["state"], strict=True) if state == "done"} == set(
-        names[:3]
-    )
+    found = pm.read_ensemble(folder)
+    assert set(found["id"][found["state"] == "done"].tolist()) == set(names[:3])
