@@ -135,6 +135,13 @@ _PUBLIC = {
     "write_table": "packmech.files.tables",
     # ensembles
     "Ensemble": "packmech.ensemble.table",
+    "GroupStatistics": "packmech.ensemble.statistics",
+    "Histogram": "packmech.ensemble.statistics",
+    "PowerLawFit": "packmech.ensemble.statistics",
+    "bootstrap": "packmech.ensemble.statistics",
+    "fit_power_law": "packmech.ensemble.statistics",
+    "group_statistics": "packmech.ensemble.statistics",
+    "histogram": "packmech.ensemble.statistics",
     "read_ensemble": "packmech.ensemble.table",
     "resume_ensemble": "packmech.ensemble.run",
     "run_ensemble": "packmech.ensemble.run",

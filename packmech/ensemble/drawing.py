@@ -8,7 +8,7 @@ import numpy as np
 
 from packmech.ensemble.statistics import (
     GroupStatistics,
-    PowerLaw,
+    PowerLawFit,
     group_statistics,
     histogram,
     series_of,
@@ -30,7 +30,7 @@ def draw_ensemble(
     over: str | None = None,
     statistic: str = "mean",
     log: bool = False,
-    fit: PowerLaw | None = None,
+    fit: PowerLawFit | None = None,
 ) -> GroupStatistics:
     """Write the figure of one result; return what it shows.
 

@@ -154,7 +154,7 @@ def group_statistics(
     >>> folder = pathlib.Path(tempfile.mkdtemp()) / "out"
     >>> grid = {"dimension": 2, "particles": [4, 16], "packing_fraction": 0.5, "seed": range(3)}
     >>> made = pm.run_ensemble("packmech.generate:random_packing", grid, folder, workers=1)
-    >>> found = group_statistics(made, "random_seed", ["particles"])
+    >>> found = pm.group_statistics(made, "seconds", ["particles"])
     >>> found.by["particles"].tolist(), found.count_g.tolist()
     ([4, 16], [3, 3])
 
@@ -204,7 +204,7 @@ def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] |
     return Histogram(edge, count.astype(np.int64), count / area, np.sqrt(count) / area)
 
 
-class PowerLaw(NamedTuple):
+class PowerLawFit(NamedTuple):
     """value = limit + prefactor * size**exponent, each with its standard error; `chi_square` per degree of freedom."""
 
     exponent: float
@@ -218,7 +218,7 @@ class PowerLaw(NamedTuple):
 
 def fit_power_law(
     size_g: NDArray[Any], value_g: NDArray[np.float64], error_g: NDArray[np.float64], *, exponent: float | None = None
-) -> PowerLaw:
+) -> PowerLawFit:
     """Return the power law that fits values of groups, weighted by their errors.
 
     Parameters
@@ -258,10 +258,10 @@ def fit_power_law(
         (slope, height), (slope_error, height_error), chi = _line(np.log(size / middle), np.log(value), error / value)
         prefactor = math.exp(height) * middle**-slope
         relative = math.hypot(height_error, math.log(middle) * slope_error)
-        return PowerLaw(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
+        return PowerLawFit(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
     (slope, height), (slope_error, height_error), chi = _line(size**exponent, value, error)
-    return PowerLaw(exponent, 0.0, slope, slope_error, height, height_error, chi)
+    return PowerLawFit(exponent, 0.0, slope, slope_error, height, height_error, chi)
 
 
 def _line(

@@ -9,8 +9,6 @@ import pytest
 
 import packmech as pm
 
-MEMBERS = 40
-
 
 def finished(folder):
     """Return what marks every result that is in place: the file itself and when it was written."""
@@ -22,30 +20,41 @@ def finished(folder):
 
 
 @pytest.fixture
-def ensemble(tmp_path, command, job, rows, called):
-    """Return the words of a command, its folder, and a check of that folder against an undisturbed run."""
-    grid = {"log": str(tmp_path / "log"), "wait": 0.05, "seed": range(MEMBERS)}
-    folder = tmp_path / "out"
-    words = [job("counted"), "--seeds", f"0:{MEMBERS}", "--grid", f"log={tmp_path / 'log'}", "wait=0.05"]
-    words += ["--folder", folder, "--workers", 2]
-    kept = {}
+def ensemble(tmp_path, job, rows, called):
+    """Return a function of the number of members and the time that each takes.
 
-    def keep():
-        now = finished(folder)
-        # what was in place before is the same file still
-        assert {name: now.get(name) for name in kept} == kept
-        kept.update(now)
-        return len(now)
+    It gives the words of a command, its folder, a function that checks that what is finished stays, and one that checks
+    the folder against an undisturbed run.
+    """
 
-    def check():
-        keep()
-        undisturbed = pm.run_ensemble(called("counted"), grid, tmp_path / "undisturbed", workers=2)
-        assert rows(pm.read_ensemble(folder)) == rows(undisturbed)
-        assert len({one.id for one in pm.read_ensemble(folder).members}) == MEMBERS
-        leftovers = [path for path in folder.rglob(".*") if path.name != ".signac"]
-        assert not leftovers
+    def make(members, wait):
+        grid = {"log": str(tmp_path / "log"), "wait": wait, "seed": range(members)}
+        folder = tmp_path / "out"
+        words = [job("counted"), "--seeds", f"0:{members}", "--grid", f"log={tmp_path / 'log'}", f"wait={wait}"]
+        words += ["--folder", folder, "--workers", 2]
+        kept = {}
 
-    return words, folder, keep, check
+        def keep():
+            now = finished(folder)
+            # what was in place before is the same file still
+            assert {name: now.get(name) for name in kept} == kept
+            kept.update(now)
+            return len(now)
+
+        def check(process):
+            out, error = process.communicate(timeout=300)
+            assert process.returncode == 0, error
+            assert f"{members} done, 0 failed, 0 missing" in out
+            keep()
+            undisturbed = pm.run_ensemble(called("counted"), grid, tmp_path / "undisturbed", workers=2)
+            found = pm.read_ensemble(folder)
+            assert rows(found) == rows(undisturbed)
+            assert len({one.id for one in found.members}) == len(found) == members
+            assert not [path for path in folder.rglob(".*") if path.name != ".signac"]
+
+        return words, folder, keep, check
+
+    return make
 
 
 def kill_groups(kills, ensemble, command, wait_until, rng):
@@ -68,11 +77,7 @@ def kill_groups(kills, ensemble, command, wait_until, rng):
             pass
         process.wait()
         keep()
-    process = command(*words)
-    out, error = process.communicate(timeout=300)
-    assert process.returncode == 0, error
-    assert f"{MEMBERS} done, 0 failed, 0 missing" in out
-    check()
+    check(command(*words))
 
 
 def kill_workers(kills, ensemble, command, children, wait_until, rng):
@@ -93,25 +98,22 @@ def kill_workers(kills, ensemble, command, children, wait_until, rng):
                 pass
         keep()
     assert killed == kills
-    out, error = process.communicate(timeout=300)
-    assert process.returncode == 0, error
-    assert f"{MEMBERS} done, 0 failed, 0 missing" in out
-    check()
+    check(process)
 
 
 def test_two_kills_of_the_group_lose_nothing(ensemble, command, wait_until, rng):
-    kill_groups(2, ensemble, command, wait_until, rng)
+    kill_groups(2, ensemble(40, 0.05), command, wait_until, rng)
 
 
 def test_two_kills_of_workers_are_repaired_by_the_command(ensemble, command, children, wait_until, rng):
-    kill_workers(2, ensemble, command, children, wait_until, rng)
+    kill_workers(2, ensemble(40, 0.1), command, children, wait_until, rng)
 
 
 @pytest.mark.slow
 def test_twelve_kills_of_the_group_lose_nothing(ensemble, command, wait_until, rng):
-    kill_groups(12, ensemble, command, wait_until, rng)
+    kill_groups(12, ensemble(60, 0.05), command, wait_until, rng)
 
 
 @pytest.mark.slow
 def test_twelve_kills_of_workers_are_repaired_by_the_command(ensemble, command, children, wait_until, rng):
-    kill_workers(12, ensemble, command, children, wait_until, rng)
+    kill_workers(12, ensemble(200, 0.4), command, children, wait_until, rng)
