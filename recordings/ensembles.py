@@ -70,6 +70,8 @@ def sweeps(folder: Path) -> None:
     """Draw storage and loss modulus over the amplitude, with bootstrap errors over repeats."""
     figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
     for number, (kind, title) in enumerate(SWEEPS.items()):
+        if not (folder / f"sweep-{kind}" / "ensemble.json").exists():
+            continue
         found = pm.read_ensemble(folder / f"sweep-{kind}")
         if not found.counts()["done"]:
             continue
