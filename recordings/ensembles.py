@@ -1,9 +1,19 @@
-"""Draw what ensembles found: how jamming onsets are spread, and moduli over the amplitude with errors.
+r"""Draw what ensembles found: how jamming onsets are spread, and moduli over the amplitude with errors.
 
+The ensembles are made by these commands, which go on where they were when given again::
+
+    keep="--measures jamming_packing_fraction packing_fraction contacts rattlers isostatic_contacts --no-packings"
+    packmech ensemble recordings/ensembles/discs.toml --seeds 0:400 --folder FOLDER/discs $keep \
+        --grid packing.particles=32,64,128,256,512,1024
+    packmech ensemble recordings/ensembles/ellipses.toml --seeds 0:100 --folder FOLDER/ellipses $keep \
+        --grid packing.particles=32,64,128,256,512,1024
+    for kind in microgel uncrosslinked bulk frictionless; do
+        packmech ensemble $kind --seeds 0:10 --same-starts --grid drive.amplitude=0.005:0.5:8:log \
+            --measures storage_modulus loss_modulus packing_fraction --no-packings --folder FOLDER/sweep-$kind
+    done
     python recordings/ensembles.py FOLDER
 
-reads the ensembles `discs`, `ellipses` and `sweep-...` in FOLDER, as the commands in recordings/README.md make them,
-and writes tables and figures to recordings/ensembles.
+The last one writes tables and figures to recordings/ensembles.
 """
 
 import sys

@@ -54,7 +54,7 @@ def member_of(parameters: Mapping[str, Any]) -> Member:
     Examples
     --------
     >>> member_of({"seed": 1, "effects.friction.coefficient": 0.1}).id
-    '58a4f23cb33c74a06e3b12d2ae86e5ec'
+    'af02471969f2c6bfa3e7b543de133c8f'
 
     """
     values = {_checked(name): _plain(name, value) for name, value in parameters.items()}

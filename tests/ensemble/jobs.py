@@ -45,9 +45,9 @@ def troubled(kind, seed=0):
             time.sleep(0.01)
     if kind == "eats":
         held = []
-        for _ in range(100):
-            held.append(np.ones(1 << 22))
-            time.sleep(0.02)
+        for _ in range(30):
+            held.append(np.ones(1 << 24))
+            time.sleep(0.1)
     if kind == "dies":
         os.kill(os.getpid(), 9)
     if kind == "exits":
