@@ -112,6 +112,13 @@ def test_an_address_without_a_scheduler_is_refused(tmp_path, command, job):
     assert "address of one that answers" in error
 
 
+def test_executorlib_works_as_it_is(tmp_path, job):
+    executorlib = pytest.importorskip("executorlib")
+    with executorlib.SingleNodeExecutor(max_workers=2) as executor:
+        found = pm.run_ensemble(job("square"), {"seed": range(6)}, tmp_path / "out", executor, group=2)
+    assert found["square"].tolist() == [0.0, 1.0, 4.0, 9.0, 16.0, 25.0]
+
+
 def test_signac_lists_the_members_by_their_parameters(tmp_path, called):
     signac = pytest.importorskip("signac")
     folder = tmp_path / "out"
