@@ -162,6 +162,18 @@ _PUBLIC = {
     "observable": "packmech.observables",
     "read_table": "packmech.files.tables",
     "write_table": "packmech.files.tables",
+    # ensembles
+    "Ensemble": "packmech.ensemble.table",
+    "GroupStatistics": "packmech.ensemble.statistics",
+    "Histogram": "packmech.ensemble.statistics",
+    "PowerLawFit": "packmech.ensemble.statistics",
+    "bootstrap": "packmech.ensemble.statistics",
+    "fit_power_law": "packmech.ensemble.statistics",
+    "group_statistics": "packmech.ensemble.statistics",
+    "histogram": "packmech.ensemble.statistics",
+    "read_ensemble": "packmech.ensemble.table",
+    "resume_ensemble": "packmech.ensemble.run",
+    "run_ensemble": "packmech.ensemble.run",
     # mechanics
     "mandel_tensor": "packmech.linalg.mandel",
     "mandel_vector": "packmech.linalg.mandel",

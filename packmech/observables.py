@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import function, one_of
 from packmech.packing import Packing
 
-Column = NDArray[np.float64] | NDArray[np.int64]
+Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 
 SHAPES = ("", "d", "k", "dd")
 PLOTS = ("linear", "log10", "none")

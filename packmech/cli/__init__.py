@@ -32,6 +32,7 @@ VERBS = {
     "shapes": "Jam ellipses, spheroids or rigid bodies, follow shear moduli, or compare kinds of stability; resumes.",
     "structure": "Measure order and correlation lengths against disorder, or the spectral density; resumes.",
     "families": "Shear packings at zero pressure along their families, or up to the first change of contacts; resumes.",
+    "ensemble": "Run a scene or a function over seeds and parameters, here or on a cluster; resumes what it finds.",
     "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
     "preset": "Hold the reference model against its package's tables; exit code 1 if a row fails.",
     "hard-cases": "Measure every hard case against its bound; exit code 1 if one is outside.",

@@ -19,13 +19,13 @@ from packmech.cli.output import (
     Modes,
     Record,
     check_modes,
-    load_modules,
     show,
     show_summary,
     title_of,
     working,
 )
 from packmech.effects import Law, Repulsion, registered_laws
+from packmech.files.modules import load_modules
 from packmech.files.packings import read_law, read_packing
 from packmech.files.records import kind_of, kinds_of, to_table
 from packmech.scene import Scene

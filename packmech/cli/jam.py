@@ -8,8 +8,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from packmech.cli.output import SCENE, Files, Json, Load, Modes, Out, Seed, Switch, check_modes, load_modules
+from packmech.cli.output import SCENE, Files, Json, Load, Modes, Out, Seed, Switch, check_modes
 from packmech.cli.run import Pictures, Wanted, carry_out
+from packmech.files.modules import load_modules
 from packmech.scene import JamDrive
 from packmech.scenes.scene_file import read_scene
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -198,26 +197,3 @@ class Watch:
 def check_modes(modes: int) -> int:
     """Return the number of vibrations to find, after checking it."""
     return integer("modes", modes, at_least=0)
-
-
-def load_modules(paths: Sequence[Path]) -> None:
-    """Import Python files, from their own folders, for what they register.
-
-    Raises
-    ------
-    ValueError
-        If there is no such file, another module has its name, or its import fails.
-
-    """
-    for path in paths:
-        if path.suffix != ".py" or not path.is_file():
-            raise ValueError(f"load must name an existing Python file, got {str(path)!r}")
-        folder = str(path.absolute().parent)
-        if folder not in sys.path:
-            sys.path.insert(0, folder)
-        try:
-            found = importlib.import_module(path.stem).__file__
-        except Exception as error:
-            raise ValueError(f"load must name a file that can be imported, got {str(path)!r}: {error}") from error
-        if found is None or not path.samefile(found):
-            raise ValueError(f"load must name a file that is called as no other module, got {str(path)!r}")

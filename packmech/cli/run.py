@@ -26,7 +26,6 @@ from packmech.cli.output import (
     Seed,
     Watch,
     check_modes,
-    load_modules,
     show,
     show_summary,
     table,
@@ -34,6 +33,7 @@ from packmech.cli.output import (
     working,
 )
 from packmech.effects import Bonds
+from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
 from packmech.result import Run

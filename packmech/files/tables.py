@@ -1,4 +1,4 @@
-"""What a run kept against time as a file with columns: parquet, or plain CSV by the ending of the name.
+"""What a run kept against time, or an ensemble of its members, as a file with columns: parquet, or CSV by its ending.
 
 A tensor takes a column for each component, ``overall_stress_xy`` and so on, row first; the unit of each column and what
 the run says of itself are in the file. CSV files start with a line ``# packmech table`` and a JSON table of both, then
@@ -159,7 +159,7 @@ def _write_parquet(table: Table, path: Path) -> None:
     pyarrow, parquet = _arrow()
     schema = pyarrow.schema(
         [
-            pyarrow.field(name, pyarrow.from_numpy_dtype(value.dtype), False, {"unit": table.units[name]})
+            pyarrow.field(name, _arrow_type(value), False, {"unit": table.units[name]})
             for name, value in table.columns.items()
         ],
         metadata={_KEY: json.dumps(dict(table.about)).encode()},
@@ -168,20 +168,28 @@ def _write_parquet(table: Table, path: Path) -> None:
     parquet.write_table(arrow_table, path)
 
 
+def _arrow_type(column: Column) -> Any:
+    pyarrow, _ = _arrow()
+    return pyarrow.string() if column.dtype.kind == "U" else pyarrow.from_numpy_dtype(column.dtype)
+
+
 def _read_parquet(path: Path) -> Table:
     _, parquet = _arrow()
     arrow_table = parquet.read_table(path)
     metadata = arrow_table.schema.metadata or {}
     if _KEY not in metadata:
         raise ValueError("it was not written by packmech")
-    columns = {name: arrow_table.column(name).to_numpy() for name in arrow_table.schema.names}
+    found = {name: arrow_table.column(name).to_numpy() for name in arrow_table.schema.names}
+    columns = {name: value.astype(np.str_) if value.dtype == object else value for name, value in found.items()}
     units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in arrow_table.schema}
     return Table(columns, units, json.loads(metadata[_KEY]))
 
 
 def _write_csv(table: Table, path: Path) -> None:
     integers = [name for name, value in table.columns.items() if value.dtype == np.int64]
+    texts = [name for name, value in table.columns.items() if value.dtype.kind == "U"]
     head = {"about": dict(table.about), "units": dict(table.units), "integers": integers}
+    head |= {"texts": texts} if texts else {}
     with open(path, "w", encoding="utf-8", newline="") as file:
         file.write(f"{_FIRST_LINE}{json.dumps(head)}\n")
         writer = csv.writer(file, lineterminator="\n")
@@ -201,6 +209,8 @@ def _read_csv(path: Path) -> Table:
     for k, name in enumerate(names):
         if name in head["integers"]:
             columns[name] = np.array([int(row[k]) for row in rows], dtype=np.int64)
+        elif name in head.get("texts", ()):
+            columns[name] = np.array([row[k] for row in rows], dtype=np.str_)
         else:
             columns[name] = np.array([float(row[k]) for row in rows], dtype=np.float64)
     return Table(columns, head["units"], head["about"])

@@ -48,9 +48,12 @@ Laws, effects, packings and drives of your own are named like those of the packa
 
 from __future__ import annotations
 
+import copy
 import inspect
 import os
 import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -96,7 +99,7 @@ def _shipped() -> Any:
     return resources.files("packmech") / "scenes"
 
 
-def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
+def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str, Any] | None = None) -> Scene:
     """Return the scene in a TOML file, or the shipped scene of that name.
 
     Parameters
@@ -105,6 +108,9 @@ def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
         A file, or a bare name without an ending such as ``"default"`` (see ``pm.list_scenes``).
     seed
         Another seed than the file's, for a scene whose packing is random.
+    changes
+        Other values than the file's by their path, as in ``{"packing.particles": 64}``. An effect is named by its kind,
+        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``.
 
     Raises
     ------
@@ -116,9 +122,22 @@ def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
     Examples
     --------
     >>> import packmech as pm
-    >>> scene = pm.read_scene("default")
-    >>> scene.packing.particles, scene.drive.strain
-    (256, 'free')
+    >>> scene = pm.read_scene("default", changes={"packing.particles": 64, "effects.repulsion.law": "hertz"})
+    >>> scene.packing.particles, scene.drive.strain, scene.effects[0].law
+    (64, 'free', Hertz(energy_scale=1.0))
+
+    """
+    tables, folder = read_scene_tables(path)
+    return scene_of_tables(tables, folder, seed=seed, changes=changes, name=os.fspath(path))
+
+
+def read_scene_tables(path: PathLike) -> tuple[dict[str, Any], Path]:
+    """Return the tables of a scene file, or of a shipped scene, and the folder that its paths are relative to.
+
+    Raises
+    ------
+    FileNotFoundError, TypeError, ValueError
+        As `read_scene`.
 
     """
     if not isinstance(path, str | os.PathLike):
@@ -135,15 +154,80 @@ def read_scene(path: PathLike, *, seed: int | None = None) -> Scene:
         if not Path(name).is_file():
             raise FileNotFoundError(f"path must name an existing file, got {name!r}")
         data, folder = Path(name).read_bytes(), Path(name).parent
-    try:
-        tables = tomllib.loads(data.decode("utf-8"))
+    with _named(name):
+        return tomllib.loads(data.decode("utf-8")), folder
+
+
+def scene_of_tables(
+    tables: Mapping[str, Any],
+    folder: Path,
+    *,
+    seed: int | None = None,
+    changes: Mapping[str, Any] | None = None,
+    name: str,
+) -> Scene:
+    """Return the scene that the tables of a file describe, with another seed and other values, as `read_scene`.
+
+    Parameters
+    ----------
+    tables, folder
+        What `read_scene_tables` returned.
+    seed, changes
+        As in `read_scene`.
+    name
+        That of the file, for messages.
+
+    """
+    with _named(name):
+        own = copy.deepcopy(dict(tables))
+        for path, value in (changes or {}).items():
+            _change(own, path, value)
         if seed is not None:
-            _reseed(tables, integer("seed", seed, at_least=0))
-        return _scene(tables, folder)
+            _reseed(own, integer("seed", seed, at_least=0))
+        return _scene(own, folder)
+
+
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Say in errors which file they are about."""
+    try:
+        yield
     except (TypeError, ValueError, OSError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
         said = f"path must name a TOML file: {error}" if isinstance(error, _NOT_TOML) else str(error)
         raise kind(f"{said} (in scene file {name!r})") from error
+
+
+def _change(tables: dict[str, Any], path: str, value: Any) -> None:
+    """Set the field at a path to another value."""
+    *before, last = path.split(".")
+    place: Any = tables
+    for k, part in enumerate(before):
+        entry = _entry(place, part)
+        if entry is None:
+            known = list(place) if isinstance(place, dict) else [one.get("kind") for one in place]
+            where = ".".join(before[:k]) or "the scene"
+            raise ValueError(f"{path} must lie in what the scene has, got no {part!r} in {where} ({known})")
+        if isinstance(place[entry], str):
+            # the name of a kind stands for a table with its defaults
+            place[entry] = {"kind": place[entry]}
+        place = place[entry]
+        if not isinstance(place, dict | list):
+            raise ValueError(f"{path} must lie in a table, got {place!r} at {'.'.join(before[: k + 1])}")
+    entry = _entry(place, last)
+    if isinstance(place, list) and entry is None:
+        raise ValueError(f"{path} must be a field of the scene, got no {last!r} there")
+    place[last if entry is None else entry] = value
+
+
+def _entry(place: Any, part: str) -> Any:
+    """Return the name in a table, or the number in a list of kinds, that a part of a path means; None if none."""
+    if isinstance(place, dict):
+        return part if part in place else None
+    if part.isdigit():
+        return int(part) if int(part) < len(place) else None
+    found = [k for k, one in enumerate(place) if isinstance(one, dict) and one.get("kind") == part]
+    return found[0] if len(found) == 1 else None
 
 
 def _reseed(tables: dict[str, Any], seed: int) -> None:

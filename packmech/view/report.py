@@ -172,6 +172,7 @@ def examine(
     run: Run | None = None,
     strain: str = "isotropic",
     modes: int = 10,
+    verdict: bool = True,
     gap_tolerance: float | None = None,
     method: str = "certificate",
     progress: Callable[[str], None] = lambda part: None,
@@ -188,6 +189,8 @@ def examine(
         "isotropic": the box kept its shape; "free": every strain relaxed. It decides the isostatic count.
     modes
         How many of the lowest vibrations, translations and rattlers left out.
+    verdict
+        Whether to ask if it is jammed, or of shapes for their quartic modes.
     gap_tolerance, method
         Of the verdict, as `classify_jamming` takes them.
     progress
@@ -212,10 +215,10 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain), run=run)
-    if scene.packing.shapes is None:
+    if verdict and scene.packing.shapes is None:
         with _part(report, "verdict", progress):
             _verdict(report, *asked)
-    else:
+    elif verdict:
         with _part(report, "quartic modes", progress):
             _stability(report)
     with _part(report, "moduli", progress):

@@ -8,6 +8,9 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from packmech.files.packings import replacing
+from packmech.result import csv_text
+
 
 class Settled(Protocol):
     """A frozen dataclass of whole and other numbers, whose first fields are what it was asked for."""
@@ -62,11 +65,8 @@ def complete_rows(
         if settings in known:
             continue
         known[settings] = last = make(*settings)
-        fresh = not path.exists()
-        with path.open("a", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, names)
-            if fresh:
-                writer.writeheader()
-            row: Any = last
-            writer.writerow(asdict(row))
+        # what another command wrote meanwhile stays, and no row is ever half there
+        there: list[Any] = list(({one.settings: one for one in read_rows(path, kind)} | {settings: last}).values())
+        with replacing(path) as partial:
+            partial.write_text(csv_text(names, [asdict(one).values() for one in there]), encoding="utf-8")
     return [known[settings] for settings in wanted]

@@ -1,0 +1,337 @@
+"""`packmech ensemble`: run a scene or a function over seeds and parameters, and see to what came of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from packmech.cli import FAILED, INTERRUPTED, OK
+from packmech.cli.output import Load, Switch, show, table, working
+from packmech.ensemble.drawing import draw_ensemble
+from packmech.ensemble.folder import make_members, prepare
+from packmech.ensemble.jobs import check_parameters, job_table
+from packmech.ensemble.members import members_of, values_in
+from packmech.ensemble.row import write_row as write_workflow
+from packmech.ensemble.run import resume_ensemble, run_ensemble
+from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
+from packmech.ensemble.table import Ensemble, read_ensemble
+from packmech.files.tables import write_table
+
+ACTIONS = ("status", "table", "plot", "resume", "retry")
+Texts = Annotated[list[str] | None, Parameter(consume_multiple=True)]
+# failures that status lists, and results that table shows unless they are named
+_LISTED, _COLUMNS = 10, 6
+# results that come first in tables
+_FIRST = ("jamming_packing_fraction", "packing_fraction", "contacts", "bulk_modulus", "shear_modulus", "pressure")
+
+
+def ensemble(
+    job: Annotated[
+        str,
+        Parameter(help="a scene file, a shipped scene, file.py:function; or status, table, plot, resume, retry"),
+    ],
+    /,
+    *,
+    folder: Path = Path("ensemble"),
+    seeds: str | None = None,
+    grid: Texts = None,
+    measures: Texts = None,
+    same_starts: Switch = False,
+    no_packings: Switch = False,
+    load: Load = (),
+    workers: int | None = None,
+    scheduler: str | None = None,
+    part: str | None = None,
+    members: Texts = None,
+    group: int | None = None,
+    time_limit: float | None = None,
+    memory_limit: float | None = None,
+    write_row: Switch = False,
+    out: Path | None = None,
+    of: Texts = None,
+    over: str | None = None,
+    statistic: str = "mean",
+    log: Switch = False,
+    fit: Switch = False,
+) -> int:
+    """Run a scene or a function over seeds and parameters; the same command goes on with what is missing.
+
+    status: what is done, and why members failed; table: means, and every member to a .parquet or .csv file; plot: a
+    result's spread and its statistic over a parameter; resume: run what is missing; retry: what failed, too.
+
+    Parameters
+    ----------
+    folder
+        where everything is kept: a signac project
+    seeds
+        of random starts, such as 0:1000
+    grid
+        further parameters and their values: "effects.friction.coefficient=0.01:1:20:log" or "packing.particles=32,64"
+    measures
+        results to keep, named as in `packmech jam --json` (default: counts, moduli and what the run reports)
+    same_starts
+        the same random starts for every value of the other parameters; else all members are independent
+    no_packings
+        do not keep packings
+    workers
+        processes on this machine (default: one for each core)
+    scheduler
+        address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers see the folder under the same path
+    part
+        K/N: only this part, for array jobs
+    members
+        with resume: only these, named by their folders
+    group
+        members that a scheduler, or a job of row, is given at once
+    time_limit
+        of each member, without compiling [s]; a member beyond it is ended and has failed
+    memory_limit
+        of each member's process [MB]
+    write_row
+        write row's workflow.toml and the folders of all members; run nothing
+    out
+        file of table or plot (default: table.parquet, plot.png in the folder)
+    of
+        results that table or plot is about
+    over
+        parameter along the axis of plot
+    statistic
+        of plot: mean, width or median
+    log
+        logarithmic axes
+    fit
+        fit a power law to the statistic over the parameter
+
+    """
+    if job in ("status", "table", "plot"):
+        found = read_ensemble(folder)
+        if job == "status":
+            return _status(found)
+        if job == "table":
+            return _table(found, folder / "table.parquet" if out is None else out, of)
+        return _plot(found, folder / "plot.png" if out is None else out, of, over, statistic, log, fit)
+    limits: dict[str, Any] = {
+        "time_limit": time_limit,
+        "memory_limit": None if memory_limit is None else memory_limit * 1e6,
+        "group": group,
+        "workers": workers,
+    }
+    if job in ("resume", "retry"):
+        _left_out(f"with {job}", seeds=seeds, grid=grid, measures=measures, write_row=write_row or None)
+        names = None if members is None else [Path(one).name for one in members]
+        return _carried_out(
+            folder,
+            scheduler,
+            lambda executor, say: resume_ensemble(
+                folder, executor, members=names, part=part, retry=job == "retry", progress=say, **limits
+            ),
+        )
+    _left_out("without resume", members=members)
+    asked = _grid(seeds, grid)
+    kept: dict[str, Any] = {
+        "measures": measures,
+        "seeding": "seed" if same_starts else "parameters",
+        "keep_packings": not no_packings,
+        "load": load,
+    }
+    if write_row:
+        written = job_table(job, **kept)
+        wanted = members_of(asked)
+        check_parameters(written, wanted[0])
+        prepare(folder.absolute(), written)
+        make_members(folder.absolute(), wanted)
+        options = [
+            f"--{name.replace('_', '-')} {value:g}"
+            for name, value in (("time_limit", time_limit), ("memory_limit", memory_limit))
+            if value is not None
+        ]
+        path = write_workflow(folder, group=group or 100, seconds=time_limit or 60.0, options=" ".join(options))
+        show(f"wrote {path} and {len(wanted)} members; in {folder}: row submit")
+        return OK
+    return _carried_out(
+        folder,
+        scheduler,
+        lambda executor, say: run_ensemble(job, asked, folder, executor, part=part, progress=say, **kept, **limits),
+    )
+
+
+def _left_out(where: str, **given: Any) -> None:
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} must be left out {where}, got {value}")
+
+
+def _grid(seeds: str | None, grid: list[str] | None) -> dict[str, Any]:
+    """Return the grid that the command line says."""
+    found: dict[str, Any] = {}
+    for text in grid or ():
+        name, given, values = text.partition("=")
+        if not given or name in found:
+            raise ValueError(f"grid must be NAME=VALUES, each name once, got {text!r}")
+        found[name] = values_in(values)
+    if seeds is not None:
+        found["seed"] = values_in(seeds, "seeds")
+    if not found:
+        raise ValueError("seeds or grid must be given, got neither")
+    return found
+
+
+@contextmanager
+def _executor(scheduler: str | None) -> Iterator[Executor | None]:
+    """Give the executor of a Dask scheduler; None without one."""
+    if scheduler is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ImportError(
+            "scheduler must be left out where dask.distributed is missing; pip install 'packmech[cluster]' brings it"
+        ) from error
+    try:
+        client = Client(scheduler, timeout=20, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConnectionError(
+            f"scheduler must be the address of one that answers, got {scheduler!r}: {error}"
+        ) from error
+    try:
+        yield client.get_executor(pure=False)
+    finally:
+        client.close(timeout=5)
+
+
+def _carried_out(
+    folder: Path, scheduler: str | None, carry_out: Callable[[Executor | None, Callable[..., None]], Ensemble]
+) -> int:
+    """Run members with progress on standard error, and say what came of it; return the exit code."""
+    last: dict[str, Any] = {}
+    with working("ensemble") as say:
+
+        def progress(stage: str, figures: dict[str, Any]) -> None:
+            last.update(figures)
+            say(_progress_words(figures))
+
+        try:
+            with _executor(scheduler) as executor:
+                found = carry_out(executor, progress)
+        except KeyboardInterrupt:
+            show(
+                f"packmech: interrupted; {last.get('done', 0)} of {last.get('of', '?')} members are finished and stay "
+                f"in {folder}; the same command goes on",
+                error=True,
+            )
+            return INTERRUPTED
+    return _status(found)
+
+
+def _progress_words(figures: dict[str, Any]) -> str:
+    """Return progress in words: what is done, how fast, and how long it will take."""
+    words = [f"ensemble: {figures['done']} of {figures['of']}"]
+    if figures["failed"]:
+        words.append(f"{figures['failed']} failed")
+    if math.isfinite(figures["rate"]):
+        rate = figures["rate"]
+        words.append(f"{rate:.3g} a second" if rate >= 1.0 else f"{60.0 * rate:.3g} a minute")
+        words.append(f"{_time_words(figures['seconds_left'])} left")
+    if figures.get("busy"):
+        words.append(f"waiting for {figures['busy']} that another command runs")
+    return ", ".join(words)
+
+
+def _time_words(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 90:
+        return f"{whole} s"
+    return f"{whole // 3600} h {whole // 60 % 60:02d} min" if whole >= 3600 else f"{whole // 60} min"
+
+
+def _status(found: Ensemble) -> int:
+    """Print what is done and why members failed; return whether any did."""
+    counts = found.counts()
+    show(
+        f"{found.folder}: {counts['done']} done, {counts['failed']} failed, {counts['missing']} missing of {len(found)}"
+    )
+    seconds = found["seconds"].astype(float)[found["state"] == "done"]
+    if len(seconds):
+        show(f"CPU time of a member: {seconds.mean():.3g} s in the mean, {seconds.max():.3g} s the longest")
+    failed = [k for k, state in enumerate(found["state"]) if state == "failed"]
+    rows = []
+    for k in failed[:_LISTED]:
+        asked = ", ".join(f"{name} = {value}" for name, value in found.members[k].parameters.items())
+        rows.append((asked, str(found["reason"][k]), str(found["message"][k])))
+    if rows:
+        show(
+            table(
+                "failures, with tracebacks in the table; again by: packmech ensemble retry",
+                ("member", "reason", ""),
+                rows,
+                right=(),
+            )
+        )
+    if len(failed) > _LISTED:
+        show(f"and {len(failed) - _LISTED} more")
+    return FAILED if failed else OK
+
+
+def _results(found: Ensemble, of: list[str] | None) -> list[str]:
+    """Return the results that are meant: those named, else those of numbers that vary, the best known first."""
+    if of:
+        return of
+    numbers = [name for name in found.results if found[name].dtype.kind in "if" and len(set(found[name].tolist())) > 1]
+    return sorted(numbers, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _table(found: Ensemble, path: Path, of: list[str] | None) -> int:
+    """Write the table and print means over seeds."""
+    write_table(found, path)
+    names = _results(found, of)[: None if of else _COLUMNS]
+    if names and found.counts()["done"]:
+        means = [group_statistics(found, name) for name in names]
+        varied = varied_parameters(found)
+        rows = []
+        for g in range(len(means[0])):
+            cells = [f"{one.value_g[g]:.6g} +- {one.error_g[g]:.1g}" for one in means]
+            rows.append((*(str(means[0].by[name][g]) for name in varied), str(means[0].count_g[g]), *cells))
+        head = (*varied, "members", *(name.replace("_", " ") for name in names))
+        show(table("means with bootstrap errors", head, rows))
+    show(f"wrote {path}: {len(found)} rows")
+    return OK
+
+
+def _plot(
+    found: Ensemble, path: Path, of: list[str] | None, over: str | None, statistic: str, log: bool, fit: bool
+) -> int:
+    """Draw a result, fit it if that is wanted, and print its values."""
+    names = _results(found, of)
+    if not names:
+        raise ValueError(f"of must name a result of numbers, got none among {', '.join(found.results) or 'no results'}")
+    name, law = names[0], None
+    if fit:
+        varied = varied_parameters(found)
+        axis = over or (varied[0] if varied else "")
+        groups = group_statistics(found, name, [axis], statistic=statistic)
+        law = fit_power_law(groups.by[axis], groups.value_g, groups.error_g)
+    drawn = draw_ensemble(found, name, path, over=over, statistic=statistic, log=log, fit=law)
+    rows = [
+        (
+            *(str(column[g]) for column in drawn.by.values()),
+            str(drawn.count_g[g]),
+            f"{drawn.value_g[g]:.6g}",
+            f"{drawn.error_g[g]:.2g}",
+        )
+        for g in range(len(drawn))
+    ]
+    show(table(f"{statistic} of {name.replace('_', ' ')}", (*drawn.by, "members", statistic, "+-"), rows))
+    if law is not None:
+        show(
+            f"{statistic} = {law.prefactor:.4g} x^({law.exponent:.4f} +- {law.exponent_error:.4f}), "
+            f"chi^2 {law.chi_square:.2f} per degree of freedom"
+        )
+    show(f"wrote {path}")
+    return OK

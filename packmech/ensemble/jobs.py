@@ -1,0 +1,332 @@
+"""What the members of an ensemble run, as a table that any process can read: a scene with its drive, or a function."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import numbers
+import os
+import site
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import packmech
+from packmech.check import one_of
+from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, Outcome
+from packmech.ensemble.members import Member
+from packmech.files.modules import load_modules
+from packmech.packing import Packing
+from packmech.result import NotConverged, Run
+from packmech.scene import Scene
+from packmech.scenes import run as run_drive
+from packmech.scenes import takes_checkpoint
+from packmech.scenes.recipes import is_random
+from packmech.scenes.scene_file import read_scene_tables, scene_of_tables, write_scene
+from packmech.view.report import examine
+
+SEEDING = ("parameters", "seed")
+# what a run says of its cost: of no interest to a table of results, and never the same twice
+_COSTS = ("seconds", "build_seconds", "verdict_seconds")
+_SCALAR = bool | int | float | str | np.generic
+# names of a member's files that no result may take
+_TAKEN = {Path(name).stem for name in (STATE_POINT, RESULT, FAILURE, CHECKPOINT, ARRAYS)}
+
+
+def job_table(
+    job: Any,
+    *,
+    measures: Sequence[Any] | None = None,
+    seeding: str = "parameters",
+    check: bool = True,
+    keep_packings: bool = True,
+    load: Sequence[Path] = (),
+) -> dict[str, Any]:
+    """Return what `run_ensemble` was given as a table that JSON knows.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it cannot be run in another process.
+
+    """
+    one_of("seeding", seeding, SEEDING)
+    load_modules(load)
+    table: dict[str, Any] = {
+        "seeding": seeding,
+        "check": bool(check),
+        "keep_packings": bool(keep_packings),
+        "load": [str(Path(one).absolute()) for one in load],
+        "measures": None if measures is None else [_measure(one) for one in _list_of_measures(measures)],
+    }
+    named = _named_function(job)
+    if callable(job) or named is not None:
+        if measures is not None and any(callable(one) for one in measures):
+            raise ValueError("measures must be names where job is a function: it returns what it measures")
+        reference = _reference("job", job) if named is None else named
+        function_at(reference, "job")
+        return table | {"function": reference}
+    if isinstance(job, Scene):
+        with tempfile.TemporaryDirectory() as place:
+            write_scene(job, Path(place) / "scene.toml")
+            tables, folder = read_scene_tables(Path(place) / "scene.toml")
+        name = "scene"
+    elif isinstance(job, str | os.PathLike):
+        tables, folder = read_scene_tables(job)
+        name = os.fspath(job)
+    else:
+        raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {job!r}")
+    if "drive" not in tables:
+        raise ValueError(f"job must be a scene with a drive, got {name!r} without")
+    # only packings in other files are looked for beside the scene's
+    place = str(folder.absolute()) if "path" in tables.get("packing", {}) else ""
+    return table | {"scene": tables, "name": Path(name).name, "folder": place}
+
+
+def _list_of_measures(measures: Any) -> list[Any]:
+    if isinstance(measures, str) or not isinstance(measures, Sequence):
+        raise TypeError(f"measures must be a list of names and functions, got {measures!r}")
+    return list(measures)
+
+
+def _measure(measure: Any) -> Any:
+    if isinstance(measure, str):
+        found = _named_function(measure)
+        return measure if found is None else found
+    if not callable(measure):
+        raise TypeError(f"measures must be names or functions, got {measure!r}")
+    return _reference("measures", measure)
+
+
+def _named_function(job: Any) -> dict[str, str] | None:
+    """Return the function that a text names, as in "file.py:name" or "package.module:name"; None if it names none."""
+    if not isinstance(job, str) or ":" not in job:
+        return None
+    where, _, name = job.rpartition(":")
+    if not name.isidentifier():
+        return None
+    if where.endswith(".py"):
+        if not Path(where).is_file():
+            raise ValueError(f"job must name a function in an existing file, got {job!r}")
+        return {"module": Path(where).stem, "name": name, "root": str(Path(where).absolute().parent)}
+    return {"module": where, "name": name, "root": ""}
+
+
+def _reference(argument: str, function: Any) -> dict[str, str]:
+    """Return where another process finds a function."""
+    name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
+    file = getattr(sys.modules.get(module or ""), "__file__", None)
+    if not name.isidentifier() or file is None:
+        raise TypeError(
+            f"{argument} must be a function at the top of a file, which other processes can import, got {function!r}"
+        )
+    path, parts = Path(file).absolute(), str(module).split(".")
+    if parts[0] == packmech.__name__ or is_installed(path):
+        return {"module": str(module), "name": name, "root": ""}
+    stem = path.with_suffix("") if path.stem != "__init__" else path.parent
+    if list(stem.parts[-len(parts) :]) == parts:
+        return {"module": str(module), "name": name, "root": str(stem.parents[len(parts) - 1])}
+    return {"module": path.stem, "name": name, "root": str(path.parent)}
+
+
+def is_installed(path: Path) -> bool:
+    """Whether a file lies where Python looks for packages by itself."""
+    return any(Path(one) in path.parents for one in (*site.getsitepackages(), site.getusersitepackages()))
+
+
+def function_at(reference: Mapping[str, str], argument: str = "job") -> Callable[..., Any]:
+    """Return the function that a reference names.
+
+    Raises
+    ------
+    ValueError
+        If it is not there.
+
+    """
+    module, name, root = reference["module"], reference["name"], reference["root"]
+    loaded = sys.modules.get("__main__")
+    file = getattr(loaded, "__file__", None)
+    if root and file is not None and Path(file).absolute() == Path(root, f"{module}.py"):
+        # the script that is running; imported by its name it would run again
+        found = getattr(loaded, name, None)
+    else:
+        if root and root not in sys.path:
+            sys.path.insert(0, root)
+        try:
+            found = getattr(importlib.import_module(module), name, None)
+        except Exception as error:
+            raise ValueError(f"{argument} must be in a module that can be imported, got {module}: {error}") from error
+    if not callable(found):
+        raise ValueError(f"{argument} must be a function, got {module}:{name}, which is {found!r}")
+    return found  # type: ignore[no-any-return]
+
+
+def check_parameters(table: Mapping[str, Any], member: Member) -> None:
+    """Refuse a grid whose parameters the job does not have, before anything is run.
+
+    Raises
+    ------
+    ValueError
+        Naming the parameter.
+
+    """
+    if "function" in table:
+        _arguments(function_at(table["function"]), member, Path())
+    else:
+        _scene(table, member)
+
+
+def _arguments(function: Callable[..., Any], member: Member, folder: Path) -> dict[str, Any]:
+    """Return what a function is called with: its parameters, and what else it asks for by name."""
+    signature = inspect.signature(function)
+    own = {"random_seed": member.random_seed, "folder": folder}
+    given = {name: value for name, value in own.items() if name in signature.parameters} | member.parameters
+    try:
+        signature.bind(**given)
+    except TypeError as error:
+        raise ValueError(
+            f"grid must name the parameters of {function.__name__}{signature}, got {', '.join(member.parameters)}: "
+            f"{error}"
+        ) from error
+    return given
+
+
+def _scene(table: Mapping[str, Any], member: Member) -> Scene:
+    """Return the scene of a member: with its values, from a start that is drawn for it."""
+    changes = {name: value for name, value in member.parameters.items() if name != "seed"}
+    given = member.parameters.get("seed")
+    random = is_random(table["scene"].get("packing", {}).get("kind"))
+    seed = given
+    if table["seeding"] == "parameters" and "packing.seed" not in changes and (random or given is not None):
+        seed = member.random_seed
+    return scene_of_tables(table["scene"], Path(table["folder"]), seed=seed, changes=changes, name=table["name"])
+
+
+def run_member(table: Mapping[str, Any], member: Member, folder: Path) -> Outcome:
+    """Return what comes of a member.
+
+    Parameters
+    ----------
+    table
+        The job.
+    member
+        The member.
+    folder
+        Its folder, where a run that takes checkpoints leaves one and goes on from it.
+
+    Raises
+    ------
+    Exception
+        Whatever the job raises; NotConverged if a run is no success, unless that is not to be checked.
+
+    """
+    began = time.process_time()
+    load_modules([Path(one) for one in table["load"]])
+    if "function" in table:
+        function = function_at(table["function"])
+        made = function(**_arguments(function, member, folder))
+        found = _of_run(made, table) if isinstance(made, Run) else _of_value(made)
+        wanted = table["measures"]
+        if wanted is not None:
+            found = dataclasses.replace(found, values=_chosen(found.values, wanted))
+    else:
+        scene = _scene(table, member)
+        checkpoint = folder / CHECKPOINT if takes_checkpoint(scene) else None
+        found = _of_scene(run_drive(scene, checkpoint=checkpoint), scene, table)
+    if not table["keep_packings"]:
+        found = dataclasses.replace(found, packings={})
+    return dataclasses.replace(found, seconds=time.process_time() - began)
+
+
+def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any]) -> Outcome:
+    """Return what is measured of a run of a scene."""
+    found = _of_run(run, table)
+    measures = table["measures"]
+    names = None if measures is None else [one for one in measures if isinstance(one, str)]
+    values = found.values
+    packing = found.packings.get("packing")
+    strain = getattr(scene.drive, "examined_strain", None)
+    after = scene if packing is None else scene.replace(packing=packing)
+    if packing is not None and strain is not None:
+        for verdict in (False, True):
+            lacking = names is not None and not set(names) <= set(values)
+            if lacking or (names is None and not verdict):
+                report = examine(after, strain=strain, modes=0, verdict=verdict)
+                values = _scalars(report.to_dict()) | values
+    chosen = values if names is None else _chosen(values, names)
+    for one in measures or ():
+        if not isinstance(one, str):
+            measured = function_at(one, "measures")(after)
+            chosen |= dict(measured) if isinstance(measured, Mapping) else {one["name"]: measured}
+    extra = _of_value(chosen)
+    return dataclasses.replace(found, values=extra.values, arrays=extra.arrays)
+
+
+def _of_run(run: Any, table: Mapping[str, Any]) -> Outcome:
+    """Return what a run, or several of a drive, say of themselves; refuse those that are no success."""
+    several = getattr(run, "runs", (run,))
+    if table["check"]:
+        for one in several:
+            if isinstance(one, Run) and not one.ok:
+                raise NotConverged(one)
+    packing = getattr(several[-1], "packing", None)
+    # packings and other records that a run reports are texts there
+    records = {name for name, value in getattr(run, "report", {}).items() if not isinstance(value, _SCALAR)}
+    values = {name: value for name, value in _scalars(run.to_dict()).items() if name not in records}
+    return Outcome(values, {}, {} if packing is None else {"packing": packing})
+
+
+def _scalars(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers and texts among values by name, without what they cost."""
+    return {
+        name: value
+        for name, value in values.items()
+        if isinstance(value, bool | int | float | str) and name not in _COSTS
+    }
+
+
+def _chosen(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise ValueError(f"measures must be among {', '.join(sorted(values))}, got {', '.join(missing)}")
+    return {name: values[name] for name in names}
+
+
+def _of_value(made: Any) -> Outcome:
+    """Return what a function returned: numbers and texts, arrays and packings by name."""
+    if dataclasses.is_dataclass(made) and not isinstance(made, type | Packing):
+        made = {one.name: getattr(made, one.name) for one in dataclasses.fields(made)}
+    elif not isinstance(made, Mapping):
+        made = {"packing" if isinstance(made, Packing) else "value": made}
+    values: dict[str, Any] = {}
+    arrays: dict[str, NDArray[Any]] = {}
+    packings: dict[str, Packing] = {}
+    for name, value in made.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN:
+            raise ValueError(
+                f"job must name what it returns by words other than {', '.join(sorted(_TAKEN))}, got {name!r}"
+            )
+        if isinstance(value, np.generic):
+            value = value.item()
+        if isinstance(value, Packing):
+            packings[name] = value
+        elif isinstance(value, bool | str):
+            values[name] = value
+        elif isinstance(value, numbers.Integral):
+            values[name] = int(value)
+        elif isinstance(value, numbers.Real):
+            values[name] = float(value)
+        elif isinstance(value, np.ndarray | list | tuple):
+            arrays[name] = np.asarray(value)
+            if arrays[name].dtype == object:
+                raise TypeError(f"job must return arrays of numbers or texts, got {value!r} for {name}")
+        elif value is not None:
+            raise TypeError(f"job must return numbers, texts, arrays and packings by name, got {value!r} for {name}")
+    return Outcome(values, arrays, packings)

@@ -1,0 +1,289 @@
+"""Statistics of an ensemble: means, widths and medians over groups with bootstrap errors, histograms, power laws."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import finite_array, instance, integer, one_of, positive_array
+from packmech.ensemble.table import Ensemble
+
+# what is taken of the values of a group
+STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+    "mean": lambda value_dr: value_dr.mean(axis=-1),
+    "width": lambda value_dr: value_dr.std(axis=-1, ddof=1),
+    "median": lambda value_dr: np.median(value_dr, axis=-1),
+}
+# drawn samples that are held at once
+_AT_ONCE = 200
+
+
+def bootstrap(
+    value_r: NDArray[np.float64], *, statistic: str = "mean", draws: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """Return a statistic of independent values, and its error from samples that are drawn with replacement.
+
+    Parameters
+    ----------
+    value_r
+        (R,) values.
+    statistic
+        "mean"; "width", the standard deviation; or "median".
+    draws, seed
+        Of the samples. Errors are larger by sqrt(R / (R - 1)), without which they are too small for few values.
+
+    Returns
+    -------
+    The statistic and its standard error; nan where there are too few values.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> bootstrap(np.array([1.0, 2.0, 3.0, 4.0]))[0], round(bootstrap(np.arange(400.0), draws=500)[1], 1)
+    (2.5, 5.6)
+
+    """
+    value = finite_array("value_r", value_r, shape=(None,), what="value", empty=True)
+    of = STATISTICS[one_of("statistic", statistic, STATISTICS)]
+    integer("draws", draws, at_least=2)
+    least = 2 if statistic == "width" else 1
+    if len(value) < least:
+        return math.nan, math.nan
+    if len(value) == 1:
+        return float(of(value)), math.nan
+    rng = np.random.default_rng(integer("seed", seed, at_least=0))
+    parts = [min(_AT_ONCE, draws - k) for k in range(0, draws, _AT_ONCE)]
+    drawn = np.concatenate([of(value[rng.integers(len(value), size=(part, len(value)))]) for part in parts])
+    return float(of(value)), float(drawn.std(ddof=1) * math.sqrt(len(value) / (len(value) - 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class GroupStatistics:
+    """A statistic of a result over groups of members with equal parameters.
+
+    Attributes
+    ----------
+    name, statistic
+        The result, and what was taken of it.
+    by
+        (G,) values of each parameter that the groups differ in, by name.
+    value_g, error_g
+        (G,) the statistic and its bootstrap error; nan where a group has too few values.
+    count_g
+        (G,) finite values in each group.
+
+    """
+
+    name: str
+    statistic: str
+    by: dict[str, NDArray[Any]]
+    value_g: NDArray[np.float64]
+    error_g: NDArray[np.float64]
+    count_g: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.value_g)
+
+
+def varied_parameters(ensemble: Ensemble) -> tuple[str, ...]:
+    """Return the parameters other than seeds of which the ensemble has several values."""
+    return tuple(
+        name
+        for name in ensemble.parameters
+        if name.rpartition(".")[2] != "seed" and len(set(ensemble[name].tolist())) > 1
+    )
+
+
+def values_of(ensemble: Ensemble, name: str) -> NDArray[np.float64]:
+    """Return the values of a result of the members that are done, those that are finite.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If there is no such result, or it is none of numbers.
+
+    """
+    column = ensemble[name]
+    if column.dtype.kind == "U":
+        raise ValueError(f"name must be that of numbers, got {name!r}, a text")
+    value: NDArray[np.float64] = column[ensemble["state"] == "done"].astype(np.float64)
+    finite: NDArray[np.float64] = value[np.isfinite(value)]
+    return finite
+
+
+def group_statistics(
+    ensemble: Ensemble,
+    name: str,
+    by: Sequence[str] | None = None,
+    *,
+    statistic: str = "mean",
+    draws: int = 2000,
+    seed: int = 0,
+) -> GroupStatistics:
+    """Return a statistic of a result over groups of members, with its error.
+
+    Parameters
+    ----------
+    ensemble
+        The ensemble; members that are not done do not count.
+    name
+        Of the result.
+    by
+        Names of the parameters that groups differ in; None: all of which there are several values, but for seeds.
+    statistic, draws, seed
+        As in `bootstrap`.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If there is no such result or parameter.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> folder = pathlib.Path(tempfile.mkdtemp()) / "out"
+    >>> grid = {"dimension": 2, "particles": [4, 16], "packing_fraction": 0.5, "seed": range(3)}
+    >>> made = pm.run_ensemble("packmech.generate:random_packing", grid, folder, workers=1)
+    >>> found = pm.group_statistics(made, "seconds", ["particles"])
+    >>> found.by["particles"].tolist(), found.count_g.tolist()
+    ([4, 16], [3, 3])
+
+    """
+    instance("ensemble", ensemble, Ensemble, "an")
+    names = varied_parameters(ensemble) if by is None else tuple(by)
+    keys = [tuple(row) for row in zip(*(ensemble[one].tolist() for one in names), strict=True)] if names else []
+    keys = keys or [()] * len(ensemble)
+    groups = {key: np.flatnonzero([one == key for one in keys]) for key in sorted(set(keys))}
+    rows = []
+    for index in groups.values():
+        value = values_of(ensemble.take(index), name)
+        rows.append((*bootstrap(value, statistic=statistic, draws=draws, seed=seed), len(value)))
+    value_g, error_g, count_g = (np.array(one) for one in zip(*rows, strict=True))
+    columns = {one: np.array([key[k] for key in groups]) for k, one in enumerate(names)}
+    return GroupStatistics(name, statistic, columns, value_g, error_g, count_g.astype(np.int64))
+
+
+class Histogram(NamedTuple):
+    """How values are spread: (B+1,) edges, (B,) counts, and the density with its error from counting."""
+
+    edge_b: NDArray[np.float64]
+    count_b: NDArray[np.int64]
+    density_b: NDArray[np.float64]
+    error_b: NDArray[np.float64]
+
+
+def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] | None = None) -> Histogram:
+    """Return the histogram of values.
+
+    Parameters
+    ----------
+    value_r
+        (R,) values.
+    bins
+        How many of equal width, or their edges; None: as many as the rule of Freedman and Diaconis says.
+
+    Examples
+    --------
+    >>> histogram(np.array([0.0, 1.0, 1.0, 2.0]), bins=2).count_b.tolist()
+    [1, 3]
+
+    """
+    value = finite_array("value_r", value_r, shape=(None,), what="value")
+    count, edge = np.histogram(value, bins="fd" if bins is None else bins)
+    area = np.diff(edge) * max(1, count.sum())
+    return Histogram(edge, count.astype(np.int64), count / area, np.sqrt(count) / area)
+
+
+class PowerLawFit(NamedTuple):
+    """value = limit + prefactor * size**exponent, each with its standard error; `chi_square` per degree of freedom."""
+
+    exponent: float
+    exponent_error: float
+    prefactor: float
+    prefactor_error: float
+    limit: float
+    limit_error: float
+    chi_square: float
+
+
+def fit_power_law(
+    size_g: NDArray[Any], value_g: NDArray[np.float64], error_g: NDArray[np.float64], *, exponent: float | None = None
+) -> PowerLawFit:
+    """Return the power law that fits values of groups, weighted by their errors.
+
+    Parameters
+    ----------
+    size_g
+        (G,) positive, such as the number of particles.
+    value_g, error_g
+        (G,) values and their errors.
+    exponent
+        None: of value = prefactor size^exponent, a straight line of the logarithms. A number: of value = limit +
+        prefactor size^exponent with this exponent, which gives the limit of infinite size where it is negative.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three sizes, or values that are not positive where logarithms are taken.
+
+    Examples
+    --------
+    >>> size = np.array([32, 64, 256, 1024])
+    >>> found = fit_power_law(size, 0.3 * size**-0.5, 0.001 * size**-0.5)
+    >>> round(found.exponent, 6), round(found.prefactor, 6)
+    (-0.5, 0.3)
+    >>> found = fit_power_law(size, 0.84 - 0.1 / size, np.full(4, 1e-4), exponent=-1.0)
+    >>> round(found.limit, 6), round(found.prefactor, 6)
+    (0.84, -0.1)
+
+    """
+    size = positive_array("size_g", size_g, shape=(None,), what="group")
+    error = positive_array("error_g", error_g, shape=size.shape, what="group")
+    if len(np.unique(size)) < 3:
+        raise ValueError(f"size_g must hold at least three sizes, got {np.unique(size).tolist()}")
+    if exponent is None:
+        value = positive_array("value_g", value_g, shape=size.shape, what="group")
+        # about the middle, where slope and height are least dependent
+        middle = float(np.exp(np.log(size).mean()))
+        (slope, height), (slope_error, height_error), chi = _line(np.log(size / middle), np.log(value), error / value)
+        prefactor = math.exp(height) * middle**-slope
+        relative = math.hypot(height_error, math.log(middle) * slope_error)
+        return PowerLawFit(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
+    value = finite_array("value_g", value_g, shape=size.shape, what="group")
+    (slope, height), (slope_error, height_error), chi = _line(size**exponent, value, error)
+    return PowerLawFit(exponent, 0.0, slope, slope_error, height, height_error, chi)
+
+
+def _line(
+    x: NDArray[np.float64], y: NDArray[np.float64], error: NDArray[np.float64]
+) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Return slope and height of a weighted straight line, their errors, and chi^2 per degree of freedom."""
+    rows = np.column_stack([x, np.ones_like(x)]) / error[:, None]
+    covariance = np.linalg.inv(rows.T @ rows)
+    found = covariance @ (rows.T @ (y / error))
+    chi = float((((y - found[0] * x - found[1]) / error) ** 2).sum() / (len(x) - 2))
+    slope_error, height_error = np.sqrt(np.diag(covariance))
+    return (float(found[0]), float(found[1])), (float(slope_error), float(height_error)), chi
+
+
+def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.int64]]]:
+    """Return the curves over one parameter: a label for the values of the others, and the groups on it in order."""
+    others = [name for name in found.by if name != over]
+    keys = [tuple(found.by[name][g] for name in others) for g in range(len(found))]
+    curves = []
+    for key, part in itertools.groupby(
+        sorted(range(len(found)), key=lambda g: (keys[g], found.by[over][g])), keys.__getitem__
+    ):
+        label = ", ".join(f"{name} = {value}" for name, value in zip(others, key, strict=True))
+        curves.append((label, np.array(list(part))))
+    return curves
