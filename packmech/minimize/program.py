@@ -42,14 +42,10 @@ from packmech.scene import Scene
 
 
 class Progress(NamedTuple):
-    """The state of a minimization between two chunks of steps: numbers, of which the first two count, and vectors.
-
-    `path` is what a method that is not compiled keeps besides.
-    """
+    """The state of a minimization between two chunks of steps: numbers, of which the first two count, and vectors."""
 
     number: NDArray[np.float64]
     vector_kf: NDArray[np.float64]
-    path: Any = None
 
     @property
     def steps(self) -> int:
