@@ -30,6 +30,7 @@ VERBS = {
     "silo": "Lower the floor of a silo of discs with friction: stress over depth, and Janssen's law; resumes.",
     "friction": "Press packings with more and more friction: packing fraction and coordination; resumes what it finds.",
     "shapes": "Jam ellipses, spheroids or rigid bodies of many shapes, or follow shear moduli; resumes what it finds.",
+    "spectra": "Find vibrational states near jamming, their plateau's end, or hard packings' forces; resumes.",
     "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
     "preset": "Hold the reference model against its package's tables; exit code 1 if a row fails.",
     "hard-cases": "Measure every hard case against its bound; exit code 1 if one is outside.",

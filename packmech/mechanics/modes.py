@@ -79,6 +79,9 @@ class Modes:
         (M, N, K) turns of particles with shapes, angles times radii of gyration, as in `hessian`; K = 0 without.
     rotation_m
         (M,) part of each mode's motion that is turns, between 0 and 1.
+    participation_m
+        (M,) participation ratio of each mode among the N' particles that took part, between 1 / N' and 1: (sum of w)^2
+        over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t).
 
     """
 
@@ -96,6 +99,7 @@ class Modes:
     seconds: float
     turn_mnk: NDArray[np.float64]
     rotation_m: NDArray[np.float64]
+    participation_m: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.eigenvalue_m)
@@ -224,7 +228,10 @@ def normal_modes(
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     vector = signed_columns(vector)
     motion = np.zeros((wanted, *found.free_nq.shape))
-    motion[:, found.free_nq] = (vector[: len(root)] / root[:, None]).T
+    motion[:, found.free_nq] = vector[: len(root)].T
+    part_mn = (motion**2).sum(axis=2)
+    participation = part_mn.sum(axis=1) ** 2 / (max(kept, 1) * (part_mn**2).sum(axis=1))
+    motion /= np.sqrt(mass[index])[:, None]
     moved = np.zeros((wanted, packing.particles, motion.shape[2]))
     moved[:, index] = motion
     return Modes(
@@ -242,6 +249,7 @@ def normal_modes(
         seconds=time.process_time() - start,
         turn_mnk=np.ascontiguousarray(moved[..., dimension:]),
         rotation_m=(vector[: len(root)][axis >= dimension] ** 2).sum(axis=0),
+        participation_m=participation,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -42,13 +42,14 @@ COLUMNS = {
     "rearrangements": "1",
     "residual": "1",
 }
+_PRESSURE, _DISTANCE, _FRACTION = range(3)
 # the end of the plateau of vibrational states is that of all packings together
 EDGE = "plateau_edge"
 HONORED = declare("jamming_scaling", "repulsion links shapes", at_rest=True)
 # closer to jamming than this, times N^-2, a packing has a handful of contacts too many or none: N^2 P = 10 for springs
 _COUNTED, _PRESSED = 25.0, 10.0
 # edges of the bins of vibrational states [sqrt(energy_scale / mass) / diameter]
-_FREQUENCIES = np.logspace(-4.0, 0.8, 97)
+_FREQUENCIES = np.logspace(-3.6, 0.8, 67)
 # the method starts here, where pressures are not asked for [energy_scale / diameter^d]
 _JAMMED_AT = 1e-6
 
@@ -81,10 +82,11 @@ class JammingScaling:
         (P,) pressures [energy_scale / diameter^d], or packing fractions above each packing's own jamming [1], in the
         order in which they were visited.
     value_sp
-        By name (see `COLUMNS`) an (S, P) array: one row a packing. Distance: packing fraction less that of the hard
-        packing the way began at. The excess coordination is 2 / N' times the contacts beyond one state of self stress,
-        N' particles without rattlers; the modulus ratio is shear over bulk modulus. Rearrangements are those on the way
-        from the level before; nan: that packing did not come to rest.
+        By name (see `COLUMNS`) an (S, P) array: one row a packing. Distance: packing fraction less the packing's own at
+        jamming, that of the hard packing it was compressed from, or where its lowest pressure leads to. The excess coordination is 2 / N' times the contacts beyond one state of self stress,
+        N' particles without rattlers. The shear modulus is the mean over all directions of shear, the modulus ratio that
+        over the bulk modulus. Rearrangements are those on the way from the level before; nan: that packing did not come
+        to rest.
     law_exponent
         Of the law where overlaps are small: energy ~ overlap^law_exponent, 2 for springs and 5/2 for Hertz.
     seconds
@@ -359,26 +361,26 @@ def jamming_scaling(
             first.particles, first.dimension, strain, control, goals, values, power, seconds, kept
         )  # fmt: skip
 
-    def followed(scene: Scene) -> tuple[tuple[Run, ...], float]:
+    def followed(scene: Scene) -> tuple[Run, ...]:
         first = float(goals[0]) if distances is None else _JAMMED_AT
         given: dict[str, Any] = {"strain": strain, "time_limit": time_limit, "progress": progress, "check": check}
         jammed = jam(scene, pressure=first, method=method, **given)
-        onset = jammed.report.get("jamming_packing_fraction", math.nan)
         if not jammed.outcome.ok:
-            return (jammed,), onset
+            return (jammed,)
         here = scene.replace(packing=jammed.packing)
         if distances is not None:
-            runs = compress(here, goals.tolist(), **given)
-            return runs, runs[0].report.get("onset", math.nan)
-        return (jammed, *(sweep_pressure(here, goals[1:].tolist(), **given) if len(goals) > 1 else ())), onset
+            return compress(here, goals.tolist(), **given)
+        return (jammed, *(sweep_pressure(here, goals[1:].tolist(), **given) if len(goals) > 1 else ()))
 
     try:
         for scene in given:
-            runs, onset = followed(scene)
+            runs = followed(scene)
             rows.append(np.full((len(goals), len(COLUMNS)), math.nan))
             counted.append(())
             if len(runs) == len(goals) and all(run.outcome.ok for run in runs):
-                rows[-1][:] = [_measured(scene, run, onset) for run in runs]
+                table = np.array([_measured(scene, run) for run in runs])
+                table[:, _DISTANCE] = table[:, _FRACTION] - _onset(runs, table, _law_exponent(scene))
+                rows[-1][:] = table
                 if states:
                     counted[-1] = tuple(_states(scene, run) for run in runs)
             if progress is not None:
@@ -405,20 +407,34 @@ def _states(scene: Scene, run: Run) -> StateDensity:
     return replace(found, edge_b=_FREQUENCIES)
 
 
-def _measured(scene: Scene, run: Run, onset: float) -> list[float]:
-    """Return the figures of one packing, in the order of `COLUMNS`."""
+def _onset(runs: Sequence[Run], table: NDArray[np.float64], law_exponent: float) -> float:
+    """Return the packing fraction at which the packing that was followed is jammed.
+
+    That of the hard packing if it was followed from there, else the one at which its lowest pressure vanishes on the
+    way P ~ distance^(law_exponent - 1), whose slope is the bulk modulus.
+    """
+    if "onset" in runs[0].report:
+        return float(runs[0].report["onset"])
+    last = int(np.argmin(table[:, _PRESSURE]))
+    pressure, fraction, bulk = table[last, [_PRESSURE, _FRACTION, list(COLUMNS).index("bulk_modulus")]]
+    return float(fraction * (1.0 - (law_exponent - 1.0) * pressure / bulk))
+
+
+def _measured(scene: Scene, run: Run) -> list[float]:
+    """Return the figures of one packing, in the order of `COLUMNS`; the distance is not known yet."""
     here = scene.replace(packing=run.packing)
     moduli = elastic_moduli(here)
+    shear = moduli.voigt.shear_modulus
     backbone = run.report["particles"] - run.report["rattlers"]
     return [
         run.report["pressure"],
-        packing_fraction(run.packing) - onset,
+        math.nan,
         packing_fraction(run.packing),
         energy(here) / (scene.energy_scale * scene.packing.particles),
         2.0 * run.report["excess_contacts"] / backbone,
         moduli.bulk_modulus / scene.pressure_unit,
-        moduli.shear_modulus / scene.pressure_unit,
-        moduli.shear_modulus / moduli.bulk_modulus,
+        shear / scene.pressure_unit,
+        shear / moduli.bulk_modulus,
         run.report.get("rearrangements", 0),
         run.residual,
     ]

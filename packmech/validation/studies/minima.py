@@ -13,7 +13,6 @@ import math
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +31,7 @@ from packmech.view.figures import COLORS, styled_figure
 
 PARTICLES, FRACTION, STARTS = 64, 0.9, 200
 # of the first so many starts also the jamming point
-JAMMED = 16
+JAMMED = 20
 TOLERANCE = 1e-10
 # energies of one minimum reached twice differ by rounding and the square of the residual
 SAME_ENERGY = 1e-8
@@ -110,32 +109,44 @@ class Method(NamedTuple):
     starts: int = STARTS
 
 
+def dashpots(damping: float) -> Method:
+    """Return damped dynamics with dashpots of this strength."""
+    return Method(f"dashpots, b = {damping:g}", pm.DampedDynamics(damping=damping), damping)
+
+
 METHODS = (
     Method(REFERENCE, pm.SteepestDescent(1e-9)),
-    Method("steepest descent, 1e-6", pm.SteepestDescent(1e-6)),
     Method("FIRE", pm.Fire()),
     Method("FIRE 2.0", pm.Fire2()),
     Method("conjugate gradient", pm.ConjugateGradient()),
     Method("L-BFGS", pm.LBFGS()),
     Method("default route", None),
     Method("gradient descent, step 0.8", pm.GradientDescent()),
-    Method("gradient descent, step 0.1", pm.GradientDescent(step=0.1), starts=100),
-    *(
-        Method(f"dashpots, b = {b:g}", pm.DampedDynamics(damping=b), b)
-        for b in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
-    ),
-    Method("dashpots, b = 1, dt = 0.02", pm.DampedDynamics(damping=1.0, dt=0.02), 1.0, 50),
-    Method(PAIR_LIMIT, pm.DampedDynamics(damping=1000.0, dt=0.02), 1000.0, 50),
-    Method("scipy BDF, 1e-8", StiffDescent(BDF, 1e-8), starts=12),
-    Method("scipy Radau, 1e-6", StiffDescent(Radau, 1e-6), starts=4),
+    dashpots(0.1),
+    dashpots(1.0),
+    dashpots(10.0),
+    dashpots(100.0),
+    Method("steepest descent, 1e-6", pm.SteepestDescent(1e-6)),
+    dashpots(0.3),
+    dashpots(3.0),
+    dashpots(30.0),
+    dashpots(1000.0),
+    Method("gradient descent, step 0.1", pm.GradientDescent(step=0.1), starts=50),
+    Method("dashpots, b = 1, dt = 0.02", pm.DampedDynamics(damping=1.0, dt=0.02), 1.0, 30),
+    Method(PAIR_LIMIT, pm.DampedDynamics(damping=1000.0, dt=0.02), 1000.0, 30),
+    Method("scipy BDF, 1e-8", StiffDescent(BDF, 1e-8), starts=8),
+    Method("scipy Radau, 1e-6", StiffDescent(Radau, 1e-6), starts=2),
 )
+# the first so many of them take on all starts before the others begin
+_USUAL = 11
+ROWS, ONSETS = "minima-starts.csv", "minima-onsets.csv"
 # the ends of the errors of a share: one standard deviation
 _Z = 1.0
 
 
 @dataclass(frozen=True)
 class Ended:
-    """Where one method took one start: energy, network as a checksum, onset of jamming, and what it cost."""
+    """Where one method took one start: energy, network as a checksum, and what it cost."""
 
     method: int
     seed: int
@@ -144,7 +155,6 @@ class Ended:
     network: int
     contacts: int
     rattlers: int
-    onset: float
     evaluations: int
     seconds: float
 
@@ -159,6 +169,20 @@ class Ended:
         return bool(self.converged and other.converged and near and self.network == other.network)
 
 
+@dataclass(frozen=True)
+class Onset:
+    """The packing fraction at which the minimum that a method took a start to, followed down, is jammed."""
+
+    method: int
+    seed: int
+    packing_fraction: float
+
+    @property
+    def settings(self) -> tuple[float, ...]:
+        """What it was asked for."""
+        return (self.method, self.seed)
+
+
 def start(seed: int) -> pm.Scene:
     """Return a random start: discs 50:50, 1:1.4, V = overlap^2 / 2, in a square box."""
     packing = pm.random_packing(
@@ -167,25 +191,32 @@ def start(seed: int) -> pm.Scene:
     return pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
 
 
-def end(method: int, seed: int) -> Ended:
+def quenched(method: int, seed: int) -> tuple[pm.Scene, pm.Run]:
     """Return where a method, by its number, takes a start."""
     scene = start(seed)
     chosen = {} if METHODS[method].make is None else {"method": METHODS[method].make, "step_limit": STEP_LIMIT}
     run = pm.quench(scene, force_tolerance=TOLERANCE, check=False, **chosen)
-    scene = scene.replace(packing=run.packing)
+    return scene.replace(packing=run.packing), run
+
+
+def end(method: int, seed: int) -> Ended:
+    """Return the row of where a method takes a start."""
+    scene, run = quenched(method, seed)
     backbone, index = remove_rattlers(run.packing)
     contacts = pm.find_contacts(backbone)
     pairs = np.sort(np.stack([index[contacts.i_c], index[contacts.j_c]], axis=1), axis=1)
     network = zlib.crc32(np.ascontiguousarray(pairs[np.lexsort(pairs.T)], dtype="<i8").tobytes())
-    onset = math.nan
-    if run.ok and len(contacts) and seed < JAMMED:
-        jammed = pm.jam(scene, strain="isotropic", check=False)
-        if jammed.ok:
-            onset = jammed.report["jamming_packing_fraction"]
     return Ended(
         *(method, seed, int(run.ok), pm.energy(scene), network, len(contacts)),
-        *(PARTICLES - backbone.particles, onset, run.force_evaluations, run.seconds),
+        *(PARTICLES - backbone.particles, run.force_evaluations, run.seconds),
     )
+
+
+def onset(method: int, seed: int) -> Onset:
+    """Return the jamming point of where a method takes a start; nan where it cannot be followed."""
+    scene, run = quenched(method, seed)
+    jammed = pm.jam(scene, strain="isotropic", check=False) if run.ok else run
+    return Onset(method, seed, jammed.report["jamming_packing_fraction"] if jammed.ok else math.nan)
 
 
 def share_and_error(hits: int, of: int) -> tuple[float, float]:
@@ -285,8 +316,9 @@ def _mean(values: Sequence[float]) -> tuple[float, float]:
     return float(finite.mean()), float(finite.std(ddof=1) / math.sqrt(len(finite)))
 
 
-def compare(found: Sequence[Ended]) -> Minima:
+def compare(found: Sequence[Ended], onsets: Sequence[Onset] = ()) -> Minima:
     """Return the table of what the methods found."""
+    fraction = {(one.method, one.seed): one.packing_fraction for one in onsets}
     by = {(one.method, one.seed): one for one in found}
     numbers = sorted({one.method for one in found})
     names = [METHODS[k].name for k in numbers]
@@ -305,7 +337,14 @@ def compare(found: Sequence[Ended]) -> Minima:
         if limit is not None:
             common = [(one, by[numbers[limit], one.seed]) for one in mine if (numbers[limit], one.seed) in by]
             limit_share = share_and_error(sum(one.same_as(two) for one, two in common), len(common))
-        moved = np.array([one.onset - two.onset for one, two in pairs if not one.same_as(two)])
+        missing = math.nan
+        moved = np.array(
+            [
+                fraction.get(one.settings, missing) - fraction.get(two.settings, missing)
+                for one, two in pairs
+                if not one.same_as(two)
+            ]
+        )
         moved = moved[np.isfinite(moved)]
         shares.append(
             Share(
@@ -316,7 +355,7 @@ def compare(found: Sequence[Ended]) -> Minima:
                 *share_and_error(hits, len(pairs)),
                 *limit_share,
                 *_mean([one.energy / PARTICLES for one in mine]),
-                *_mean([one.onset for one in mine]),
+                *_mean([fraction.get(one.settings, missing) for one in mine]),
                 float(moved.mean()) if len(moved) > 1 else math.nan,
                 float(moved.std(ddof=1)) if len(moved) > 1 else math.nan,
                 float(np.median([one.evaluations for one in mine])),
@@ -409,14 +448,18 @@ def draw(table: Minima, path: Path) -> None:
         figure.suptitle(table.title, fontsize=10)
 
 
-def run(progress: Callable[[str, float], None], folder: Path, *, starts: int = STARTS) -> tuple[Minima, str]:
+def run(progress: Callable[[str, float], None], folder: Path) -> tuple[Minima, str]:
     """Run the study, resuming what the folder holds; return its table and what it shows in words."""
-    wanted = [(k, seed) for k, one in enumerate(METHODS) for seed in range(min(starts, one.starts))]
+    usual = [(k, seed) for seed in range(STARTS) for k in range(_USUAL)]
+    further = [(k, seed) for k in range(_USUAL, len(METHODS)) for seed in range(METHODS[k].starts)]
+    wanted = usual + further
+    jammed = [(k, seed) for seed in range(JAMMED) for k, one in enumerate(METHODS) if one.starts == STARTS]
 
-    def told(done: int, of: int, last: Ended | None) -> None:
-        if done < len(wanted):
-            progress(METHODS[int(wanted[done][0])].name, float(wanted[done][1]))
+    def told(settings: Sequence[tuple[int, int]], done: int, last: Any) -> None:
+        if done < len(settings):
+            progress(METHODS[settings[done][0]].name, float(settings[done][1]))
 
-    found = complete_rows(folder / "minima-starts.csv", Ended, wanted, partial(end), told)
-    table = compare(found)
+    found = complete_rows(folder / ROWS, Ended, wanted, end, lambda done, of, last: told(wanted, done, last))
+    onsets = complete_rows(folder / ONSETS, Onset, jammed, onset, lambda done, of, last: told(jammed, done, last))
+    table = compare(found, onsets)
     return table, describe(table)
