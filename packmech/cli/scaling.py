@@ -32,7 +32,7 @@ def scaling(
     states: bool = False,
     seed: int = 0,
 ) -> None:
-    """Follow packings over pressure, or over the distance to jamming: how pressure, energy, contacts and moduli fall.
+    """Follow packings over pressure or the distance to jamming: how moduli, contacts and energy fall.
 
     Parameters
     ----------

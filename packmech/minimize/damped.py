@@ -176,7 +176,17 @@ def damped_steps(
         )
         dt = min(settings.dt, longest)
         passes, fastest2 = _slow_down(
-            dashpots, axes, row, space, pairs, dt * settings.mobility, force_nd, velocity_nd, left_nd, way_nd, product_nd
+            dashpots,
+            axes,
+            row,
+            space,
+            pairs,
+            dt * settings.mobility,
+            force_nd,
+            velocity_nd,
+            left_nd,
+            way_nd,
+            product_nd,
         )
         number[_EVALUATIONS] += passes
         reach = dt * math.sqrt(fastest2)

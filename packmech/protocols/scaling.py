@@ -109,8 +109,8 @@ class JammingScaling:
 
     @property
     def packings(self) -> int:
-        """Number of packings."""
-        return len(self.value_sp["residual"])
+        """Number of packings that came to rest at every level, which is those that means are over."""
+        return int(np.count_nonzero(~np.isnan(self.value_sp["residual"]).any(axis=1)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -146,7 +146,7 @@ FITTED = {
 
 
 def draw_scaling(found: JammingScaling, path: Path) -> None:
-    """Write the figure: what falls towards the jamming point, and the power laws fitted to it, with their correction."""
+    """Write the figure: what falls towards the jamming point, and the corrected power laws fitted to it."""
     names = [name for name in FITTED if name in found.names and name != found.control]
     with styled_figure(path, (12.6, 7.2)) as figure:
         axes = figure.subplots(2, 3)

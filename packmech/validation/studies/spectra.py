@@ -217,9 +217,7 @@ def hard_contacts(hard: pm.Packing) -> tuple[HardContacts, float, pm.Packing]:
     )
 
 
-def touch_all(
-    folder: Path, *, dimension: int, particles: int, seeds: Sequence[int], progress: Told
-) -> list[Touched]:
+def touch_all(folder: Path, *, dimension: int, particles: int, seeds: Sequence[int], progress: Told) -> list[Touched]:
     """Return exact hard packings of discs or spheres with one state of self stress; forces and gaps kept in files.
 
     Rows of packings with another number of states have no gap error: crystalline patches of equal particles.
