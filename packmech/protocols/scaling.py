@@ -83,10 +83,10 @@ class JammingScaling:
         order in which they were visited.
     value_sp
         By name (see `COLUMNS`) an (S, P) array: one row a packing. Distance: packing fraction less the packing's own at
-        jamming, that of the hard packing it was compressed from, or where its lowest pressure leads to. The excess coordination is 2 / N' times the contacts beyond one state of self stress,
-        N' particles without rattlers. The shear modulus is the mean over all directions of shear, the modulus ratio that
-        over the bulk modulus. Rearrangements are those on the way from the level before; nan: that packing did not come
-        to rest.
+        jamming, that of the hard packing it was compressed from, or where its lowest pressure leads to. The excess
+        coordination is 2 / N' times the contacts beyond one state of self stress, N' particles without rattlers. The
+        shear modulus is the mean over all directions of shear, the modulus ratio that over the bulk modulus.
+        Rearrangements are those on the way from the level before; nan: that packing did not come to rest.
     law_exponent
         Of the law where overlaps are small: energy ~ overlap^law_exponent, 2 for springs and 5/2 for Hertz.
     seconds

@@ -159,7 +159,7 @@ class Ended:
     seconds: float
 
     @property
-    def settings(self) -> tuple[float, ...]:
+    def settings(self) -> tuple[int, int]:
         """What it was asked for."""
         return (self.method, self.seed)
 
@@ -178,7 +178,7 @@ class Onset:
     packing_fraction: float
 
     @property
-    def settings(self) -> tuple[float, ...]:
+    def settings(self) -> tuple[int, int]:
         """What it was asked for."""
         return (self.method, self.seed)
 
