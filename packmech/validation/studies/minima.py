@@ -288,7 +288,7 @@ class Minima:
                     if math.isnan(one.pair_limit)
                     else f"{100 * one.pair_limit:.0f} +- {100 * one.pair_limit_error:.0f}",
                     f"{1e3 * one.energy:.4f} +- {1e3 * one.energy_error:.4f}",
-                    f"{one.onset:.5f} +- {one.onset_error:.5f}",
+                    "-" if math.isnan(one.onset) else f"{one.onset:.5f} +- {one.onset_error:.5f}",
                     "-" if math.isnan(one.moved) else f"{1e3 * one.moved:+.2f}, sd {1e3 * one.moved_scatter:.2f}",
                     f"{one.evaluations:.0f}",
                     f"{one.seconds:.3f}",
@@ -407,13 +407,17 @@ def draw(table: Minima, path: Path) -> None:
     """Write the picture of the table."""
     shares = table.shares
     damped = [one for one in shares if one.name == f"dashpots, b = {one.damping:g}"]
-    with styled_figure(path, (13.2, 9.4)) as figure:
-        (upper, matrix), (onset, lower) = figure.subplots(2, 2, width_ratios=(1.0, 1.25))
+    jammed = any(math.isfinite(one.onset) for one in shares)
+    with styled_figure(path, (13.2, 9.4 if jammed else 5.2)) as figure:
+        axes = figure.subplots(2 if jammed else 1, 2, width_ratios=(1.0, 1.25), squeeze=False)
+        upper, matrix = axes[0]
         b = [one.damping for one in damped]
         for name, error, label, color in (
             ("same", "same_error", "as steepest descent", COLORS[0]),
             ("pair_limit", "pair_limit_error", "as strong dashpots, small steps", COLORS[1]),
         ):
+            if all(math.isnan(getattr(one, name)) for one in damped):
+                continue
             upper.errorbar(
                 b, [getattr(one, name) for one in damped], [getattr(one, error) for one in damped],
                 color=color, marker="o", markersize=4.0, capsize=2.0, label=label,
@@ -431,21 +435,30 @@ def draw(table: Minima, path: Path) -> None:
         matrix.set_title("share of starts in which two methods agree", fontsize=9)
         matrix.grid(visible=False)
         figure.colorbar(picture, ax=matrix)
-        place = np.arange(count)
-        onset.errorbar(
-            [one.onset for one in shares], place, xerr=[one.onset_error for one in shares], color=COLORS[0],
-            marker="o", markersize=4.0, linestyle="", capsize=2.0,
-        )  # fmt: skip
-        onset.set_yticks(place, names, fontsize=6.0)
-        onset.invert_yaxis()
-        onset.set(xlabel="packing fraction at jamming, mean over starts")
-        lower.errorbar(
-            [one.energy for one in shares], [one.onset for one in shares],
-            [one.onset_error for one in shares], [one.energy_error for one in shares],
-            color=COLORS[2], marker="o", markersize=4.0, linestyle="", capsize=2.0,
-        )  # fmt: skip
-        lower.set(xlabel="energy per particle at the quench", ylabel="packing fraction at jamming")
+        if jammed:
+            _draw_onsets(axes[1], shares)
         figure.suptitle(table.title, fontsize=10)
+
+
+def _draw_onsets(axes: Any, shares: Sequence[Share]) -> None:
+    """Draw the packing fractions at jamming, by method, and over the energy that the quench left."""
+    onset, lower = axes
+    names = [one.name for one in shares]
+    count = len(shares)
+    place = np.arange(count)
+    onset.errorbar(
+        [one.onset for one in shares], place, xerr=[one.onset_error for one in shares], color=COLORS[0],
+        marker="o", markersize=4.0, linestyle="", capsize=2.0,
+    )  # fmt: skip
+    onset.set_yticks(place, names, fontsize=6.0)
+    onset.invert_yaxis()
+    onset.set(xlabel="packing fraction at jamming, mean over starts")
+    lower.errorbar(
+        [one.energy for one in shares], [one.onset for one in shares],
+        [one.onset_error for one in shares], [one.energy_error for one in shares],
+        color=COLORS[2], marker="o", markersize=4.0, linestyle="", capsize=2.0,
+    )  # fmt: skip
+    lower.set(xlabel="energy per particle at the quench", ylabel="packing fraction at jamming")
 
 
 def run(progress: Callable[[str, float], None], folder: Path) -> tuple[Minima, str]:
