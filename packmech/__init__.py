@@ -223,6 +223,7 @@ _PUBLIC = {
     "GradientDescent": "packmech.minimize.gradient_descent",
     "LBFGS": "packmech.minimize.lbfgs",
     "Newton": "packmech.minimize.newton",
+    "SteepestDescent": "packmech.minimize.steepest_descent",
     "minimizer": "packmech.minimize.minimizers",
     "quench": "packmech.minimize.quench",
     "QuenchBatch": "packmech.minimize.batch",

@@ -37,7 +37,9 @@ RESULTS = {
     "particle_shear",
 }  # fmt: skip
 
-MINIMIZERS = {"ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton"}
+MINIMIZERS = {
+    "ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton", "SteepestDescent",
+}  # fmt: skip
 
 INTEGRATORS = {"SemiImplicitEuler", "VelocityVerlet"}
 

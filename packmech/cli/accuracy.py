@@ -10,7 +10,7 @@ from packmech.validation.studies import studies
 
 
 def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy")) -> None:
-    """Measure what accuracy costs in time: tables and figures.
+    """Measure what accuracy costs in time: tables and figures; long studies resume what they find.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy")) -> No
             def progress(method: str, setting: float, key: str = key) -> None:
                 say(f"study {key}: {method} at {setting:.0e}")
 
-            table, text = known[key](progress)
+            table, text = known[key](progress, out)
         (out / f"{key}.csv").write_text(table.to_csv(), encoding="utf-8")
         (out / f"{key}.md").write_text(f"# {table.title}\n\n{text}\n\n{table.to_markdown()}", encoding="utf-8")
         table.save_figure(out / f"{key}.png")

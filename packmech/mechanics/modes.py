@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -40,6 +40,8 @@ _DENSE_ROWS = 400
 _NO_COST = 1e-12
 _DENSE_LIMIT = 8192
 _ROUNDS = 6
+# densities at the end of a plateau are averaged over this ratio of frequencies to both sides
+_WINDOW = 1.25
 # enough for all modes that the dense method takes on [bytes]
 _BASIS_BYTES = 3e9
 
@@ -77,6 +79,9 @@ class Modes:
         (M, N, K) turns of particles with shapes, angles times radii of gyration, as in `hessian`; K = 0 without.
     rotation_m
         (M,) part of each mode's motion that is turns, between 0 and 1.
+    participation_m
+        (M,) participation ratio of each mode among the N' particles that took part, between 1 / N' and 1: (sum of w)^2
+        over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t).
 
     """
 
@@ -94,6 +99,7 @@ class Modes:
     seconds: float
     turn_mnk: NDArray[np.float64]
     rotation_m: NDArray[np.float64]
+    participation_m: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.eigenvalue_m)
@@ -222,7 +228,10 @@ def normal_modes(
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     vector = signed_columns(vector)
     motion = np.zeros((wanted, *found.free_nq.shape))
-    motion[:, found.free_nq] = (vector[: len(root)] / root[:, None]).T
+    motion[:, found.free_nq] = vector[: len(root)].T
+    part_mn = (motion**2).sum(axis=2)
+    participation = part_mn.sum(axis=1) ** 2 / (max(kept, 1) * (part_mn**2).sum(axis=1))
+    motion /= np.sqrt(mass[index])[:, None]
     moved = np.zeros((wanted, packing.particles, motion.shape[2]))
     moved[:, index] = motion
     return Modes(
@@ -240,6 +249,7 @@ def normal_modes(
         seconds=time.process_time() - start,
         turn_mnk=np.ascontiguousarray(moved[..., dimension:]),
         rotation_m=(vector[: len(root)][axis >= dimension] ** 2).sum(axis=0),
+        participation_m=participation,
     )
 
 
@@ -457,6 +467,52 @@ class StateDensity:
     def center_b(self) -> NDArray[np.float64]:
         """The (B,) middles of the bins [1/time]."""
         return (self.edge_b[1:] + self.edge_b[:-1]) / 2.0
+
+    @property
+    def plateau(self) -> float:
+        """Height of the plateau [time]: the mean density between the lowest tenth and the lowest three tenths of modes.
+
+        Harmonic packings near jamming, taken without their stress (kind="unstressed"), have one.
+        """
+        low, high = self._quantile(0.1), self._quantile(0.3)
+        return 0.2 / (high - low)
+
+    @property
+    def plateau_edge(self) -> float:
+        """Angular frequency omega* at which the plateau ends [1/time]; nan where it reaches down to the lowest bin.
+
+        Followed down from the lowest tenth of the modes, the density falls to half of the plateau here. Densities are
+        those over a quarter of the frequency to both sides, so that few packings give a smooth curve; bins finer than
+        that, and many modes, of several packings if need be, give a sharp answer.
+        """
+        center = np.sqrt(np.maximum(self.edge_b[1:] * self.edge_b[:-1], 0.0))
+        center = center[(center > 0.0) & (center <= self._quantile(0.1))]
+        below = np.concatenate([[0], np.cumsum(self.count_b)])
+        number = np.interp(center * _WINDOW, self.edge_b, below) - np.interp(center / _WINDOW, self.edge_b, below)
+        share = number / (center * (_WINDOW - 1.0 / _WINDOW) * self.modes * self.plateau)
+        low = np.nonzero(share < 0.5)[0]
+        if not len(low) or low[-1] + 1 == len(center):
+            return float("nan")
+        k = low[-1]
+        part = (0.5 - share[k]) / (share[k + 1] - share[k])
+        return float(center[k] ** (1.0 - part) * center[k + 1] ** part)
+
+    def _quantile(self, part: float) -> float:
+        """Return the frequency below which this part of the modes lies."""
+        below = np.concatenate([[0], np.cumsum(self.count_b)])
+        return float(np.interp(part * self.modes, below, self.edge_b))
+
+    @classmethod
+    def merged(cls, parts: Sequence[StateDensity]) -> StateDensity:
+        """Return the states of several packings in one; their bins must be the same."""
+        if not parts or any(not np.array_equal(one.edge_b, parts[0].edge_b) for one in parts):
+            raise ValueError("parts must be densities over the same bins, and at least one")
+        return cls(
+            parts[0].edge_b,
+            np.sum([one.count_b for one in parts], axis=0),
+            sum(one.modes for one in parts),
+            sum(one.seconds for one in parts),
+        )
 
 
 @honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.frictional_modes")

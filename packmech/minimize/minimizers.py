@@ -12,10 +12,13 @@ from packmech.minimize.fire import Fire, Fire2
 from packmech.minimize.gradient_descent import GradientDescent
 from packmech.minimize.lbfgs import LBFGS
 from packmech.minimize.newton import Newton
+from packmech.minimize.steepest_descent import SteepestDescent
 
 M = TypeVar("M", bound=type)
 
-_REGISTERED: list[type] = [Fire, Fire2, ConjugateGradient, LBFGS, DampedDynamics, GradientDescent, Newton]
+_REGISTERED: list[type] = [
+    Fire, Fire2, ConjugateGradient, LBFGS, DampedDynamics, GradientDescent, SteepestDescent, Newton,
+]  # fmt: skip
 
 
 def minimizer(cls: M) -> M:

@@ -73,9 +73,9 @@ def quench(
     force_tolerance
         Stop when the largest net force on a particle falls to this times the mean contact force [1].
     method
-        Fire(), Fire2(), ConjugateGradient(), LBFGS(), DampedDynamics(), GradientDescent() or Newton(). Unless given:
-        FIRE (L-BFGS for size ratios above 20), and below a tolerance of 1e-6 Newton's method for the last digits,
-        which also tells a saddle from a minimum.
+        Fire(), Fire2(), ConjugateGradient(), LBFGS(), DampedDynamics(), GradientDescent(), SteepestDescent() or
+        Newton(). Unless given: FIRE (L-BFGS for size ratios above 20), and below a tolerance of 1e-6 Newton's method
+        for the last digits, which also tells a saddle from a minimum.
     step_limit
         Largest number of steps; on the default route those of Newton's method, at most 60 a time, are not counted.
     trace_every

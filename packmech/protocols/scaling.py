@@ -4,29 +4,35 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from packmech.check import instance, one_of, positive
+from packmech.effects import pair_energy
 from packmech.honors import declare
 from packmech.loop.run_loop import Progress
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import energy
 from packmech.mechanics.elasticity import elastic_moduli
-from packmech.protocols.jam import jam
+from packmech.mechanics.modes import StateDensity, density_of_states
+from packmech.protocols.compress import compress
+from packmech.protocols.jam import JamMethod, jam
 from packmech.protocols.protocol import sequence
 from packmech.protocols.sweep import sweep_pressure
 from packmech.result import Run
 from packmech.scene import Scene
 
 PRESSURES = tuple(10.0 ** (-2.0 - 0.5 * k) for k in range(9))
-# what is measured of each packing at each pressure, and its unit
+# what is measured of each packing at each pressure or distance, and its unit
 COLUMNS = {
+    "pressure": "energy_scale / diameter^d",
+    "distance": "1",
     "packing_fraction": "1",
     "energy_per_particle": "energy_scale",
     "excess_coordination": "1",
@@ -36,22 +42,33 @@ COLUMNS = {
     "rearrangements": "1",
     "residual": "1",
 }
+_PRESSURE, _DISTANCE, _FRACTION = range(3)
+# the end of the plateau of vibrational states is that of all packings together
+EDGE = "plateau_edge"
 HONORED = declare("jamming_scaling", "repulsion links shapes", at_rest=True)
-# below this pressure of 256 particles, times (256 / N)^2, a packing has a handful of contacts too many or none
-_COUNTED, _OF = 1.5e-4, 256
+# closer to jamming than this, times N^-2, a packing has a handful of contacts too many or none: N^2 P = 10 for springs
+_COUNTED, _PRESSED = 25.0, 10.0
+# edges of the bins of vibrational states [sqrt(energy_scale / mass) / diameter]
+_FREQUENCIES = np.logspace(-3.6, 0.8, 67)
+# the method starts here, where pressures are not asked for [energy_scale / diameter^d]
+_JAMMED_AT = 1e-6
 
 
 class Exponent(NamedTuple):
-    """quantity = prefactor * pressure**exponent; the error of the exponent is one standard deviation over packings."""
+    """quantity = prefactor * x**exponent * (1 + correction * sqrt(x)); the error is one standard deviation.
+
+    It is that of the exponent, over packings.
+    """
 
     exponent: float
     error: float
     prefactor: float
+    correction: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class JammingScaling:
-    """Packings followed over pressure, and what was measured of each.
+    """Packings followed over pressure or over the distance to jamming, and what was measured of each.
 
     Attributes
     ----------
@@ -59,122 +76,226 @@ class JammingScaling:
         N and d.
     strain
         "isotropic" or "free".
-    pressure_p
-        (P,) pressures in the order in which they were visited [energy_scale / diameter^d].
+    control
+        "pressure" or "distance": what was set.
+    level_p
+        (P,) pressures [energy_scale / diameter^d], or packing fractions above each packing's own jamming [1], in the
+        order in which they were visited.
     value_sp
-        By name (see `COLUMNS`) an (S, P) array: one row a packing. The excess coordination is 2 / N' times the contacts
-        beyond one state of self stress, N' particles without rattlers; the modulus ratio is shear over bulk modulus.
-        Rearrangements are those on the way from the pressure before; nan: that packing did not come to rest.
+        By name (see `COLUMNS`) an (S, P) array: one row a packing. Distance: packing fraction less the packing's own at
+        jamming, that of the hard packing it was compressed from, or where its lowest pressure leads to. The excess
+        coordination is 2 / N' times the contacts beyond one state of self stress, N' particles without rattlers. The
+        shear modulus is the mean over all directions of shear, the modulus ratio that over the bulk modulus.
+        Rearrangements are those on the way from the level before; nan: that packing did not come to rest.
+    law_exponent
+        Of the law where overlaps are small: energy ~ overlap^law_exponent, 2 for springs and 5/2 for Hertz.
     seconds
         CPU time.
+    states_sp
+        Densities of vibrational states of the packings without their stress, all particles of mass 1, in one row a
+        packing; empty rows where they were not asked for.
 
     """
 
     particles: int
     dimension: int
     strain: str
-    pressure_p: NDArray[np.float64]
+    control: str
+    level_p: NDArray[np.float64]
     value_sp: Mapping[str, NDArray[np.float64]]
+    law_exponent: float
     seconds: float
+    states_sp: tuple[tuple[StateDensity, ...], ...] = ()
 
     @property
     def packings(self) -> int:
-        """Number of packings."""
-        return len(self.value_sp["residual"])
+        """Number of packings that came to rest at every level, which is those that means are over."""
+        return int(np.count_nonzero(~np.isnan(self.value_sp["residual"]).any(axis=1)))
 
     @property
-    def counted_from(self) -> float:
-        """Pressure from which contacts beyond isostaticity are enough to fit, 1.5e-4 (256 / N)^2: below, N shows."""
-        return _COUNTED * (_OF / self.particles) ** 2
+    def names(self) -> tuple[str, ...]:
+        """What can be asked for by name: the columns, and "plateau_edge" where states were counted."""
+        return (*COLUMNS, EDGE) if any(self.states_sp) else tuple(COLUMNS)
+
+    @property
+    def counted_p(self) -> NDArray[np.bool_]:
+        """Which levels are above the plateau that N sets: packing fractions 25 / N^2 above jamming, N^2 P = 10.
+
+        Below, contacts in excess, shear moduli and the lowest frequencies are those of a handful of contacts too many:
+        they stay at values of the order of 1 / N.
+        """
+        distance = self.mean_p("distance")
+        if np.isfinite(distance).all():
+            return np.asarray(distance >= _COUNTED / self.particles**2 * (1.0 - 1e-12))
+        return np.asarray(self.mean_p("pressure") >= _PRESSED / self.particles**2 * (1.0 - 1e-12))
 
     def mean_p(self, name: str) -> NDArray[np.float64]:
-        """Return the (P,) means over the packings."""
-        return np.asarray(self._values(name).mean(axis=0))
+        """Return the (P,) means over the packings; the plateau's edge is that of all their modes."""
+        return self._means(name, self._rested(name))
 
     def error_p(self, name: str) -> NDArray[np.float64]:
-        """Return the (P,) standard errors of these means; nan for a single packing."""
-        value = self._values(name)
-        if len(value) < 2:
-            return np.full(value.shape[1], math.nan)
-        return np.asarray(value.std(axis=0, ddof=1) / math.sqrt(len(value)))
+        """Return the (P,) standard errors of these, by leaving packings out; nan for a single packing."""
+        rows = self._rested(name)
+        if len(rows) < 2:
+            return np.full(len(self.level_p), math.nan)
+        left = np.array([self._means(name, np.delete(rows, k)) for k in range(len(rows))])
+        return _jackknife(left)
 
-    def fit(self, name: str, *, pressure_from: float | None = None) -> Exponent:
+    def theory(self, name: str, *, over: str = "pressure") -> float:
+        """Return the exponent that discs and spheres are expected to have; nan where there is none.
+
+        Over the distance: pressure law_exponent - 1, energy law_exponent, bulk modulus law_exponent - 2, shear modulus
+        law_exponent - 3/2, contacts in excess 1/2, omega* (law_exponent - 1) / 2.
+        """
+        power = self.law_exponent
+        known = {
+            "pressure": power - 1.0,
+            "distance": 1.0,
+            "energy_per_particle": power,
+            "bulk_modulus": power - 2.0,
+            "shear_modulus": power - 1.5,
+            "modulus_ratio": 0.5,
+            "excess_coordination": 0.5,
+            EDGE: (power - 1.0) / 2.0,
+        }
+        return known.get(name, math.nan) / known[one_of("over", over, ("pressure", "distance"))]
+
+    def fit(
+        self,
+        name: str,
+        *,
+        over: str | None = None,
+        corrected: bool = False,
+        smallest: float | None = None,
+        largest: float | None = None,
+    ) -> Exponent:
         """Return the power law of the means, by least squares in logarithms; leaving packings out gives its error.
 
         Parameters
         ----------
         name
             Of the quantity.
-        pressure_from
-            Smallest pressure that takes part; None: `counted_from`.
+        over
+            "pressure" or "distance"; None: what was set.
+        corrected
+            Fit prefactor * x^exponent (1 + correction sqrt(x)), the first correction to scaling.
+        smallest, largest
+            Values of `over` that take part; None: all from where N does not show (`counted_p`).
 
         Raises
         ------
         ValueError
-            If the name is unknown, fewer than two pressures take part, or a mean there is not positive.
+            If the name is unknown, fewer than two levels take part (four of a corrected fit), or a mean there is not
+            positive.
 
         """
-        value = self._values(name)
-        least = self.counted_from if pressure_from is None else positive("pressure_from", pressure_from)
-        part = self.pressure_p >= least * (1.0 - 1e-12)
-        if np.count_nonzero(part) < 2:
-            raise ValueError(f"pressure_from must leave at least two pressures, got {least:g}")
-        log_p = np.log(self.pressure_p[part])
+        chosen = self.control if over is None else one_of("over", over, ("pressure", "distance"))
+        rows = self._rested(name)
+        x = self._means(chosen, rows)
+        part = self.counted_p if smallest is None else x >= positive("smallest", smallest) * (1.0 - 1e-12)
+        if largest is not None:
+            part = part & (x <= positive("largest", largest) * (1.0 + 1e-12))
+        needed = 4 if corrected else 2
+        if np.count_nonzero(part) < needed:
+            raise ValueError(f"smallest must leave at least {needed} levels, got {np.count_nonzero(part)}")
 
-        def line(rows: NDArray[np.float64]) -> tuple[float, float]:
-            mean = rows.mean(axis=0)[part]
-            if not (mean > 0.0).all():
+        def line(rows: NDArray[np.int64]) -> tuple[float, float, float]:
+            mean = self._means(name, rows)[part]
+            at = self._means(chosen, rows)[part]
+            if not ((mean > 0.0) & (at > 0.0)).all():
                 raise ValueError(f"{name} must be positive on average to be fitted, got {mean.min():g}")
-            slope, offset = np.polyfit(log_p, np.log(mean), 1)
-            return float(slope), float(offset)
+            return _power_law(at, mean, corrected)
 
-        slope, offset = line(value)
+        slope, prefactor, correction = line(rows)
         error = math.nan
-        if len(value) > 1:
-            left = np.array([line(np.delete(value, s, axis=0))[0] for s in range(len(value))])
-            error = math.sqrt((len(value) - 1) * float(((left - left.mean()) ** 2).mean()))
-        return Exponent(slope, error, math.exp(offset))
+        if len(rows) > 1:
+            error = float(_jackknife(np.array([line(np.delete(rows, k))[0] for k in range(len(rows))])))
+        return Exponent(slope, error, prefactor, correction)
 
     def to_csv(self) -> str:
-        """Return means and errors of every quantity, a line a pressure."""
-        lines = ["pressure," + ",".join(f"{name},{name}_error" for name in COLUMNS)]
-        columns = [(self.mean_p(name), self.error_p(name)) for name in COLUMNS]
-        for k, pressure in enumerate(self.pressure_p.tolist()):
+        """Return means and errors of every quantity, a line a level."""
+        names = [name for name in self.names if name != self.control]
+        lines = [self.control + "," + ",".join(f"{name},{name}_error" for name in names)]
+        columns = [(self.mean_p(name), self.error_p(name)) for name in names]
+        for k, level in enumerate(self.level_p.tolist()):
             cells = ",".join(f"{mean[k]:.9g},{error[k]:.3g}" for mean, error in columns)
-            lines.append(f"{pressure:.9g},{cells}")
+            lines.append(f"{level:.9g},{cells}")
         return "\n".join(lines) + "\n"
 
-    def _values(self, name: str) -> NDArray[np.float64]:
-        one_of("name", name, tuple(COLUMNS))
-        value = self.value_sp[name]
-        rest = value[~np.isnan(self.value_sp["residual"]).any(axis=1)]
-        if not len(rest):
-            raise ValueError("packings must have come to rest at every pressure, got none that did")
-        return rest
+    def _rested(self, name: str) -> NDArray[np.int64]:
+        """Return the packings that came to rest at every level."""
+        one_of("name", name, self.names)
+        rows: NDArray[np.int64] = np.nonzero(~np.isnan(self.value_sp["residual"]).any(axis=1))[0]
+        if not len(rows):
+            raise ValueError("packings must have come to rest at every level, got none that did")
+        return rows
+
+    def _means(self, name: str, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        if name != EDGE:
+            return np.asarray(self.value_sp[name][rows].mean(axis=0))
+        edges = [
+            StateDensity.merged([self.states_sp[s][p] for s in rows]).plateau_edge for p in range(len(self.level_p))
+        ]
+        return np.array(edges)
+
+
+def _jackknife(left_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return standard errors of figures from their values with one packing left out."""
+    count = len(left_s)
+    return np.asarray(np.sqrt((count - 1) * ((left_s - left_s.mean(axis=0)) ** 2).mean(axis=0)))
+
+
+def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) -> tuple[float, float, float]:
+    """Return exponent, prefactor and correction of y = prefactor x^exponent (1 + correction sqrt(x))."""
+    log_x, log_y, root = np.log(x), np.log(y), np.sqrt(x)
+    slope, offset = np.polyfit(log_x, log_y, 1)
+    if not corrected:
+        return float(slope), math.exp(offset), 0.0
+    # log(1 + c sqrt(x)) exists above this
+    least = -0.999 / root.max()
+
+    def miss(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(guess[0] + guess[1] * log_x + np.log1p(guess[2] * root) - log_y)
+
+    bounds = ([-np.inf, -np.inf, least], np.inf)
+    found = least_squares(miss, (offset, slope, 0.0), bounds=bounds, x_scale=(1.0, 1.0, 1.0 / root.max()), xtol=1e-12)
+    return float(found.x[1]), math.exp(found.x[0]), float(found.x[2])
 
 
 def jamming_scaling(
     scenes: Iterable[Scene],
-    pressures: Iterable[float] = PRESSURES,
+    pressures: Iterable[float] | None = None,
     *,
+    distances: Iterable[float] | None = None,
     strain: str = "free",
+    method: JamMethod | None = None,
+    states: bool = False,
     time_limit: float | None = None,
     progress: Progress | None = None,
     check: bool = True,
 ) -> JammingScaling:
-    """Return how packings change as they are followed from pressure to pressure towards the jamming point.
+    """Return how packings change as they are followed from pressure to pressure, or from their jamming points upward.
 
-    Each scene is jammed at the first pressure and then followed along its contact network (`sweep_pressure`).
+    Over pressures, each scene is jammed at the first and then followed along its contact network (`sweep_pressure`);
+    over distances it is jammed, and then compressed from its own exact hard packing (`compress`).
 
     Parameters
     ----------
     scenes
         Starts of one number of particles and of axes, such as random packings of many seeds.
     pressures
-        In the order in which they are visited, from high to low as a rule [energy_scale / diameter^d].
+        In the order in which they are visited, from high to low as a rule [energy_scale / diameter^d]; None, without
+        distances: `PRESSURES`.
+    distances
+        Packing fractions above each packing's own jamming, in place of pressures [1]; visited in increasing order.
     strain
         "free": strains relax. "isotropic": the box keeps its shape; many such packings are unstable to shear, and their
         shear moduli scatter around a small mean.
+    method
+        Of `jam`, which decides about the ensemble, such as HardVertex(start_packing_fraction=0.9, stop_pressure=1e-5).
+    states
+        Count vibrational states, too: of the packings without their stress, all particles of mass 1, so that
+        `fit("plateau_edge")` gives omega*. About a hundred factorizations for each packing and level.
     time_limit
         CPU time for each packing [s].
     progress
@@ -217,35 +338,51 @@ def jamming_scaling(
                 f"scenes[{k}] must have {given[0].packing.particles} particles in {given[0].packing.dimension} "
                 f"dimensions like the first, got {scene.packing.particles} in {scene.packing.dimension}"
             )
-    goals = sequence("pressures", pressures, "pressure")
+    if pressures is not None and distances is not None:
+        raise ValueError("distances must be left out when pressures are given")
+    control = "pressure" if distances is None else "distance"
+    if distances is None:
+        goals = sequence("pressures", PRESSURES if pressures is None else pressures, "pressure")
+    else:
+        goals = np.sort(sequence("distances", distances, "distance"))
     one_of("strain", strain, ("isotropic", "free"))
+    instance("states", states, bool)
     rows: list[NDArray[np.float64]] = []
+    counted: list[tuple[StateDensity, ...]] = []
 
     def gathered() -> JammingScaling:
         table = np.stack(rows)
         values = MappingProxyType({name: table[:, :, k] for k, name in enumerate(COLUMNS)})
         first = given[0].packing
         seconds = time.process_time() - started
-        return JammingScaling(first.particles, first.dimension, strain, goals, values, seconds)
+        power = _law_exponent(given[0])
+        kept = tuple(counted) if states else ()
+        return JammingScaling(
+            first.particles, first.dimension, strain, control, goals, values, power, seconds, kept
+        )  # fmt: skip
+
+    def followed(scene: Scene) -> tuple[Run, ...]:
+        first = float(goals[0]) if distances is None else _JAMMED_AT
+        given: dict[str, Any] = {"strain": strain, "time_limit": time_limit, "progress": progress, "check": check}
+        jammed = jam(scene, pressure=first, method=method, **given)
+        if not jammed.outcome.ok:
+            return (jammed,)
+        here = scene.replace(packing=jammed.packing)
+        if distances is not None:
+            return compress(here, goals.tolist(), **given)
+        return (jammed, *(sweep_pressure(here, goals[1:].tolist(), **given) if len(goals) > 1 else ()))
 
     try:
         for scene in given:
-            jammed = jam(
-                scene, pressure=float(goals[0]), strain=strain, time_limit=time_limit, progress=progress, check=check
-            )
-            runs: tuple[Run, ...] = (jammed,)
-            if jammed.outcome.ok and len(goals) > 1:
-                runs += sweep_pressure(
-                    scene.replace(packing=jammed.packing),
-                    goals[1:].tolist(),
-                    strain=strain,
-                    time_limit=time_limit,
-                    progress=progress,
-                    check=check,
-                )
+            runs = followed(scene)
             rows.append(np.full((len(goals), len(COLUMNS)), math.nan))
+            counted.append(())
             if len(runs) == len(goals) and all(run.outcome.ok for run in runs):
-                rows[-1][:] = [_measured(scene, run) for run in runs]
+                table = np.array([_measured(scene, run) for run in runs])
+                table[:, _DISTANCE] = table[:, _FRACTION] - _onset(runs, table, _law_exponent(scene))
+                rows[-1][:] = table
+                if states:
+                    counted[-1] = tuple(_states(scene, run) for run in runs)
             if progress is not None:
                 progress("scaling", {"done": len(rows)})
     except KeyboardInterrupt as stop:
@@ -254,18 +391,50 @@ def jamming_scaling(
     return gathered()
 
 
+def _law_exponent(scene: Scene) -> float:
+    """Return w of the energies of barely touching pairs, ~ overlap^w."""
+    sigma = scene.packing.reference_diameter
+    laws = [one for one in scene.effects if hasattr(type(one), "pair_energy")]
+    small, twice = (sum(float(pair_energy(one, sigma * (1.0 - xi), sigma)) for one in laws) for xi in (1e-6, 2e-6))
+    return round(math.log2(twice / small), 3)
+
+
+def _states(scene: Scene, run: Run) -> StateDensity:
+    """Return the vibrational states of a packing without its stress, all particles of mass 1."""
+    alike = run.packing.replace(mass_n=np.ones(run.packing.particles))
+    unit = math.sqrt(scene.energy_scale) / scene.packing.reference_diameter
+    found = density_of_states(scene.replace(packing=alike), _FREQUENCIES * unit, kind="unstressed")
+    return replace(found, edge_b=_FREQUENCIES)
+
+
+def _onset(runs: Sequence[Run], table: NDArray[np.float64], law_exponent: float) -> float:
+    """Return the packing fraction at which the packing that was followed is jammed.
+
+    That of the hard packing if it was followed from there, else the one at which its lowest pressure vanishes on the
+    way P ~ distance^(law_exponent - 1), whose slope is the bulk modulus.
+    """
+    if "onset" in runs[0].report:
+        return float(runs[0].report["onset"])
+    last = int(np.argmin(table[:, _PRESSURE]))
+    pressure, fraction, bulk = table[last, [_PRESSURE, _FRACTION, list(COLUMNS).index("bulk_modulus")]]
+    return float(fraction * (1.0 - (law_exponent - 1.0) * pressure / bulk))
+
+
 def _measured(scene: Scene, run: Run) -> list[float]:
-    """Return the figures of one packing, in the order of `COLUMNS`."""
+    """Return the figures of one packing, in the order of `COLUMNS`; the distance is not known yet."""
     here = scene.replace(packing=run.packing)
     moduli = elastic_moduli(here)
+    shear = moduli.voigt.shear_modulus
     backbone = run.report["particles"] - run.report["rattlers"]
     return [
+        run.report["pressure"],
+        math.nan,
         packing_fraction(run.packing),
         energy(here) / (scene.energy_scale * scene.packing.particles),
         2.0 * run.report["excess_contacts"] / backbone,
         moduli.bulk_modulus / scene.pressure_unit,
-        moduli.shear_modulus / scene.pressure_unit,
-        moduli.shear_modulus / moduli.bulk_modulus,
+        shear / scene.pressure_unit,
+        shear / moduli.bulk_modulus,
         run.report.get("rearrangements", 0),
         run.residual,
     ]

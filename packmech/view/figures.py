@@ -133,41 +133,55 @@ def _moduli(ax: Any, curve: CementingCurve, name: str, style: dict[str, Any]) ->
     ax.fill_between(fraction, low, high, color=style["color"], alpha=0.12, linewidth=0.0)
 
 
-# what is fitted over pressure, and how it is called on its axis
+# what falls towards the jamming point, and how it is called on its axis
 FITTED = {
-    "shear_modulus": "shear modulus (energy / diameter$^d$)",
-    "excess_coordination": "contacts in excess, $z - z_{iso}$",
-    "modulus_ratio": "shear over bulk modulus",
+    "pressure": "pressure (energy / diameter$^d$)",
+    "distance": "packing fraction above jamming",
     "energy_per_particle": "energy per particle",
+    "excess_coordination": "contacts in excess, $z - z_{iso}$",
+    "bulk_modulus": "bulk modulus (energy / diameter$^d$)",
+    "shear_modulus": "shear modulus (energy / diameter$^d$)",
+    "plateau_edge": r"end of the plateau of states, $\omega^*$",
 }
 
 
 def draw_scaling(found: JammingScaling, path: Path) -> None:
-    """Write the figure: what falls towards the jamming point against pressure, with the power laws fitted to it."""
-    with styled_figure(path, (9.6, 7.2)) as figure:
-        axes = figure.subplots(2, 2)
-        pressure = found.pressure_p
-        for number, (ax, (name, label)) in enumerate(zip(axes.flat, FITTED.items(), strict=True)):
+    """Write the figure: what falls towards the jamming point, and the corrected power laws fitted to it."""
+    names = [name for name in FITTED if name in found.names and name != found.control]
+    with styled_figure(path, (12.6, 7.2)) as figure:
+        axes = figure.subplots(2, 3)
+        x, counted = found.level_p, found.counted_p
+        for number, (ax, name) in enumerate(zip(axes.flat, names, strict=False)):
             mean, error, color = found.mean_p(name), found.error_p(name), COLORS[number]
             shown = mean > 0.0
-            ax.errorbar(pressure[shown], mean[shown], error[shown], color=color, marker="o", capsize=2.0, linestyle="")
-            fit = found.fit(name)
-            part = pressure[pressure >= found.counted_from * (1.0 - 1e-12)]
-            ends = np.array([part.min(), part.max()])
-            ax.plot(
-                *(ends, fit.prefactor * ends**fit.exponent),
-                color=INK_OF_FITS,
-                linewidth=1.2,
-                label=rf"$p^{{{fit.exponent:.3f} \pm {fit.error:.3f}}}$",
-            )
-            ax.axvspan(pressure.min() / 1.5, found.counted_from, color="#f0f0f0", zorder=0)
-            ax.set(xscale="log", yscale="log", xlabel="pressure (energy / diameter$^d$)", ylabel=label)
-            ax.set_xlim(pressure.min() / 1.5, pressure.max() * 1.5)
-            ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
-            ax.legend(loc="upper left")
+            ax.errorbar(x[shown], mean[shown], error[shown], color=color, marker="o", capsize=2.0, linestyle="")
+            theory = found.theory(name, over=found.control)
+            try:
+                fit = found.fit(name, corrected=True)
+            except ValueError:
+                # too few levels, or one that is not positive
+                fit = None
+            if fit is not None:
+                ends = np.geomspace(x[counted].min(), x[counted].max(), 60)
+                correction = 1.0 + fit.correction * np.sqrt(ends)
+                label = rf"exponent ${fit.exponent:.3f} \pm {fit.error:.3f}$, corrected"
+                ax.plot(ends, fit.prefactor * ends**fit.exponent * correction, color=INK_OF_FITS, label=label)
+                ax.plot(
+                    *(ends, fit.prefactor * ends**theory), color=INK_OF_FITS, linestyle=":", label=f"slope {theory:.4g}"
+                )
+                ax.legend(loc="upper left", fontsize=7.5)
+            if not counted.all():
+                ax.axvspan(x.min() / 1.5, np.sqrt(x[counted].min() * x[~counted].max()), color="#f0f0f0", zorder=0)
+            ax.set(xscale="log", yscale="log", xlabel=FITTED[found.control], ylabel=FITTED[name])
+            ax.set_xlim(x.min() / 1.5, x.max() * 1.5)
+            if shown.any():
+                ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
+        for ax in axes.flat[len(names) :]:
+            ax.set_visible(False)
         figure.suptitle(
-            f"{found.packings} packings of N = {found.particles}, d = {found.dimension}, strain {found.strain}; "
-            "means and standard errors\ngray: a handful of contacts too many, or none, at this N; not fitted",
+            f"{found.packings} packings of N = {found.particles}, d = {found.dimension}, strain {found.strain}, energy "
+            f"~ overlap$^{{{found.law_exponent:g}}}$; means and standard errors\n"
+            "gray: the plateau that N sets, a handful of contacts too many or none; not fitted",
             fontsize=10,
         )
 

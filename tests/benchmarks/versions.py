@@ -343,6 +343,7 @@ STATED: dict[str, dict[str, Any]] = {
         "largest_step": 0.1,
     },
     "GradientDescent": {"step": 0.8, "largest_step": 0.1},
+    "SteepestDescent": {"tolerance": 1e-8, "largest_step": 0.1},
     "LBFGS": {"memory": 8, "slope_ratio": 0.9, "largest_step": 0.1},
     "Newton": {"largest_step": 0.1, "skin": 0.3},
     "quench": {"step_limit": 500_000},

@@ -238,3 +238,17 @@ def test_spectra_do_not_depend_on_labels_lattice_vectors_wrapping_or_rotation(re
         one = pm.normal_modes(scene, strain=strain).eigenvalue_m
         two = pm.normal_modes(scene.replace(packing=other), strain=strain).eigenvalue_m
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-12 * one.max())
+
+
+def test_participation_is_one_where_all_move_alike_and_sums_weights_of_particles():
+    """(sum w)^2 / (N sum w^2), w = m u.u of a particle; two discs that part move alike."""
+    packing = pm.random_packing(24, dimension=2, packing_fraction=1.0, sizes=pm.Bidisperse(ratio=1.4), seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-10).packing)
+    modes = pm.normal_modes(scene)
+    weight = scene.packing.mass_n * (modes.displacement_mnd**2).sum(axis=2)
+    expected = weight.sum(axis=1) ** 2 / (len(modes.index_n) * (weight**2).sum(axis=1))
+    assert modes.participation_m == pytest.approx(expected, rel=1e-9)
+    pair = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    stretch = pm.normal_modes(pm.Scene(pair, (pm.Repulsion(),)), rattlers="keep").participation_m[-1]
+    assert stretch == pytest.approx(1.0)

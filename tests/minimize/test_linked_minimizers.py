@@ -10,7 +10,10 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.minimize.program import build_program
 
-METHODS = [pm.Fire(), pm.Fire2(), pm.ConjugateGradient(), pm.LBFGS(), pm.DampedDynamics(), pm.GradientDescent()]
+METHODS = [
+    pm.Fire(), pm.Fire2(), pm.ConjugateGradient(), pm.LBFGS(), pm.DampedDynamics(), pm.GradientDescent(),
+    pm.SteepestDescent(),
+]  # fmt: skip
 
 
 def trimers(count=12, dimension=2, packing_fraction=0.95, seed=1):

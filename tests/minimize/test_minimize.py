@@ -12,7 +12,7 @@ from packmech.minimize.program import build_program
 
 REPULSION = (pm.Repulsion(law=pm.Harmonic()),)
 FAST = (pm.Fire(), pm.Fire2(), pm.ConjugateGradient(), pm.LBFGS())
-SLOW = (pm.DampedDynamics(), pm.GradientDescent())
+SLOW = (pm.DampedDynamics(), pm.GradientDescent(), pm.SteepestDescent())
 METHODS = (None, *FAST, *SLOW)
 
 
@@ -193,23 +193,60 @@ def test_the_center_of_mass_stays_where_it_was(method):
     assert np.abs((run.packing.position_nd - scene.packing.position_nd).mean(axis=0)).max() < 1e-11
 
 
-def damped_pair_error(dt):
-    """Distance error at time 3 of two discs that part, against the damped oscillator: d'' = -2 (k d + b d')."""
+def damped_pair_error(damping, dt, time):
+    """Distance error after a time of two discs that part, against the damped oscillator: d'' = -2 (k d + b d')."""
     packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
     program = build_program(pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring(stiffness=1.0)),)))
-    damping, time = 2.0, 3.0
-    run = program.relax(force_tolerance=1e-300, step_limit=round(time / dt), method=pm.DampedDynamics(damping, dt))
+    method = pm.DampedDynamics(damping, dt / max(1.0, damping))
+    run = program.relax(force_tolerance=1e-300, step_limit=round(time / dt), method=method)
     distance = run.packing.position_nd[1, 0] - run.packing.position_nd[0, 0]
     root = math.sqrt(damping**2 - 2.0)
-    slow, fast = -damping + root, -damping - root
+    # the slow root without the cancellation of strong damping
+    slow, fast = -2.0 / (damping + root), -damping - root
     overlap = 0.1 * (slow * math.exp(fast * time) - fast * math.exp(slow * time)) / (slow - fast)
     return abs(1.0 - distance - overlap)
 
 
-def test_damped_dynamics_follows_the_damped_oscillator_to_first_order_in_the_time_step():
-    coarse, fine = damped_pair_error(0.02), damped_pair_error(0.01)
+@pytest.mark.parametrize(("damping", "dt", "time"), [(2.0, 0.02, 3.0), (30.0, 0.5, 40.0), (1e4, 200.0, 2e4)])
+def test_damped_dynamics_follows_the_damped_oscillator_to_first_order_in_the_time_step(damping, dt, time):
+    """However strong the damping: steps are bounded by how slowly contacts relax, and not by 1 / b."""
+    coarse, fine = (damped_pair_error(damping, each, time) for each in (dt, dt / 2.0))
     assert fine < 2e-3
     assert math.log2(coarse / fine) == pytest.approx(1.0, abs=0.1)
+
+
+def row_of_three(method, step_limit):
+    """Overlaps of three equal discs in a row, .1 and .04 at the start, after so many steps."""
+    packing = pm.Packing([[0.0, 0.0], [0.9, 0.0], [1.86, 0.0]], [0.5] * 3, pm.Box.cubic(6.0, 2))
+    program = build_program(pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring(stiffness=1.0)),)))
+    position = program.relax(force_tolerance=1e-300, step_limit=step_limit, method=method).packing.position_nd
+    return 1.0 - np.diff(position[:, 0])
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-7])
+def test_steepest_descent_keeps_to_its_path_within_the_tolerance(tolerance):
+    """Sum and difference of the overlaps of three discs in a row fall at rates 1 and 3: d / d0 = (s / s0)^3."""
+    first, second = row_of_three(pm.SteepestDescent(tolerance), 20)
+    assert first + second < 0.12
+    assert first - second == pytest.approx(0.06 * ((first + second) / 0.14) ** 3, abs=20 * tolerance)
+
+
+def test_strong_dashpots_relax_all_contacts_at_one_rate_unlike_steepest_descent():
+    """The rates b R^T R v = F of a row of discs, whose rigidity matrix has no state of self stress, are k / b each."""
+    first, second = row_of_three(pm.DampedDynamics(damping=1e4), 20)
+    assert 1e-4 < first < 0.08
+    assert first / second == pytest.approx(0.1 / 0.04, rel=1e-4)
+
+
+@pytest.mark.parametrize("damping", [0.3, 30.0, 1e4])
+def test_damped_dynamics_converges_however_strong_the_damping(damping):
+    run = pm.quench(random_scene(), force_tolerance=1e-10, method=pm.DampedDynamics(damping=damping), step_limit=20_000)
+    assert run.outcome is pm.Outcome.CONVERGED
+
+
+def test_steepest_descent_never_raises_the_energy():
+    run = pm.quench(random_scene(), force_tolerance=1e-2, method=pm.SteepestDescent(1e-6), trace_every=1)
+    assert (np.diff(run.trace.energy_t) <= 1e-14).all()
 
 
 def test_gradient_descent_never_raises_the_energy():
@@ -382,6 +419,7 @@ def test_stages_account_for_all_steps_and_evaluations():
         ({"force_tolerance": 1e-8, "method": pm.Fire(dt=-1.0)}, ValueError, r"method\.dt must be"),
         ({"force_tolerance": 1e-8, "method": pm.LBFGS(memory=0)}, ValueError, r"method\.memory must be"),
         ({"force_tolerance": 1e-8, "method": pm.GradientDescent(step=3.0)}, ValueError, r"method\.step must be"),
+        ({"force_tolerance": 1e-8, "method": pm.SteepestDescent(0.0)}, ValueError, r"method\.tolerance must be"),
         ({"force_tolerance": 1e-8, "method": pm.DampedDynamics(damping=0.0)}, ValueError, r"method\.damping must be"),
         ({"force_tolerance": 1e-8, "method": pm.ConjugateGradient(slope_ratio=2.0)}, ValueError, r"method\.slope_rat"),
     ],

@@ -1,5 +1,6 @@
 """Facts about packings followed down to the jamming point, and about the fits of what falls on the way."""
 
+import dataclasses
 import math
 from types import MappingProxyType
 
@@ -18,9 +19,13 @@ def starts(count, particles=64):
     return [pm.Scene(one, (pm.Repulsion(),)) for one in packings]
 
 
-def made(value_sp, pressure_p, particles=256):
+def made(value_sp, level_p, particles=256, control="pressure"):
+    level = np.asarray(level_p)
     table = {name: np.asarray(value_sp, dtype=float) for name in COLUMNS}
-    return pm.JammingScaling(particles, 2, "free", np.asarray(pressure_p), MappingProxyType(table), 0.0)
+    # springs: P = .4 distance
+    table["pressure"] = np.tile(level if control == "pressure" else 0.4 * level, (len(table["residual"]), 1))
+    table["distance"] = np.tile(level if control == "distance" else 2.5 * level, (len(table["residual"]), 1))
+    return pm.JammingScaling(particles, 2, "free", control, level, MappingProxyType(table), 2.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +36,8 @@ def found():
 def test_energy_and_bulk_modulus_fall_as_one_integral_of_the_pressure(found):
     """dE = -p dV and B = -V dp/dV: dE/dp = p V / B, so that the exponents of E and B add up to that of p^2 V."""
     assert found.packings == 3 and found.strain == "free"
-    powers = [found.fit(name, pressure_from=1e-3).exponent for name in ("energy_per_particle", "bulk_modulus")]
-    volume = -found.fit("packing_fraction", pressure_from=1e-3).exponent
+    powers = [found.fit(name, smallest=1e-3).exponent for name in ("energy_per_particle", "bulk_modulus")]
+    volume = -found.fit("packing_fraction", smallest=1e-3).exponent
     # B is no pure power over this decade, whose ends differ from its mean by some hundredths
     assert sum(powers) == pytest.approx(2.0 + volume, abs=0.05)
     # 64 particles at these pressures are too few, and too dense, to hold an exponent of 1/2 to its error
@@ -52,14 +57,59 @@ def test_pressure_is_the_slope_of_the_energy(found):
         assert 3e-3 < work < 1e-2
 
 
-def test_few_particles_show_below_a_pressure_that_falls_with_their_number(found):
-    assert found.counted_from == pytest.approx(1.5e-4 * 16.0)
-    assert made(np.ones((1, 2)), [1e-2, 1e-3]).counted_from == pytest.approx(1.5e-4)
+def test_the_distance_is_that_to_the_packing_fraction_at_which_the_last_pressure_vanishes(found):
+    """P = B (phi - phi_J) / phi at the lowest pressure, so that distances fall with pressure, to about P / .4 there."""
+    distance, pressure = found.mean_p("distance"), found.mean_p("pressure")
+    assert (np.diff(distance) < 0.0).all()
+    assert 0.2 < pressure[-1] / distance[-1] < 0.6
+    each = found.value_sp["packing_fraction"] - found.value_sp["distance"]
+    assert np.ptp(each, axis=1) == pytest.approx(0.0, abs=1e-12)
+    assert found.law_exponent == 2.0
+
+
+def test_few_particles_show_below_a_distance_that_falls_with_the_square_of_their_number():
+    assert made(np.ones((1, 3)), [1e-3, 3.9e-4, 3.7e-4], control="distance").counted_p.tolist() == [True, True, False]
+    # N^2 P = 10 at P = .4 distance
+    assert made(np.ones((1, 2)), [1.55e-4, 1.50e-4]).counted_p.tolist() == [True, False]
+    assert made(np.ones((1, 2)), [1.55e-4, 1.50e-4], particles=128).counted_p.tolist() == [False, False]
+
+
+def test_a_correction_to_scaling_is_found_along_with_the_exponent():
+    distance = np.geomspace(1e-3, 1e-1, 7)
+    value = 2.0 * distance**0.5 * (1.0 + 1.5 * np.sqrt(distance))
+    scaling = made(np.stack([value] * 3), distance, control="distance")
+    plain, corrected = (scaling.fit("shear_modulus", corrected=one) for one in (False, True))
+    assert plain.exponent > 0.55
+    assert corrected.exponent == pytest.approx(0.5, abs=1e-8)
+    assert (corrected.prefactor, corrected.correction) == (pytest.approx(2.0), pytest.approx(1.5))
+    # over the pressure, .4 of it, the correction is larger by sqrt(2.5)
+    over = scaling.fit("shear_modulus", corrected=True, over="pressure")
+    assert (over.exponent, over.correction) == (pytest.approx(0.5), pytest.approx(1.5 * math.sqrt(2.5)))
+
+
+def test_hertzian_contacts_have_exponents_of_their_own():
+    """Over the distance P, E, B, G, z, omega*: 3/2, 5/2, 1/2, 1, 1/2, 3/4; of springs 1, 2, 0, 1/2, 1/2, 1/2."""
+    names = ("pressure", "energy_per_particle", "bulk_modulus", "shear_modulus", "excess_coordination", "plateau_edge")
+    harmonic = made(np.ones((1, 2)), [1e-2, 1e-3])
+    hertz = dataclasses.replace(harmonic, law_exponent=2.5)
+    assert [harmonic.theory(name, over="distance") for name in names] == [1.0, 2.0, 0.0, 0.5, 0.5, 0.5]
+    assert [hertz.theory(name, over="distance") for name in names] == [1.5, 2.5, 0.5, 1.0, 0.5, 0.75]
+    assert hertz.theory("excess_coordination", over="pressure") == pytest.approx(1.0 / 3.0)
+
+
+def test_packings_are_followed_over_the_distance_to_their_own_hard_packing_with_their_states():
+    scaling = pm.jamming_scaling(starts(1, 32), distances=[1e-2, 1e-3], strain="isotropic", states=True)
+    assert scaling.control == "distance" and scaling.level_p.tolist() == [1e-3, 1e-2]
+    assert scaling.value_sp["distance"][0] == pytest.approx([1e-3, 1e-2], abs=1e-9)
+    # every mode is counted, d N' - d for N' particles without rattlers
+    assert all(one.count_b.sum() == one.modes for one in scaling.states_sp[0])
+    assert scaling.names[-1] == "plateau_edge" and "plateau_edge_error" in scaling.to_csv()
 
 
 def test_an_exact_power_law_is_found_with_no_error_and_only_where_it_is_fitted():
     pressure = np.array([1e-2, 1e-3, 1e-4, 1e-5])
     value = 3.0 * pressure**0.5
+    # where N shows
     value[2:] = 7.0
     fit = made(np.stack([value, value, value]), pressure).fit("shear_modulus")
     assert fit.exponent == pytest.approx(0.5, abs=1e-12) and fit.prefactor == pytest.approx(3.0)
@@ -92,7 +142,10 @@ def test_packings_that_did_not_come_to_rest_are_left_out():
         (lambda: pm.jamming_scaling(starts(1) + starts(1, 32)), r"scenes\[1\] must have 64 particles"),
         (lambda: pm.jamming_scaling(starts(1), [1e-2, -1.0]), "pressures must be positive"),
         (lambda: made(np.ones((1, 2)), [1e-2, 1e-3]).fit("speed"), "name must be one of"),
-        (lambda: made(np.ones((1, 2)), [1e-2, 1e-3]).fit("residual", pressure_from=5e-3), "at least two pressures"),
+        (lambda: made(np.ones((1, 2)), [1e-2, 1e-3]).fit("residual", smallest=5e-3), "at least 2 levels, got 1"),
+        (lambda: made(np.ones((1, 3)), [1, 2, 3]).fit("residual", corrected=True), "at least 4 levels, got 3"),
+        (lambda: made(np.ones((1, 2)), [1e-2, 1e-3]).fit("residual", over="time"), "over must be one of"),
+        (lambda: pm.jamming_scaling(starts(1), [1e-2], distances=[1e-2]), "distances must be left out"),
         (lambda: made(-np.ones((1, 2)), [1e-2, 1e-3]).fit("residual"), "residual must be positive on average"),
     ],
 )

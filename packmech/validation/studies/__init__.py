@@ -15,6 +15,7 @@ from packmech.validation.studies import (
     gap_tolerance,
     integrators,
     jamming_programs,
+    minima,
     minimizers,
     reaffixing,
     shear_time_step,
@@ -42,7 +43,14 @@ class Table(Protocol):
         """Write its picture."""
 
 
-Study = Callable[[Progress], tuple[Table, str]]
+Found = tuple[Table, str]
+# the folder is where studies that take long keep their rows
+Study = Callable[[Progress, Path], Found]
+
+
+def _in_one_go(run: Callable[[Progress], Found], progress: Progress, folder: Path) -> Found:
+    """Run a study that keeps nothing on the way."""
+    return run(progress)
 
 
 def studies() -> dict[str, Study]:
@@ -52,10 +60,10 @@ def studies() -> dict[str, Study]:
     --------
     >>> list(studies())
     ['minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', 'jamming_2d', 'jamming_3d', 'gap_tolerance',
-     'shear_time_step', 'integrators', 'effect_costs', 'contact_distance']
+     'shear_time_step', 'integrators', 'effect_costs', 'contact_distance', 'minima']
 
     """
-    return {
+    short: dict[str, Callable[[Progress], Found]] = {
         "minimizers": minimizers.run,
         "constraint_bases": constraint_bases.run,
         "exact_hessian": exact_hessian.run,
@@ -67,4 +75,8 @@ def studies() -> dict[str, Study]:
         "integrators": integrators.run,
         "effect_costs": effect_costs.run,
         "contact_distance": contact_distance.run,
+    }
+    return {
+        **{name: partial(_in_one_go, run) for name, run in short.items()},
+        "minima": minima.run,
     }

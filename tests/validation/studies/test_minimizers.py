@@ -62,4 +62,4 @@ def test_the_error_of_the_shear_modulus_is_relative():
 
 
 def test_the_study_is_found_by_name():
-    assert studies()["minimizers"] is study.run
+    assert studies()["minimizers"].args == (study.run,)
