@@ -22,7 +22,7 @@ HONOR = {
     "bead_packing", "classify_jamming",
     "anneal_shape", "bond_orientational_order", "contact_statistics", "correlation_function", "find_neighbors",
     "force_chains", "force_distribution", "nematic_order", "pair_distribution", "partial_structure_factors",
-    "participation_ratio", "spectral_density", "structure_factor",
+    "spectral_density", "structure_factor",
 }  # fmt: skip
 
 

@@ -377,8 +377,8 @@ class ShellAverage:
     error_b: NDArray[np.float64]
     count_b: NDArray[np.int64]
 
-    def power_law(self, k_min: float, k_max: float) -> PowerLawFit:
-        """Return the fit of amplitude * k^exponent between two wave numbers, see `PowerLawFit`.
+    def power_law(self, k_min: float, k_max: float) -> SpectrumFit:
+        """Return the fit of amplitude * k^exponent between two wave numbers, see `SpectrumFit`.
 
         Parameters
         ----------
@@ -413,7 +413,7 @@ class ShellAverage:
         off = weight * (v - np.polyval(parabola, k))
         wide = float(off @ off) / max(len(k) - 3, 1)
         peak = float(self.value_b.max())
-        return PowerLawFit(
+        return SpectrumFit(
             exponent=float(line[0]),
             exponent_error=math.sqrt(scatter * covariance[0, 0]),
             amplitude=float(np.exp(line[1])),
@@ -433,7 +433,7 @@ class ShellAverage:
 
 
 @dataclass(frozen=True)
-class PowerLawFit:
+class SpectrumFit:
     """How a structure factor or spectral density falls towards small wave numbers, in a window.
 
     A window says nothing of what lies below it.

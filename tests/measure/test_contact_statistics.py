@@ -139,7 +139,7 @@ def test_chains_do_not_know_turned_axes_or_the_names_of_particles():
 def test_participation_counts_turns_and_lies_between_one_particle_and_all(shapes):
     scene = jammed(shapes)
     modes = pm.normal_modes(scene)
-    found = pm.participation_ratio(scene.packing, modes)
+    found = modes.participation_m
     energy = scene.packing.mass_n * ((modes.displacement_mnd**2).sum(axis=2) + (modes.turn_mnk**2).sum(axis=2))
     # modes are normalized in the mass metric, turns included: without them the sum would fall short
     np.testing.assert_allclose(energy.sum(axis=1), 1.0, rtol=1e-10)
@@ -150,8 +150,5 @@ def test_participation_counts_turns_and_lies_between_one_particle_and_all(shapes
 def test_waves_along_a_crystal_take_part_by_two_thirds_or_whole():
     """Of pairs of standing waves, each mode is a mixture whose ratio lies between 2/3 and 1, by closed form."""
     crystal = pm.lattice_packing("triangular", repeats=(5, 1))
-    modes = pm.normal_modes(pm.Scene(crystal, (pm.Repulsion(),)))
-    found = pm.participation_ratio(crystal, modes)
+    found = pm.normal_modes(pm.Scene(crystal, (pm.Repulsion(),))).participation_m
     assert ((found > 2.0 / 3.0 - 1e-9) & (found < 1.0 + 1e-9)).all()
-    with pytest.raises(ValueError, match="modes must be those of the packing"):
-        pm.participation_ratio(pm.lattice_packing("square", repeats=(2, 2)), modes)

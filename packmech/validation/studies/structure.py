@@ -272,7 +272,7 @@ def measure_spectrum(packings: Sequence[pm.Packing], *, k_max: float = 12.0, wid
     return Spectrum(packings[0].particles, len(packings), diameter, *shells)
 
 
-def draw_spectrum(found: Spectrum, fit: pm.PowerLawFit, path: Path) -> None:
+def draw_spectrum(found: Spectrum, fit: pm.SpectrumFit, path: Path) -> None:
     """Write the figure: spectral density and structure factor over the wave number, and the power law in its window."""
     with styled_figure(path, (9.6, 4.2)) as figure:
         left, right = figure.subplots(1, 2)
