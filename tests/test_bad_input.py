@@ -34,6 +34,10 @@ RESULTS = {
     "WallModuli",
     "WorkPrecision",
     "QuarticModes", "ShapeContacts",
+    "Avalanche", "BondOrder", "ContactChange", "ContactStatistics", "Correlation", "CorrelationLength",
+    "Ensemble", "FamilyChange", "ForceChains", "ForceDistribution", "GroupStatistics", "Histogram", "Neighbors",
+    "NematicOrder", "PairDistribution", "PartialStructureFactors", "PowerLawFit", "QuasistaticShear",
+    "ShearFamilies", "ShellAverage", "SpectrumFit",
     "particle_shear",
 }  # fmt: skip
 
