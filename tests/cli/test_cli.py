@@ -240,7 +240,7 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
             ("accuracy", "guess"),
             "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', "
             "'jamming_2d', 'jamming_3d', 'gap_tolerance', 'shear_time_step', 'integrators', 'effect_costs', "
-            "'contact_distance', got",
+            "'contact_distance', 'minima', got",
         ),
         (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
     ],
@@ -354,7 +354,7 @@ def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
     from packmech.cli import accuracy as verb
     from packmech.validation.work_precision import work_precision
 
-    def halves(progress):
+    def halves(progress, folder):
         return work_precision(lambda step: 1.0 + step, (0.5, 0.25), 1.0, progress=progress), "It halves."
 
     monkeypatch.setattr(verb, "studies", lambda: {"halves": halves})
