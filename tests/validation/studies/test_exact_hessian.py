@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.effects import contact_terms
 from packmech.validation.studies import exact_hessian as study
 from packmech.validation.studies.exact_hessian import at_rest, finite_tangent, kept_step, second_difference
 from packmech.validation.work_precision import Answer, work_precision
@@ -29,9 +30,12 @@ def test_exact_energy_tangent_is_the_second_difference_of_the_energy_at_rest_aga
     step = kept_step(scene, 1e-3)
     exact, paper = (pm.elastic_moduli(scene, kind=kind).energy for kind in study.KINDS)
     far, near = (study.relative(exact, second_difference(scene, part * step)) for part in (1.0, 0.5))
-    # where contacts are kept for small steps only, rounding of four energies shows in their second difference
-    volume = scene.packing.box.volume
-    rounding = 4.0 * np.finfo(float).eps * pm.energy(scene) / (0.5 * step) ** 2 / volume / np.abs(exact).max()
+    # where contacts are kept for small steps only, rounding of four energies shows in their second difference: of the
+    # distances of contacts, which is that of coordinates, times their forces
+    contacts = pm.find_contacts(scene.packing)
+    force_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    energy = np.finfo(float).eps * np.abs(scene.packing.position_nd).max() * np.sqrt((force_c**2).sum())
+    rounding = 4.0 * energy / (0.5 * step) ** 2 / scene.packing.box.volume / np.abs(exact).max()
     assert near == pytest.approx(far / 4.0, rel=0.1, abs=2.0 * rounding)
     fine = second_difference(scene, min(step, 1e-4))
     assert study.relative(exact, fine) <= 1e-6
