@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -82,9 +82,12 @@ def integer_array(
     name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
 ) -> NDArray[np.int64]:
     """Return the value as a new int64 array after checking that it holds whole numbers in the required shape."""
-    given = np.asarray(value)
-    if given.dtype.kind not in "iu" and given.size:
-        raise TypeError(f"{name} must be an array of integers, got {_brief(value)}")
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "iu" and given.size:
+            raise TypeError
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be an array of integers, got {_brief(value)}") from None
     return finite_array(name, given, shape=shape, what=what, empty=True).astype(np.int64)
 
 
@@ -182,6 +185,23 @@ def function(name: str, value: Any) -> None:
     """
     if not callable(value):
         raise TypeError(f"{name} must be a function, got {_brief(value)}")
+
+
+def listed(name: str, value: Any, what: str) -> list[Any]:
+    """Return the entries of a sequence after checking that it is one, and no text; `what` it holds, for the message."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise TypeError(f"{name} must be a sequence of {what}, got {_brief(value)}")
+    return list(value)
+
+
+def bin_edges(name: str, value: Any) -> int | NDArray[np.float64]:
+    """Return how many bins of equal width there are to be, or their edges after checking that they increase."""
+    if isinstance(value, int | np.integer):
+        return integer(name, value, at_least=1)
+    edge = finite_array(name, value, shape=(None,), what="edge")
+    if len(edge) < 2 or (np.diff(edge) <= 0.0).any():
+        raise ValueError(f"{name} must be a number or at least two increasing edges, got {_brief(edge.tolist())}")
+    return edge
 
 
 def table(name: str, value: Any) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import integer
+from packmech.check import instance, integer
 
 Grid = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
@@ -151,9 +151,9 @@ def _plain(name: str, value: Any) -> Any:
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(name, one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"{name} must be finite, got {value!r}")
+        raise ValueError(f"grid[{name!r}] must be finite, got {value!r}")
     if value is not None and not isinstance(value, bool | int | float | str):
-        raise TypeError(f"{name} must be a number, a text, a truth value or a list of these, got {value!r}")
+        raise TypeError(f"grid[{name!r}] must be a number, a text, a truth value or a list of these, got {value!r}")
     return value
 
 
@@ -210,12 +210,13 @@ def part_of(members: Sequence[Member], part: str | None) -> list[Member]:
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         If it is no such text.
 
     """
     if part is None:
         return list(members)
+    instance("part", part, str)
     found = _PART.fullmatch(part)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         raise ValueError(f"part must be K/N with K from 1 to N, got {part!r}")
