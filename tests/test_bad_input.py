@@ -601,7 +601,7 @@ BAD = {
     "smallest_face": NOT_NEGATIVE,
     "value_n": [None, "v", 3.0, [], [1.0], np.full(9, NAN), np.full(9, 1j * INF), np.zeros((9, 2, 2), dtype=object)],
     "r_max": [*POSITIVE, 1e9],
-    "r_b": [None, "r", 3.0, [], [0.0, NAN], [[0.0]], np.zeros(5), np.arange(4.0)[::-1]],
+    "r_b": [None, "r", 3.0, [], [0.0, NAN], [[0.0]], np.zeros(5), np.arange(5.0)[::-1]],
     "value_b": [None, "v", 3.0, [], [1.0], np.full(5, INF), np.zeros((5, 1)), [[1.0], [1.0, 2.0]]],
     "count_b": [None, "c", 3.0, [], [1.0], np.full(5, NAN), np.full(5, -1), np.zeros((5, 1))],
     "r_min": [NAN, INF, "1", None, True],
@@ -648,17 +648,20 @@ BAD = {
     "resume_ensemble.folder": [3, 1.5, None],
     "run_ensemble.folder": [3, 1.5, None],
     "job": [3, None, touching(), scene(), lambda seed: seed, "math:no_such_name", "no_such_module:run", "no_such.py:f"],
-    "grid": [3, "x", None, [], [3], {}, {"x": []}, {"x": NAN}, {"x": object()}, {3: 1.0}, {"a b": 1.0}, {"y": 1.0}],
+    "grid": [
+        3, "x", None, touching(), [], [3], [np.eye(2)], {}, {"y1": []}, {"y1": NAN}, {"y1": touching()}, {3: 1.0},
+        {"a b": 1.0}, {"y": 1.0}, {"y1": 1}, {"y1": [1, 1], "y2": 2}, {"y1": 1, "y1.x": 2},
+    ],
     "executor": [3, "threads", concurrent.futures.ThreadPoolExecutor],
     "workers": COUNT,
     "group": COUNT,
     "part": ["3", "0/2", "3/2", 3, 0.5, ("1", "2")],
     "retry": SWITCH,
     "members": [3, "x", ["no such folder"], [3], [["x"]]],
-    "measures": [3, "value", [3], [None], [abs], [lambda scene: 1.0]],
+    "measures": [3, "value", [3], [touching()], [None], [abs], [lambda scene: 1.0]],
     "seeding": CHOICE,
     "keep_packings": SWITCH,
-    "load": [3, "file.py", None, [3], ["no such file.py"], [__file__ + "c"]],
+    "load": [3, "file.py", None, [3], [touching()], ["no such file.py"], [__file__ + "c"]],
 }  # fmt: skip
 
 

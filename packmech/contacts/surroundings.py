@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
-from packmech.check import instance, one_of, positive, real
+from packmech.check import brief, instance, one_of, positive, real
 from packmech.contacts.network import candidate_pairs, find_contacts, gap_limit
 from packmech.contacts.shape_contacts import find_shape_contacts
 from packmech.honors import honors
@@ -229,7 +229,7 @@ def find_neighbors(
     instance("packing", packing, Packing)
     one_of("rule", rule, RULES)
     if ("cutoff" in rule) != (cutoff is not None):
-        raise ValueError(f"cutoff must be given for the rules with one only, got {cutoff!r} for {rule!r}")
+        raise ValueError(f"cutoff must be given for the rules with one only, got {brief(cutoff)} for {rule!r}")
     smallest = real("smallest_face", smallest_face, at_least=0.0)
     gap_limit(gap_tolerance)
     if rule == "voronoi":

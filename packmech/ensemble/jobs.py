@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech
-from packmech.check import instance, listed, one_of
+from packmech.check import brief, instance, listed, one_of
 from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, Outcome
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
@@ -87,7 +87,7 @@ def job_table(
         tables, folder = read_scene_tables(job)
         name = os.fspath(job)
     else:
-        raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {job!r}")
+        raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {brief(job)}")
     if "drive" not in tables:
         raise ValueError(f"job must be a scene with a drive, got {name!r} without")
     # only packings in other files are looked for beside the scene's
@@ -100,7 +100,7 @@ def _measure(measure: Any) -> Any:
         found = _named_function(measure)
         return measure if found is None else found
     if not callable(measure):
-        raise TypeError(f"measures must be names or functions, got {measure!r}")
+        raise TypeError(f"measures must be names or functions, got {brief(measure)}")
     return _reference("measures", measure)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from packmech.check import function, instance, integer, listed, positive
+from packmech.check import brief, function, instance, integer, listed, positive
 from packmech.ensemble.folder import FolderError, find, listed_members, make_members, prepare, read_job
 from packmech.ensemble.jobs import check_parameters, job_table
 from packmech.ensemble.members import Grid, Member, members_of, part_of
@@ -223,7 +223,7 @@ def resume_ensemble(
     if members is not None:
         known = {one.id: one for one in there}
         names = listed("members", members, "names of folders")
-        unknown = [str(name) for name in names if not isinstance(name, str) or name not in known]
+        unknown = [brief(name) for name in names if not isinstance(name, str) or name not in known]
         if unknown:
             raise ValueError(f"members must be folders in {place}, got {', '.join(unknown)}")
         there = [known[name] for name in names]
@@ -234,7 +234,7 @@ def resume_ensemble(
 
 def _folder(folder: Any) -> Path:
     if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a path, got {folder!r}")
+        raise TypeError(f"folder must be a path, got {brief(folder)}")
     if os.environ.get(INSIDE):
         raise ValueError(
             "job must not run an ensemble itself; a script that does needs its call below if __name__ == '__main__':"
@@ -260,7 +260,7 @@ def _settings(
     """Return how members are run, after checking it."""
     if executor is not None:
         if isinstance(executor, type):
-            raise TypeError(f"executor must be an executor, not its class, got {executor!r}")
+            raise TypeError(f"executor must be an executor, not its class, got {brief(executor)}")
         function("executor.submit", getattr(executor, "submit", None))
         if workers is not None:
             raise ValueError(f"workers must be left out where an executor is given, got {workers!r}")

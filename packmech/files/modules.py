@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from packmech.check import listed
+from packmech.check import brief, listed
 
 
 def load_modules(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
@@ -23,7 +23,7 @@ def load_modules(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
     files: list[Path] = []
     for one in listed("load", paths, "paths"):
         if not isinstance(one, str | os.PathLike):
-            raise TypeError(f"load must hold paths, got {one!r}")
+            raise TypeError(f"load must hold paths, got {brief(one)}")
         path = Path(one)
         if path.suffix != ".py" or not path.is_file():
             raise ValueError(f"load must name an existing Python file, got {str(path)!r}")

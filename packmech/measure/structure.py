@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, positive, real
+from packmech.check import brief, finite_array, instance, integer, positive, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
@@ -309,9 +309,9 @@ def _components(value_n: ArrayLike, particles: int) -> NDArray[np.float64]:
     try:
         value = np.asarray(value_n)
     except ValueError:
-        raise TypeError(f"value_n must be an array of numbers, got {value_n!r}") from None
+        raise TypeError(f"value_n must be an array of numbers, got {brief(value_n)}") from None
     if not value.ndim or not len(value):
-        raise ValueError(f"value_n must have one entry for each of {particles} particles, got {value_n!r}")
+        raise ValueError(f"value_n must have one entry for each of {particles} particles, got {brief(value_n)}")
     part = np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
     return finite_array("value_n", part.reshape(len(part), -1), shape=(particles, None))
 
@@ -431,7 +431,7 @@ def correlation_length(
     try:
         full = np.asarray(value_b, dtype=np.float64)
     except (TypeError, ValueError):
-        raise TypeError(f"value_b must be an array of real numbers, got {value_b!r}") from None
+        raise TypeError(f"value_b must be an array of real numbers, got {brief(value_b)}") from None
     value = finite_array("value_b", np.where(np.isnan(full), 0.0, full), shape=(len(r),), what="bin")
     start, apart = real("r_min", r_min), real("separation", separation, at_least=0.0)
     top = np.flatnonzero((value[1:-1] > value[:-2]) & (value[1:-1] >= value[2:])) + 1
