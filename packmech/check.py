@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,7 @@ def finite_array(
             raise TypeError
         array = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be an array of real numbers, got {_brief(value)}") from None
+        raise TypeError(f"{name} must be an array of real numbers, got {brief(value)}") from None
     if array.ndim != len(shape) or any(
         want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
     ):
@@ -82,13 +82,17 @@ def integer_array(
     name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
 ) -> NDArray[np.int64]:
     """Return the value as a new int64 array after checking that it holds whole numbers in the required shape."""
-    given = np.asarray(value)
-    if given.dtype.kind not in "iu" and given.size:
-        raise TypeError(f"{name} must be an array of integers, got {_brief(value)}")
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "iu" and given.size:
+            raise TypeError
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be an array of integers, got {brief(value)}") from None
     return finite_array(name, given, shape=shape, what=what, empty=True).astype(np.int64)
 
 
-def _brief(value: object) -> str:
+def brief(value: object) -> str:
+    """Return a value in one short line, for messages."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -110,13 +114,13 @@ def real(
     ]
     text = " ".join(["a finite number", " and ".join(required)]).strip()
     if isinstance(value, bool | np.bool_ | str | bytes):
-        raise TypeError(f"{name} must be {text}, got {_brief(value)}")
+        raise TypeError(f"{name} must be {text}, got {brief(value)}")
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be {text}, got {_brief(value)}") from None
+        raise TypeError(f"{name} must be {text}, got {brief(value)}") from None
     if not math.isfinite(number) or number <= above or number < at_least or number >= below or number > at_most:
-        raise ValueError(f"{name} must be {text}, got {_brief(value)}")
+        raise ValueError(f"{name} must be {text}, got {brief(value)}")
     return number
 
 
@@ -134,7 +138,7 @@ def integer(name: str, value: Any, *, at_least: int | None = None, at_most: int 
     try:
         number = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name} must be {text}, got {_brief(value)}") from None
+        raise TypeError(f"{name} must be {text}, got {brief(value)}") from None
     if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
         raise ValueError(f"{name} must be {text}, got {number}")
     return number
@@ -143,7 +147,7 @@ def integer(name: str, value: Any, *, at_least: int | None = None, at_most: int 
 def two_axes(name: str, value: Any, *, dimension: int = 3, different: bool = True) -> tuple[int, int]:
     """Return the two axes of a strain after checking that the box has them, and that they differ where they must."""
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise TypeError(f"{name} must be two axes, got {_brief(value)}")
+        raise TypeError(f"{name} must be two axes, got {brief(value)}")
     first, second = (integer(name, axis, at_least=0, at_most=dimension - 1) for axis in value)
     if different and first == second:
         raise ValueError(f"{name} must be two different axes, got {value}")
@@ -154,7 +158,7 @@ def one_of(name: str, value: Any, choices: Collection[str]) -> str:
     """Return the value after checking that it is one of the named choices."""
     if not isinstance(value, str) or value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}, got {_brief(value)}")
+        raise ValueError(f"{name} must be one of {listed}, got {brief(value)}")
     return value
 
 
@@ -168,7 +172,7 @@ def instance(name: str, value: Any, kind: type, article: str = "a") -> None:
 
     """
     if not isinstance(value, kind):
-        raise TypeError(f"{name} must be {article} {kind.__name__}, got {_brief(value)}")
+        raise TypeError(f"{name} must be {article} {kind.__name__}, got {brief(value)}")
 
 
 def function(name: str, value: Any) -> None:
@@ -181,7 +185,24 @@ def function(name: str, value: Any) -> None:
 
     """
     if not callable(value):
-        raise TypeError(f"{name} must be a function, got {_brief(value)}")
+        raise TypeError(f"{name} must be a function, got {brief(value)}")
+
+
+def listed(name: str, value: Any, what: str) -> list[Any]:
+    """Return the entries of a sequence after checking that it is one, and no text; `what` it holds, for the message."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise TypeError(f"{name} must be a sequence of {what}, got {brief(value)}")
+    return list(value)
+
+
+def bin_edges(name: str, value: Any) -> int | NDArray[np.float64]:
+    """Return how many bins of equal width there are to be, or their edges after checking that they increase."""
+    if isinstance(value, int | np.integer):
+        return integer(name, value, at_least=1)
+    edge = finite_array(name, value, shape=(None,), what="edge")
+    if len(edge) < 2 or (np.diff(edge) <= 0.0).any():
+        raise ValueError(f"{name} must be a number or at least two increasing edges, got {brief(edge.tolist())}")
+    return edge
 
 
 def table(name: str, value: Any) -> None:
@@ -194,4 +215,4 @@ def table(name: str, value: Any) -> None:
 
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise TypeError(f"{name} must be a mapping from names, got {_brief(value)}")
+        raise TypeError(f"{name} must be a mapping from names, got {brief(value)}")

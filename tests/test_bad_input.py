@@ -4,7 +4,9 @@ A new public name is covered as soon as it is public: the tests read its signatu
 by ``name.parameter`` first, then by the parameter's own name. What is missing there fails the test of completeness.
 """
 
+import concurrent.futures
 import dataclasses
+import functools
 import inspect
 import re
 from typing import NamedTuple
@@ -102,6 +104,17 @@ def ellipses():
 
 def pressed():
     return scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3))
+
+
+def crystal():
+    return pm.lattice_packing("triangular", repeats=(3, 3))
+
+
+@functools.cache
+def hard_packing():
+    """Return a jammed packing of few particles."""
+    start = pm.random_packing(5, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.6, seed=1)
+    return pm.jam(pm.Scene(start, (pm.Repulsion(),)), strain="isotropic").packing
 
 
 def traced():
@@ -580,6 +593,75 @@ BAD = {
     "orders": [*COUNT, None],
     "processes": [*COUNT, None],
     "folder": [3, 1.5],
+    # surroundings and structure
+    "degree": [0, -1, 41, 2.5, "6", None, True],
+    "neighbors": ["nearest", 3, None, pm.find_neighbors(lone_particle(), "contact")],
+    "find_neighbors.rule": CHOICE,
+    "cutoff": POSITIVE,
+    "smallest_face": NOT_NEGATIVE,
+    "value_n": [None, "v", 3.0, [], [1.0], np.full(9, NAN), np.full(9, 1j * INF), np.zeros((9, 2, 2), dtype=object)],
+    "r_max": [*POSITIVE, 1e9],
+    "r_b": [None, "r", 3.0, [], [0.0, NAN], [[0.0]], np.zeros(5), np.arange(5.0)[::-1]],
+    "value_b": [None, "v", 3.0, [], [1.0], np.full(5, INF), np.zeros((5, 1)), [[1.0], [1.0, 2.0]]],
+    "count_b": [None, "c", 3.0, [], [1.0], np.full(5, NAN), np.full(5, -1), np.zeros((5, 1))],
+    "r_min": [NAN, INF, "1", None, True],
+    "separation": NOT_NEGATIVE,
+    "largest": POSITIVE,
+    "force_chains.angle": [NAN, 0.0, -1.0, 90.5, "1", None, True, [45.0]],
+    "index_kd": [None, "k", 3, [1, 0], [[0.5, 0.0]], [[NAN, 0.0]], [[1, 0, 0]], [[1, 0], [1]], [[True, False]]],
+    **{
+        f"{one}.index_kd": [None, "k", 3, [1, 0], [[0.5, 0.0]], [[NAN, 0.0]], [[1, 0, 0]], [[1, 0], [1]], [[10**9, 0]]]
+        for one in ("structure_factor", "partial_structure_factors", "spectral_density")
+    },
+    "shell_average.index_kd": [None, "k", 3, [1, 0], [[0.5, 0.0]], [[1, 0, 0]], [[1, 0], [1]], [[0, 0], [0, 0]]],
+    "value_k": [None, "v", 3.0, [], [1.0], [1.0, NAN], [[1.0], [1.0]]],
+    "width": POSITIVE,
+    "wave_indices.k_max": [*POSITIVE, 1e9],
+    "half": SWITCH,
+    "spectral_density.packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2)],
+    "nematic_order.packing": [None, "packing", 3, np.zeros((2, 2)), touching()],
+    # shapes and shear of jammed packings
+    "aspects": [3, "1.1", None, [], [0.0], [-1.0], [NAN], [[1.1]], ["1.1"]],
+    **{
+        f"{one}.{name}": values
+        for one in ("shear_families", "quasistatic_shear")
+        for name, values in {
+            "applied_strain": [NAN, INF, "1", None, True, [0.1]],
+            "axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
+        }.items()
+    },
+    "shear_families.packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2), lone_particle()],
+    "keep": [3, "0", None, [NAN], [-0.1], [0.2], ["0"], [[0.0]]],
+    "locate": CHOICE,
+    "states": SWITCH,
+    "changes": [3, "packing", [1], {3: 1}],
+    # ensembles
+    "bootstrap.value_r": ["v", None, 3.0, [NAN], [[1.0]]],
+    "statistic": CHOICE,
+    "ensemble": [3, None, "ensemble", touching()],
+    "by": [3, "seed", [3], ["no such name"], ["state"]],
+    "size_g": [None, "s", 3.0, [], [1.0, 2.0, 2.0], [0.0, 1.0, 2.0], [1.0, 2.0, NAN], [[1.0, 2.0, 3.0]]],
+    "value_g": [None, "v", 3.0, [], [1.0, 2.0], [1.0, 2.0, 0.0], [1.0, 2.0, NAN], [[1.0, 2.0, 3.0]]],
+    "error_g": [None, "e", 3.0, [], [1.0, 2.0], [1.0, 2.0, 0.0], [1.0, 2.0, NAN], [[1.0, 2.0, 3.0]]],
+    "fit_power_law.exponent": [NAN, INF, 0.0, "2", True, [1.0]],
+    "read_ensemble.folder": [3, 1.5, None],
+    "resume_ensemble.folder": [3, 1.5, None],
+    "run_ensemble.folder": [3, 1.5, None],
+    "job": [3, None, touching(), scene(), lambda seed: seed, "math:no_such_name", "no_such_module:run", "no_such.py:f"],
+    "grid": [
+        3, "x", None, touching(), [], [3], [np.eye(2)], {}, {"y1": []}, {"y1": NAN}, {"y1": touching()}, {3: 1.0},
+        {"a b": 1.0}, {"y": 1.0}, {"y1": 1}, {"y1": [1, 1], "y2": 2}, {"y1": 1, "y1.x": 2},
+    ],
+    "executor": [3, "threads", concurrent.futures.ThreadPoolExecutor],
+    "workers": COUNT,
+    "group": COUNT,
+    "part": ["3", "0/2", "3/2", 3, 0.5, ("1", "2")],
+    "retry": SWITCH,
+    "members": [3, "x", ["no such folder"], [3], [["x"]]],
+    "measures": [3, "value", [3], [touching()], [None], [abs], [lambda scene: 1.0]],
+    "seeding": CHOICE,
+    "keep_packings": SWITCH,
+    "load": [3, "file.py", None, [3], [touching()], ["no such file.py"], [__file__ + "c"]],
 }  # fmt: skip
 
 
@@ -734,6 +816,28 @@ def good(name, folder):
         "Recording": {"path": folder / "steps.rrd", "scene": scene()},
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
         "record_motion": {"played": pm.play_motion(touching(), np.eye(9, 2), steps=2), "path": folder / "m.rrd"},
+        "bond_orientational_order": {"packing": touching()},
+        "find_neighbors": {"packing": touching(), "rule": "cutoff", "cutoff": 1.2},
+        "nematic_order": {"packing": ellipses()},
+        "correlation_function": {"packing": touching(), "value_n": np.arange(9.0), "r_max": 1.1},
+        "correlation_length": {"r_b": np.arange(5.0), "value_b": np.zeros(5), "count_b": np.ones(5)},
+        "pair_distribution": {"packing": touching(), "r_max": 1.1},
+        "structure_factor": {"packing": touching(), "index_kd": [[1, 0], [0, 1]]},
+        "partial_structure_factors": {"packing": touching(), "index_kd": [[1, 0], [0, 1]]},
+        "spectral_density": {"packing": crystal(), "index_kd": [[1, 0], [0, 1]]},
+        "shell_average": {"box": pm.Box.cubic(2.0, 2), "index_kd": [[1, 0], [0, 1]], "value_k": [1.0, 2.0]},
+        "wave_indices": {"box": pm.Box.cubic(2.0, 2), "k_max": 4.0},
+        "wave_vectors": {"box": pm.Box.cubic(2.0, 2), "index_kd": [[1, 0], [0, 1]]},
+        "anneal_shape": {"scene": pressed(), "aspects": [1.05], "seed": 1, "pressure": 1e-3},
+        "quasistatic_shear": {"scene": pressed(), "applied_strain": 1e-3},
+        "shear_families": {"packing": hard_packing(), "applied_strain": 1e-3},
+        "bootstrap": {"value_r": [1.0, 2.0], "draws": 10},
+        "histogram": {"value_r": [1.0, 2.0]},
+        "fit_power_law": {"size_g": [1.0, 2.0, 4.0], "value_g": [4.0, 2.0, 1.0], "error_g": [0.1, 0.1, 0.1]},
+        "group_statistics": {"ensemble": pm.read_ensemble(folder / "ensemble"), "name": "value", "draws": 10},
+        "read_ensemble": {"folder": folder / "ensemble"},
+        "resume_ensemble": {"folder": folder / "ensemble"},
+        "run_ensemble": {"job": "calendar:leapdays", "grid": {"y1": 2000, "y2": 2010}, "folder": folder / "ensemble"},
         "law": {"cls": type(pm.Harmonic())},
         "effect": {"cls": type(pm.Repulsion())},
         "minimizer": {"cls": Downhill},
@@ -800,6 +904,7 @@ def folder(tmp_path_factory):
     pm.write_packing(touching(), made / "a.npz", law=pm.Harmonic())
     pm.simulate(scene(), steps=2, checkpoint=made / "run.npz")
     pm.write_table(traced(), made / "a.csv")
+    pm.run_ensemble("calendar:leapdays", {"y1": 2000, "y2": 2010}, made / "ensemble", workers=1)
     return made
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
-from packmech.check import instance, one_of, positive, real
+from packmech.check import brief, instance, one_of, positive, real
 from packmech.contacts.network import candidate_pairs, find_contacts, gap_limit
 from packmech.contacts.shape_contacts import find_shape_contacts
 from packmech.honors import honors
@@ -229,11 +229,12 @@ def find_neighbors(
     instance("packing", packing, Packing)
     one_of("rule", rule, RULES)
     if ("cutoff" in rule) != (cutoff is not None):
-        raise ValueError(f"cutoff must be given for the rules with one only, got {cutoff!r} for {rule!r}")
+        raise ValueError(f"cutoff must be given for the rules with one only, got {brief(cutoff)} for {rule!r}")
+    smallest = real("smallest_face", smallest_face, at_least=0.0)
+    gap_limit(gap_tolerance)
     if rule == "voronoi":
-        return _voronoi(packing, real("smallest_face", smallest_face, at_least=0.0))
+        return _voronoi(packing, smallest)
     if rule == "contact":
-        gap_limit(gap_tolerance)
         find = find_contacts if packing.shapes is None else find_shape_contacts
         touching = find(packing, gap_tolerance=gap_tolerance)
         i, j, image, words = touching.i_c, touching.j_c, touching.image_cd, "contact"

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech
-from packmech.check import one_of
+from packmech.check import brief, instance, listed, one_of
 from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, Outcome
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
+from packmech.files.packings import PathLike
 from packmech.packing import Packing
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene
@@ -47,7 +48,7 @@ def job_table(
     seeding: str = "parameters",
     check: bool = True,
     keep_packings: bool = True,
-    load: Sequence[Path] = (),
+    load: Sequence[PathLike] = (),
 ) -> dict[str, Any]:
     """Return what `run_ensemble` was given as a table that JSON knows.
 
@@ -58,13 +59,17 @@ def job_table(
 
     """
     one_of("seeding", seeding, SEEDING)
-    load_modules(load)
+    instance("check", check, bool)
+    instance("keep_packings", keep_packings, bool)
+    files = load_modules(load)
     table: dict[str, Any] = {
         "seeding": seeding,
-        "check": bool(check),
-        "keep_packings": bool(keep_packings),
-        "load": [str(Path(one).absolute()) for one in load],
-        "measures": None if measures is None else [_measure(one) for one in _list_of_measures(measures)],
+        "check": check,
+        "keep_packings": keep_packings,
+        "load": [str(one.absolute()) for one in files],
+        "measures": None
+        if measures is None
+        else [_measure(one) for one in listed("measures", measures, "names and functions")],
     }
     named = _named_function(job)
     if callable(job) or named is not None:
@@ -82,7 +87,7 @@ def job_table(
         tables, folder = read_scene_tables(job)
         name = os.fspath(job)
     else:
-        raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {job!r}")
+        raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {brief(job)}")
     if "drive" not in tables:
         raise ValueError(f"job must be a scene with a drive, got {name!r} without")
     # only packings in other files are looked for beside the scene's
@@ -90,18 +95,12 @@ def job_table(
     return table | {"scene": tables, "name": Path(name).name, "folder": place}
 
 
-def _list_of_measures(measures: Any) -> list[Any]:
-    if isinstance(measures, str) or not isinstance(measures, Sequence):
-        raise TypeError(f"measures must be a list of names and functions, got {measures!r}")
-    return list(measures)
-
-
 def _measure(measure: Any) -> Any:
     if isinstance(measure, str):
         found = _named_function(measure)
         return measure if found is None else found
     if not callable(measure):
-        raise TypeError(f"measures must be names or functions, got {measure!r}")
+        raise TypeError(f"measures must be names or functions, got {brief(measure)}")
     return _reference("measures", measure)
 
 

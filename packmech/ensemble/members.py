@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import integer
+from packmech.check import brief, instance, integer
 
 Grid = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
@@ -115,11 +115,11 @@ def members_of(grid: Grid) -> list[Member]:
     """
     tables = [grid] if isinstance(grid, Mapping) else grid
     if isinstance(tables, str) or not isinstance(tables, Iterable):
-        raise TypeError(f"grid must be a table of values by name, or a list of them, got {grid!r}")
+        raise TypeError(f"grid must be a table of values by name, or a list of them, got {brief(grid)}")
     found: dict[str, Member] = {}
     for table in tables:
         if not isinstance(table, Mapping) or not table:
-            raise TypeError(f"grid must hold tables of values by name, got {table!r}")
+            raise TypeError(f"grid must hold tables of values by name, got {brief(table)}")
         columns = [_listed(value) for value in table.values()]
         for values in itertools.product(*columns):
             one = member_of(dict(zip(table, values, strict=True)))
@@ -140,7 +140,7 @@ def _listed(value: Any) -> list[Any]:
 
 def _checked(name: Any) -> str:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise ValueError(f"grid must name parameters by words with dots between them, got {name!r}")
+        raise ValueError(f"grid must name parameters by words with dots between them, got {brief(name)}")
     return name
 
 
@@ -151,9 +151,11 @@ def _plain(name: str, value: Any) -> Any:
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(name, one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"{name} must be finite, got {value!r}")
+        raise ValueError(f"grid[{name!r}] must be finite, got {value!r}")
     if value is not None and not isinstance(value, bool | int | float | str):
-        raise TypeError(f"{name} must be a number, a text, a truth value or a list of these, got {value!r}")
+        raise TypeError(
+            f"grid[{name!r}] must be a number, a text, a truth value or a list of these, got {brief(value)}"
+        )
     return value
 
 
@@ -210,12 +212,13 @@ def part_of(members: Sequence[Member], part: str | None) -> list[Member]:
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         If it is no such text.
 
     """
     if part is None:
         return list(members)
+    instance("part", part, str)
     found = _PART.fullmatch(part)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         raise ValueError(f"part must be K/N with K from 1 to N, got {part!r}")

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from packmech.check import function, instance, integer, positive
+from packmech.check import brief, function, instance, integer, listed, positive
 from packmech.ensemble.folder import FolderError, find, listed_members, make_members, prepare, read_job
 from packmech.ensemble.jobs import check_parameters, job_table
 from packmech.ensemble.members import Grid, Member, members_of, part_of
@@ -86,7 +86,7 @@ def run_ensemble(
     seeding: str = "parameters",
     check: bool = True,
     keep_packings: bool = True,
-    load: Sequence[Path] = (),
+    load: Sequence[PathLike] = (),
     workers: int | None = None,
     time_limit: float | None = None,
     memory_limit: float | None = None,
@@ -222,10 +222,11 @@ def resume_ensemble(
     there = listed_members(place)
     if members is not None:
         known = {one.id: one for one in there}
-        unknown = [name for name in members if name not in known]
+        names = listed("members", members, "names of folders")
+        unknown = [brief(name) for name in names if not isinstance(name, str) or name not in known]
         if unknown:
             raise ValueError(f"members must be folders in {place}, got {', '.join(unknown)}")
-        there = [known[name] for name in members]
+        there = [known[name] for name in names]
     settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
     _complete(place, part_of(there, part), settings)
     return read_ensemble(place)
@@ -233,7 +234,7 @@ def resume_ensemble(
 
 def _folder(folder: Any) -> Path:
     if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a path, got {folder!r}")
+        raise TypeError(f"folder must be a path, got {brief(folder)}")
     if os.environ.get(INSIDE):
         raise ValueError(
             "job must not run an ensemble itself; a script that does needs its call below if __name__ == '__main__':"
@@ -258,6 +259,8 @@ def _settings(
 ) -> _Settings:
     """Return how members are run, after checking it."""
     if executor is not None:
+        if isinstance(executor, type):
+            raise TypeError(f"executor must be an executor, not its class, got {brief(executor)}")
         function("executor.submit", getattr(executor, "submit", None))
         if workers is not None:
             raise ValueError(f"workers must be left out where an executor is given, got {workers!r}")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import finite_array, instance, integer, one_of, positive_array
+from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive_array, real
 from packmech.ensemble.table import Ensemble
 
 # what is taken of the values of a group
@@ -56,12 +56,12 @@ def bootstrap(
     value = finite_array("value_r", value_r, shape=(None,), what="value", empty=True)
     of = STATISTICS[one_of("statistic", statistic, STATISTICS)]
     integer("draws", draws, at_least=2)
+    rng = np.random.default_rng(integer("seed", seed, at_least=0))
     least = 2 if statistic == "width" else 1
     if len(value) < least:
         return math.nan, math.nan
     if len(value) == 1:
         return float(of(value)), math.nan
-    rng = np.random.default_rng(integer("seed", seed, at_least=0))
     parts = [min(_AT_ONCE, draws - k) for k in range(0, draws, _AT_ONCE)]
     drawn = np.concatenate([of(value[rng.integers(len(value), size=(part, len(value)))]) for part in parts])
     return float(of(value)), float(drawn.std(ddof=1) * math.sqrt(len(value) / (len(value) - 1.0)))
@@ -145,8 +145,8 @@ def group_statistics(
 
     Raises
     ------
-    KeyError, TypeError, ValueError
-        If there is no such result or parameter.
+    TypeError, ValueError
+        If there is no such result or parameter, or another argument is not what it must be.
 
     Examples
     --------
@@ -160,7 +160,13 @@ def group_statistics(
 
     """
     instance("ensemble", ensemble, Ensemble, "an")
-    names = varied_parameters(ensemble) if by is None else tuple(by)
+    one_of("name", name, ensemble.columns)
+    names = varied_parameters(ensemble) if by is None else tuple(listed("by", by, "names of parameters"))
+    for k, one in enumerate(names):
+        one_of(f"by[{k}]", one, ensemble.parameters)
+    one_of("statistic", statistic, STATISTICS)
+    integer("draws", draws, at_least=2)
+    integer("seed", seed, at_least=0)
     keys = [tuple(row) for row in zip(*(ensemble[one].tolist() for one in names), strict=True)] if names else []
     keys = keys or [()] * len(ensemble)
     groups = {key: np.flatnonzero([one == key for one in keys]) for key in sorted(set(keys))}
@@ -192,6 +198,11 @@ def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] |
     bins
         How many of equal width, or their edges; None: as many as the rule of Freedman and Diaconis says.
 
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
     Examples
     --------
     >>> histogram(np.array([0.0, 1.0, 1.0, 2.0]), bins=2).count_b.tolist()
@@ -199,7 +210,7 @@ def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] |
 
     """
     value = finite_array("value_r", value_r, shape=(None,), what="value")
-    count, edge = np.histogram(value, bins="fd" if bins is None else bins)
+    count, edge = np.histogram(value, bins="fd" if bins is None else bin_edges("bins", bins))
     area = np.diff(edge) * max(1, count.sum())
     return Histogram(edge, count.astype(np.int64), count / area, np.sqrt(count) / area)
 
@@ -233,8 +244,9 @@ def fit_power_law(
 
     Raises
     ------
-    ValueError
-        If there are fewer than three sizes, or values that are not positive where logarithms are taken.
+    TypeError, ValueError
+        If an argument is not what it must be, there are fewer than three sizes, or values that are not positive where
+        logarithms are taken.
 
     Examples
     --------
@@ -259,9 +271,12 @@ def fit_power_law(
         prefactor = math.exp(height) * middle**-slope
         relative = math.hypot(height_error, math.log(middle) * slope_error)
         return PowerLawFit(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
+    power = real("exponent", exponent)
+    if power == 0.0:
+        raise ValueError(f"exponent must differ from zero, where the law is its limit alone, got {exponent!r}")
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
-    (slope, height), (slope_error, height_error), chi = _line(size**exponent, value, error)
-    return PowerLawFit(exponent, 0.0, slope, slope_error, height, height_error, chi)
+    (slope, height), (slope_error, height_error), chi = _line(size**power, value, error)
+    return PowerLawFit(power, 0.0, slope, slope_error, height, height_error, chi)
 
 
 def _line(

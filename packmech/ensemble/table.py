@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import integer
+from packmech.check import brief, integer
 from packmech.ensemble.folder import ARRAYS, WORKSPACE, Found, find, listed_members, read_job
 from packmech.ensemble.members import Member
 from packmech.files.packings import PathLike, read_packing
@@ -164,7 +164,7 @@ def read_ensemble(folder: PathLike) -> Ensemble:
 
     """
     if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a path, got {folder!r}")
+        raise TypeError(f"folder must be a path, got {brief(folder)}")
     place = Path(folder)
     read_job(place)
     return ensemble_of(place, [find(place, one) for one in listed_members(place)])

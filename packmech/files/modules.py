@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
+from packmech.check import brief, listed
 
-def load_modules(paths: Sequence[Path]) -> None:
-    """Import Python files, from their own folders, for what they register.
+
+def load_modules(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
+    """Import Python files, from their own folders, for what they register; return their paths.
 
     Raises
     ------
-    ValueError
-        If there is no such file, another module has its name, or its import fails.
+    TypeError, ValueError
+        If these are no paths, there is no such file, another module has its name, or its import fails.
 
     """
-    for path in paths:
+    files: list[Path] = []
+    for one in listed("load", paths, "paths"):
+        if not isinstance(one, str | os.PathLike):
+            raise TypeError(f"load must hold paths, got {brief(one)}")
+        path = Path(one)
         if path.suffix != ".py" or not path.is_file():
             raise ValueError(f"load must name an existing Python file, got {str(path)!r}")
         folder = str(path.absolute().parent)
@@ -29,3 +36,5 @@ def load_modules(paths: Sequence[Path]) -> None:
             raise ValueError(f"load must name a file that can be imported, got {str(path)!r}: {error}") from error
         if found is None or not path.samefile(found):
             raise ValueError(f"load must name a file that is called as no other module, got {str(path)!r}")
+        files.append(path)
+    return files

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, positive, real
+from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
@@ -114,8 +114,7 @@ def contact_statistics(
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
     number = integer("bins", bins, at_least=1)
-    if rattlers not in ("remove", "keep"):
-        raise ValueError(f"rattlers must be one of 'remove', 'keep', got {rattlers!r}")
+    one_of("rattlers", rattlers, ("remove", "keep"))
     find = find_contacts if packing.shapes is None else find_shape_contacts
     contacts: Contacts | ShapeContacts = find(packing, gap_tolerance=gap_tolerance)
     loose = np.zeros(packing.particles, dtype=bool)

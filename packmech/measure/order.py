@@ -7,13 +7,12 @@ import functools
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer
-from packmech.contacts.surroundings import Neighbors, find_neighbors
+from packmech.check import instance, integer, one_of
+from packmech.contacts.surroundings import RULES, Neighbors, find_neighbors
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
@@ -295,7 +294,13 @@ class BondOrder:
 
 @honors("links shapes", packing_only=True)
 def bond_orientational_order(
-    packing: Packing, degree: int = 6, neighbors: Neighbors | str = "voronoi", **rule: Any
+    packing: Packing,
+    degree: int = 6,
+    neighbors: Neighbors | str = "voronoi",
+    *,
+    cutoff: float | None = None,
+    gap_tolerance: float | None = None,
+    smallest_face: float | None = None,
 ) -> BondOrder:
     """Return the bond orientational order: psi_k in a plane, Q_l and W_l in space, of each particle and of all.
 
@@ -310,8 +315,8 @@ def bond_orientational_order(
         k or l, 1 to 40.
     neighbors
         A rule of `find_neighbors`, whose other arguments are passed on, or the neighbors that it gave.
-    **rule
-        `cutoff`, `gap_tolerance`, `smallest_face`, as in `find_neighbors`.
+    cutoff, gap_tolerance, smallest_face
+        As in `find_neighbors`, for a rule.
 
     Raises
     ------
@@ -330,10 +335,15 @@ def bond_orientational_order(
     """
     instance("packing", packing, Packing)
     number = integer("degree", degree, at_least=1, at_most=_HIGHEST)
+    given: dict[str, float] = {
+        name: value
+        for name, value in (("cutoff", cutoff), ("gap_tolerance", gap_tolerance), ("smallest_face", smallest_face))
+        if value is not None
+    }
     if isinstance(neighbors, str):
-        neighbors = find_neighbors(packing, neighbors, **rule)
-    elif rule:
-        raise TypeError(f"{next(iter(rule))} must be left out where neighbors are given")
+        neighbors = find_neighbors(packing, one_of("neighbors", neighbors, RULES), **given)
+    elif given:
+        raise TypeError(f"{next(iter(given))} must be left out where neighbors are given")
     instance("neighbors", neighbors, Neighbors)
     if neighbors.particles != packing.particles:
         raise ValueError(

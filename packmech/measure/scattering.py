@@ -178,6 +178,7 @@ def wave_indices(box: Box, k_max: float, *, half: bool = False) -> NDArray[np.in
     """
     instance("box", box, Box)
     largest = positive("k_max", k_max)
+    instance("half", half, bool)
     d = box.dimension
     # m = lattice^T k / 2 pi, so an index is at most the vector's length times k over 2 pi; few where vectors are short
     small, change = box.reduced()

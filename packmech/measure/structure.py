@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, positive, real
+from packmech.check import brief, finite_array, instance, integer, positive, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
@@ -304,6 +304,18 @@ class Correlation:
         )
 
 
+def _components(value_n: ArrayLike, particles: int) -> NDArray[np.float64]:
+    """Return the (N, Q) real components of real or complex values of the particles, checked."""
+    try:
+        value = np.asarray(value_n)
+    except ValueError:
+        raise TypeError(f"value_n must be an array of numbers, got {brief(value_n)}") from None
+    if not value.ndim or not len(value):
+        raise ValueError(f"value_n must have one entry for each of {particles} particles, got {brief(value_n)}")
+    part = np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
+    return finite_array("value_n", part.reshape(len(part), -1), shape=(particles, None))
+
+
 @honors("links shapes", packing_only=True)
 def correlation_function(packing: Packing, value_n: ArrayLike, r_max: float = 3.0, bins: int = 60) -> Correlation:
     """Return the correlation <v_i . conj(v_j)> of a quantity of the particles against the distance of their centers.
@@ -336,10 +348,7 @@ def correlation_function(packing: Packing, value_n: ArrayLike, r_max: float = 3.
 
     """
     instance("packing", packing, Packing)
-    value = np.asarray(value_n)
-    part = np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
-    part = part.reshape(len(part), -1) if part.ndim else part
-    part = finite_array("value_n", part, shape=(packing.particles, None))
+    part = _components(value_n, packing.particles)
     given, reach, number = _searched(packing, r_max, bins)
     size = np.sqrt((part**2).sum(axis=1))
     product, both, count = _correlate(*given, part, size, number)
@@ -414,7 +423,16 @@ def correlation_length(
     """
     r = finite_array("r_b", r_b, shape=(None,), what="bin")
     count = finite_array("count_b", count_b, shape=(len(r),), what="bin")
-    value = finite_array("value_b", np.nan_to_num(np.asarray(value_b, dtype=float)), shape=(len(r),), what="bin")
+    if (np.diff(r) <= 0.0).any():
+        b = int(np.argmax(np.diff(r) <= 0.0)) + 1
+        raise ValueError(f"r_b must grow, got {r[b]} after {r[b - 1]} for bin {b}")
+    if (count < 0.0).any():
+        raise ValueError(f"count_b must not be negative, got {count.min()} for bin {int(np.argmin(count))}")
+    try:
+        full = np.asarray(value_b, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"value_b must be an array of real numbers, got {brief(value_b)}") from None
+    value = finite_array("value_b", np.where(np.isnan(full), 0.0, full), shape=(len(r),), what="bin")
     start, apart = real("r_min", r_min), real("separation", separation, at_least=0.0)
     top = np.flatnonzero((value[1:-1] > value[:-2]) & (value[1:-1] >= value[2:])) + 1
     noise = 1.0 / np.sqrt(np.maximum(count, 1.0))

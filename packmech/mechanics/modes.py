@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, one_of
+from packmech.check import bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
@@ -596,13 +596,8 @@ def density_of_states(
 
 
 def _edges(bins: int | ArrayLike, low: float, high: float) -> NDArray[np.float64]:
-    if isinstance(bins, int | np.integer):
-        number = integer("bins", bins, at_least=1)
-        return np.linspace(low, high if high > low else low + 1.0, number + 1)
-    edge = finite_array("bins", bins, shape=(None,), what="edge")
-    if len(edge) < 2 or (np.diff(edge) <= 0.0).any():
-        raise ValueError(f"bins must be a number or at least two increasing edges, got {edge.tolist()}")
-    return edge
+    found = bin_edges("bins", bins)
+    return np.linspace(low, high if high > low else low + 1.0, found + 1) if isinstance(found, int) else found
 
 
 def _ends(operator: Operator) -> tuple[float, float]:

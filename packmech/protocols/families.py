@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import instance, positive, real, two_axes
+from packmech.check import instance, listed, positive, real, two_axes
 from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion
@@ -249,7 +249,7 @@ def shear_families(
     end = real("applied_strain", applied_strain)
     size = positive("step", step)
     pair = two_axes("axes", axes, dimension=packing.dimension)
-    kept = [real(f"keep[{k}]", one) for k, one in enumerate(keep)]
+    kept = [real(f"keep[{k}]", one) for k, one in enumerate(listed("keep", keep, "strains"))]
     for k, one in enumerate(kept):
         if not min(0.0, end) <= one <= max(0.0, end):
             raise ValueError(f"keep[{k}] must lie between 0 and applied_strain, got {one}")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, positive, positive_array
+from packmech.check import instance, listed, positive, positive_array
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
@@ -532,9 +532,7 @@ def finish_pressed(
 
 def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float64]:
     """Return the positive numbers that a series of runs goes through, checked; `what` one of them is, for messages."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise TypeError(f"{name} must be a sequence of positive numbers, got {values!r}")
-    return positive_array(name, list(values), shape=(None,), what=what)
+    return positive_array(name, listed(name, values, "positive numbers"), shape=(None,), what=what)
 
 
 def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:

@@ -61,6 +61,7 @@ from typing import Any
 import tomli_w
 
 from packmech.check import instance, integer
+from packmech.check import table as check_table
 from packmech.effects import Bonds, law_of, registered_effects, registered_laws
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import from_table, kind_of, kinds_of, make, read_fields, to_table
@@ -180,6 +181,8 @@ def scene_of_tables(
     """
     with _named(name):
         own = copy.deepcopy(dict(tables))
+        if changes is not None:
+            check_table("changes", changes)
         for path, value in (changes or {}).items():
             _change(own, path, value)
         if seed is not None:
