@@ -272,10 +272,10 @@ def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, ratt
     """Return the position part of the Hessian of a scene, what rattles left out unless it is to be kept."""
     if scene.packing.shapes is not None:
         found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        network = found.network
-        free_f = network.free_nq.ravel()
+        free_nq = found.network.free_nq
+        free_f, moves = free_nq.ravel(), free_nq.any(axis=1)
         return _PositionPart(
-            found.sums.matrix(free_f), network.index_n, network.free_nq, None, found.sums.coupling(free_f),
+            found.sums.matrix(free_f), found.network.index_n[moves], free_nq[moves], None, found.sums.coupling(free_f),
             found.corner, found.anchored,
         )  # fmt: skip
     (contacts, index, links), free, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers=rattlers)
