@@ -130,12 +130,12 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     at their rest lengths, and for walls, by half their stiffness, as a single particle moves there where otherwise two
     do. Of rigid bodies the beads touch, with their sizes. All count as often as `stiffening` says.
     """
-    shapes = scene.packing.shapes
-    diameter = (
-        2.0 * shapes.bead_radius(scene.packing.radius_n) if isinstance(shapes, Beads) else scene.packing.diameter_n
-    )
+    packing = scene.packing
+    diameter = packing.diameter_n
+    if isinstance(packing.shapes, Beads):
+        diameter = 2.0 * packing.shapes.bead_radius(packing.radius_n)
     sizes = np.unique(diameter).tolist()
-    steep, turned = stiffening(scene.packing)
+    steep, turned = stiffening(packing)
     stiff, damped, drag = [0.0], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     for sigma in sizes:
@@ -159,8 +159,8 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             damped.append(steep * one.damping)
         elif hasattr(type(one), "body_force"):
             center = np.zeros(3)
-            center[: scene.packing.dimension] = scene.packing.box.lattice_dd.sum(axis=1) / 2.0
-            radius = 0.5 * scene.packing.reference_diameter
+            center[: packing.dimension] = packing.box.lattice_dd.sum(axis=1) / 2.0
+            radius = 0.5 * packing.reference_diameter
             slow, fast = (one.body_force(*center.tolist(), speed, 0.0, 0.0, 1.0, radius)[0] for speed in (0.0, 1.0))
             drag += abs(fast - slow)
     return max(stiff), max(damped), drag
