@@ -256,7 +256,7 @@ class QuenchEpisodes:
         if task.shear_modulus:
             names.append("shear_modulus")
             bounds.append((-_LARGEST_STRESS, _LARGEST_STRESS))
-        self._turned = Turned(packing.shapes, task.orientations)
+        self._turned = Turned(packing, task.orientations)
         names += self._turned.names
         bounds += self._turned.bounds
         self.observation_names = tuple(names)
@@ -412,7 +412,7 @@ class QuenchEpisodes:
         if self._turned.names:
             turned = np.zeros((len(self), len(self._turned.names)))
             for b in index:
-                turned[b] = self._turned.row(batch.packing(int(b)).shapes)
+                turned[b] = self._turned.row(batch.packing(int(b)))
             observation = np.hstack([observation, turned])
         # the logarithm of zero, or of a negative number, is the lower bound
         observation = np.where(np.isnan(observation), self._low_k, np.clip(observation, self._low_k, self._high_k))

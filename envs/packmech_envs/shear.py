@@ -237,7 +237,7 @@ class ShearEpisodes:
         self.action_space = gym.spaces.Box(np.array(low), np.array(high), dtype=np.float64)
         figures = self._figures()
         scored = (*figures, *self.goal.observed)
-        self._turned = Turned(first.packing.shapes, task.orientations)
+        self._turned = Turned(first.packing, task.orientations)
         self.observation_names = (*scored, *self._turned.names)
         self.info_names = (*_INFOS, *self.goal.terms, *self.goal.infos)
         self.observation_space = self._space()
@@ -344,8 +344,9 @@ class ShearEpisodes:
             return
         place = self.observation_bk.shape[1] - len(self._turned.names)
         for b in np.flatnonzero(which_b).tolist():
-            shapes = self.batch.scenes[b].packing.shapes.oriented(self.batch.orientations(b))
-            self.observation_bk[b, place:] = self._turned.row(shapes)
+            packing = self.batch.scenes[b].packing
+            turned = packing.replace(shapes=packing.shapes.oriented(self.batch.orientations(b)))
+            self.observation_bk[b, place:] = self._turned.row(turned)
 
     @property
     def terminated_b(self) -> NDArray[np.bool_]:

@@ -118,8 +118,8 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
     (_xx, _yy, _zz, _yz, _xz, _xy in space)
     shear_modulus             relaxed; by option, as it costs a factorization; 0 where     pressure unit, -1e4 to 1e4
                               nothing is rigid
-    order_xx, _xy             of shapes: the order tensor of their axes, without trace;    1, -1 to 1
-                              see `packmech_envs.turned.order_tensor`
+    order_xx, _xy             of shapes that have directors: the order tensor of           1, -1 to 1
+                              `pm.nematic_order`, without trace
     (_xx, _yy, _yz, _xz, _xy in space)
     director_0_x, ...         of shapes, with `orientations`: how each particle is         1, -1 to 1
                               turned, see `packmech_envs.turned.Turned`
@@ -359,9 +359,8 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
     contacts          touching pairs that no bond joins                              1
     sliding_fraction  fraction of them at the Coulomb limit                          1
     ...               what the goal adds, see its class                              see there
-    order_xx, _xy     of shapes: the order tensor of their directors, without        1, -1 to 1
-                      trace (_xx, _yy, _yz, _xz, _xy in space), see
-                      `packmech_envs.turned.order_tensor`
+    order_xx, _xy     of shapes: the order tensor of `pm.nematic_order`, without     1, -1 to 1
+                      trace (_xx, _yy, _yz, _xz, _xy in space)
     director_0_x ...  of shapes, with `orientations`: each particle's director       1, -1 to 1
     ================  =============================================================  ===============
 

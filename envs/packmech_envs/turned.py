@@ -13,28 +13,13 @@ import packmech as pm
 _COMPONENTS = {2: ((0, 0), (0, 1)), 3: ((0, 0), (1, 1), (1, 2), (0, 2), (0, 1))}
 
 
-def order_tensor(shapes: Any) -> NDArray[np.float64]:
-    """Return the (d, d) order tensor (d <a a> - 1) / (d - 1) of the particles' axes a [1].
-
-    The axis of an ellipse or spheroid is its director, that of a rigid body its longest principal axis. Without a
-    trace; its largest eigenvalue is 1 where all axes are parallel, and all are near 0 where they point anywhere.
-
-    Parameters
-    ----------
-    shapes
-        pm.Spheroids or pm.Beads.
-
-    Examples
-    --------
-    >>> order_tensor(pm.Spheroids([2.0, 2.0], [[1.0, 0.0], [-1.0, 0.0]])).tolist()
-    [[1.0, 0.0], [0.0, -1.0]]
-
-    """
-    axis_nd = shapes.director_nd if isinstance(shapes, pm.Spheroids) else shapes.frames()[:, :, 0]
-    d = axis_nd.shape[1]
-    # not BLAS: the same bits for any number of threads
-    mean = (axis_nd[:, :, None] * axis_nd[:, None, :]).mean(axis=0)
-    return np.asarray((d * mean - np.eye(d)) / (d - 1))
+def _have_directors(packing: pm.Packing) -> bool:
+    """Whether particles have a nematic order: not those that are round, nor bodies without one longest axis."""
+    try:
+        pm.nematic_order(packing)
+    except ValueError:
+        return False
+    return True
 
 
 class Turned:
@@ -42,15 +27,16 @@ class Turned:
 
     Parameters
     ----------
-    shapes
-        The shapes at the start; None for discs and spheres.
+    packing
+        The packing at the start.
     each
         Whether each particle's direction is observed, beside the order tensor.
 
     Attributes
     ----------
     names
-        "order_xx", "order_xy" in a plane, "order_xx", "_yy", "_yz", "_xz", "_xy" in space: see `order_tensor`. With
+        "order_xx", "order_xy" in a plane, "order_xx", "_yy", "_yz", "_xz", "_xy" in space: the tensor of
+        `pm.nematic_order`, left out where no particle has a director or a rigid body has no one longest axis. With
         `each` then, particle by particle: "director_0_x", ... of ellipses and spheroids (opposite ones are the same
         shape), "axis_0_x", "axis_0_y" of rigid bodies in a plane, "quaternion_0_w", "_x", "_y", "_z" in space, with a
         real part of at least 0.
@@ -59,14 +45,17 @@ class Turned:
 
     """
 
-    def __init__(self, shapes: Any, each: bool) -> None:
+    def __init__(self, packing: pm.Packing, each: bool) -> None:
+        shapes: Any = packing.shapes
         self.each = each
         self.names: tuple[str, ...] = ()
+        self._where: tuple[tuple[int, int], ...] = ()
         if shapes is None:
             if each:
                 raise ValueError("orientations must be left out for a scene of discs or spheres, got True")
             return
-        self._where = _COMPONENTS[shapes.dimension]
+        if _have_directors(packing):
+            self._where = _COMPONENTS[packing.dimension]
         self.names = tuple("order_" + "xyz"[a] + "xyz"[b] for a, b in self._where)
         if each:
             letters = "xyz" if isinstance(shapes, pm.Spheroids) or shapes.dimension == 2 else "wxyz"
@@ -79,11 +68,14 @@ class Turned:
         """Lower and upper bounds: all of these numbers are between -1 and 1, up to rounding."""
         return [(-1.0, 1.0)] * len(self.names)
 
-    def row(self, shapes: Any) -> NDArray[np.float64]:
-        """Return the numbers of shapes as they are turned now."""
-        order = order_tensor(shapes)
-        numbers = np.array([order[a, b] for a, b in self._where])
+    def row(self, packing: pm.Packing) -> NDArray[np.float64]:
+        """Return the numbers of a packing with shapes as they are turned now."""
+        numbers = np.zeros(0)
+        if self._where:
+            order = pm.nematic_order(packing).tensor_dd
+            numbers = np.array([order[a, b] for a, b in self._where])
         if self.each:
+            shapes: Any = packing.shapes
             orientation = shapes.orientation_nq
             if orientation.shape[1] == 4:
                 orientation = orientation * np.where(orientation[:, :1] < 0.0, -1.0, 1.0)

@@ -22,8 +22,8 @@ class WallTouches(NamedTuple):
 
     Attributes
     ----------
-    particle_w, site_w
-        (W,) particles, and beads as the shapes number them; of ellipses and spheroids the particles again.
+    particle_w
+        (W,) particles.
     distance_w, contact_distance_w
         (W,) distances at which the law is taken, and those at which they would just touch [length].
     slope_wx, curvature_wxx
@@ -33,7 +33,6 @@ class WallTouches(NamedTuple):
     """
 
     particle_w: NDArray[np.int64]
-    site_w: NDArray[np.int64]
     distance_w: NDArray[np.float64]
     contact_distance_w: NDArray[np.float64]
     slope_wx: NDArray[np.float64]
@@ -81,7 +80,7 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
         second = _turned_twice(along, arm[near])
         slope[:, d:] = 2.0 * side * _turns(first, d)
         curvature[:, d:, d:] = 2.0 * side * _turns_of_both(second, d)
-        return WallTouches(owner, near, distance, sigma, slope, curvature)
+        return WallTouches(owner, distance, sigma, slope, curvature)
     radius, size, own = packing.radius_n[near], reach[near], height[near]
     a, b = (one[near] for one in shapes.semi_axes(packing.radius_n))
     director = _padded(shapes.director_nd)[near]
@@ -107,7 +106,7 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
     curvature[:, d:, axis] = mixed
     bent = 2.0 * support_1[:, :, None] * support_1[:, None, :] / size[:, None, None] - support_2
     curvature[:, d:, d:] = (own * over)[:, None, None] * _turns_of_both(bent, d)
-    return WallTouches(owner, near, own * sigma / size, sigma, slope, curvature)
+    return WallTouches(owner, own * sigma / size, sigma, slope, curvature)
 
 
 def support(shapes: Spheroids, radius_n: NDArray[np.float64], axis: int) -> NDArray[np.float64]:

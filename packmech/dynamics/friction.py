@@ -2,7 +2,9 @@
 """Tangential springs of contacts and bonds, and friction: a scene without it (None) holds none of its code.
 
 A row of `body` holds x, y, z, radius, the peculiar velocity (d numbers) and, where particles turn, the spin (1 in a
-plane, 3 in space); a row of `push` the force (d) and the torque.
+plane, 3 in space); a row of `push` the force (d) and the torque. Of shapes the radius is that of the disc or sphere
+that holds them, and in space their angular momentum over a moment of inertia stands for the spin (`shape_pairs`,
+`rigid_bodies`).
 
 A tangential displacement is the integral of the slip velocity, by the trapezoidal rule: a pass first adds `before`
 times the slip, takes the force, and then adds `after` times it. In space it turns with the contact by half a step

@@ -13,6 +13,7 @@ from packmech.dynamics.friction import stiffening
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Beads
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
@@ -127,10 +128,14 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
 
     k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
     at their rest lengths, and for walls, by half their stiffness, as a single particle moves there where otherwise two
-    do. All count as often as `stiffening` says.
+    do. Of rigid bodies the beads touch, with their sizes. All count as often as `stiffening` says.
     """
-    sizes = np.unique(scene.packing.diameter_n).tolist()
-    steep, turned = stiffening(scene.packing)
+    packing = scene.packing
+    diameter = packing.diameter_n
+    if isinstance(packing.shapes, Beads):
+        diameter = 2.0 * packing.shapes.bead_radius(packing.radius_n)
+    sizes = np.unique(diameter).tolist()
+    steep, turned = stiffening(packing)
     stiff, damped, drag = [0.0], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     for sigma in sizes:
@@ -154,8 +159,8 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             damped.append(steep * one.damping)
         elif hasattr(type(one), "body_force"):
             center = np.zeros(3)
-            center[: scene.packing.dimension] = scene.packing.box.lattice_dd.sum(axis=1) / 2.0
-            radius = 0.5 * scene.packing.reference_diameter
+            center[: packing.dimension] = packing.box.lattice_dd.sum(axis=1) / 2.0
+            radius = 0.5 * packing.reference_diameter
             slow, fast = (one.body_force(*center.tolist(), speed, 0.0, 0.0, 1.0, radius)[0] for speed in (0.0, 1.0))
             drag += abs(fast - slow)
     return max(stiff), max(damped), drag

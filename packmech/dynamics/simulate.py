@@ -58,7 +58,8 @@ def simulate(
         Exactly one of them: number of steps, or the time to cover, in equal steps of at most dt.
     dt
         Time step. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and m / damping, with the
-        least mass and the stiffest pair of equal particles at a relative overlap of 0 or 0.1, whatever the motion is.
+        least mass and the stiffest pair of equal particles, of rigid bodies of equal beads, at a relative overlap of 0
+        or 0.1, whatever the motion is.
     method
         VelocityVerlet() unless given, or SemiImplicitEuler().
     velocity_nd

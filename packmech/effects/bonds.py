@@ -25,8 +25,8 @@ class Bonds:
 
     A bonded pair is no contact: the bond's compression stands for its repulsion. These are the permanent links of the
     frictional model (section 5 of the corrected specification), not packmech's rigid links. `pm.bond_contacts` makes
-    them of the contacts of a packing. Bonds of ellipses and spheroids act on their centers, which they turn no more
-    than gravity does: those with tangential springs or dashpots are refused there.
+    them of the contacts of a packing. Bonds of ellipses, spheroids and rigid bodies act on their centers and turn
+    them no more than gravity does: those with tangential springs or dashpots are refused there.
 
     Parameters
     ----------

@@ -233,7 +233,8 @@ def contact_forces(scene: Scene) -> ContactForces:
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 
-    Discs and spheres feel those of friction alone (`contact_forces`), ellipses and spheroids those of their contacts.
+    Discs and spheres feel those of friction alone (`contact_forces`), ellipses, spheroids and rigid bodies those of
+    their contacts and of walls. Held ones have none.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ class Modes:
         (M,) part of each mode's motion that is turns, between 0 and 1.
     participation_m
         (M,) participation ratio of each mode among the N' particles that took part, between 1 / N' and 1: (sum of w)^2
-        over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t).
+        over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t). 0 where nobody moves.
 
     """
 
@@ -230,7 +230,9 @@ def normal_modes(
     motion = np.zeros((wanted, *found.free_nq.shape))
     motion[:, found.free_nq] = vector[: len(root)].T
     part_mn = (motion**2).sum(axis=2)
-    participation = part_mn.sum(axis=1) ** 2 / (max(kept, 1) * (part_mn**2).sum(axis=1))
+    # a mode of the strains alone moves nobody
+    square_m = (part_mn**2).sum(axis=1)
+    participation = part_mn.sum(axis=1) ** 2 / (max(kept, 1) * np.where(square_m > 0.0, square_m, 1.0))
     motion /= np.sqrt(mass[index])[:, None]
     moved = np.zeros((wanted, packing.particles, motion.shape[2]))
     moved[:, index] = motion
@@ -272,10 +274,10 @@ def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, ratt
     """Return the position part of the Hessian of a scene, what rattles left out unless it is to be kept."""
     if scene.packing.shapes is not None:
         found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        network = found.network
-        free_f = network.free_nq.ravel()
+        free_nq = found.network.free_nq
+        free_f, moves = free_nq.ravel(), free_nq.any(axis=1)
         return _PositionPart(
-            found.sums.matrix(free_f), network.index_n, network.free_nq, None, found.sums.coupling(free_f),
+            found.sums.matrix(free_f), found.network.index_n[moves], free_nq[moves], None, found.sums.coupling(free_f),
             found.corner, found.anchored,
         )  # fmt: skip
     (contacts, index, links), free, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers=rattlers)

@@ -393,6 +393,18 @@ def test_overall_stress_is_the_virial_of_what_moves(d):
 
 
 @pytest.mark.parametrize("d", [2, 3])
+def test_the_time_step_is_that_of_the_beads_that_touch_not_of_the_bodies(d):
+    # a large bead and a small one, which is as stiff as a disc of its size under a law of the relative overlap
+    place = 3.0 + np.array([[0.0] * d, [0.55] + [0.0] * (d - 1)])
+    body = pm.rigid_packing(pm.Packing(place, [0.5, 0.1], pm.Box.cubic(6.0, d)), [0, 0])
+    scene = pm.Scene(body, REPULSION)
+    steep = body.shapes.stiffening(body.radius_n)[0]
+    stiffest = steep * scene.energy_scale / 0.2**2
+    expected = pm.VelocityVerlet().fraction * np.sqrt(body.mass_n[0] / stiffest)
+    assert pm.simulate(scene, steps=1).dt == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
 def test_a_checkpoint_and_files_change_nothing(d, tmp_path):
     packing = crowd(d, count=40)
     scene = pm.Scene(packing, rough(0.3))

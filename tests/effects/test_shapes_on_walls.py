@@ -172,6 +172,16 @@ def test_discs_written_as_shapes_come_to_rest_and_vibrate_as_discs_do(how):
     np.testing.assert_allclose(modes[1].frequency_m, modes[0].frequency_m, rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("how", ["round", "one bead"])
+def test_what_is_held_takes_no_part_in_the_modes_of_shapes_as_in_those_of_discs(how):
+    packing = pm.random_packing(24, dimension=2, packing_fraction=0.9, seed=3)
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.FixedParticles([0, 3, 5])))
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-10).packing)
+    one, other = pm.normal_modes(scene), pm.normal_modes(written(scene, how))
+    assert np.array_equal(other.index_n, one.index_n) and not np.isin([0, 3, 5], other.index_n).any()
+    np.testing.assert_allclose(other.participation_m, one.participation_m, rtol=1e-9)
+
+
 @pytest.mark.parametrize("kind", ["ellipses", "bent trimers"])
 def test_the_floor_carries_the_weight_of_a_pile(kind):
     d, shapes = KINDS[kind]
@@ -236,7 +246,9 @@ def test_what_is_held_neither_moves_nor_turns_at_rest():
     matrix = pm.hessian(held, "none").toarray()
     assert not matrix[6:9].any() and not matrix[:, 15:18].any()
     modes = pm.normal_modes(held.replace(packing=end), rattlers="keep")
-    assert not np.isin([2, 5], modes.index_n[np.abs(modes.displacement_mnd).max(axis=(0, 2)) > 0.0]).any()
+    moving = np.flatnonzero(np.abs(modes.displacement_mnd).max(axis=(0, 2)) > 0.0)
+    assert not np.isin([2, 5], moving).any() and np.isin(moving, modes.index_n).all()
+    assert not np.isin([2, 5], modes.index_n).any()
 
 
 def test_walls_of_ones_own_are_refused_by_name():

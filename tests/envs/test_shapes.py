@@ -11,7 +11,6 @@ from gymnasium.utils.env_checker import check_env
 from packmech_envs.batched import QuenchVectorEnv, ShearVectorEnv
 from packmech_envs.recorder import RerunRecorder
 from packmech_envs.single import QuenchEnv, ShearEnv
-from packmech_envs.turned import Turned, order_tensor
 
 import packmech as pm
 
@@ -76,7 +75,7 @@ def test_observations_say_how_particles_are_turned(name):
         observation, *_ = env.step(0.1 * env.action_space.sample())
     seen = dict(zip(env.observation_names, observation, strict=True))
     shapes = env.packing.shapes
-    order = order_tensor(shapes)
+    order = pm.nematic_order(env.packing).tensor_dd
     for name, value in seen.items():
         if name.startswith("order_"):
             a, b = ("xyz".index(letter) for letter in name[-2:])
@@ -87,13 +86,15 @@ def test_observations_say_how_particles_are_turned(name):
     assert env.observation_space.contains(observation)
 
 
-def test_the_order_tensor_is_that_of_the_mean_angle_doubled():
-    angle = np.array([0.1, 0.7, -1.3])
-    shapes = pm.Spheroids(np.full(3, 2.0), np.column_stack([np.cos(angle), np.sin(angle)]))
-    expected = np.cos(2 * angle).mean(), np.sin(2 * angle).mean()
-    assert Turned(shapes, False).row(shapes) == pytest.approx(expected, abs=1e-15)
-    parallel = pm.Spheroids(np.full(2, 0.5), [[0.0, 0.0, 1.0]] * 2)
-    assert order_tensor(parallel) == pytest.approx(np.diag([-0.5, -0.5, 1.0]), abs=1e-15)
+def test_bodies_without_one_longest_axis_have_no_order_and_are_seen_each():
+    corner = 0.3 * np.array([[np.cos(t), np.sin(t)] for t in 2.0 * np.pi / 3.0 * np.arange(3)])
+    place = np.concatenate([corner + center for center in ([1.0, 1.0], [3.0, 1.0], [1.0, 3.0], [3.0, 3.0])])
+    beads = pm.Packing(place, np.full(12, 0.4), pm.Box.cubic(4.0, 2))
+    start = pm.Scene(pm.rigid_packing(beads, np.repeat(np.arange(4), 3)), (pm.Repulsion(),))
+    env = QuenchEnv(start, orientations=True)
+    observation, _ = env.reset(seed=1)
+    assert not [name for name in env.observation_names if name.startswith("order")]
+    assert np.array_equal(observation[-8:], env.packing.shapes.orientation_nq.ravel())
 
 
 def test_without_shapes_nothing_is_added_and_directions_of_each_are_refused():
