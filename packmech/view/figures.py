@@ -8,16 +8,18 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
+from packmech.packing import Packing
 from packmech.protocols.cementing_curve import CementingCurve
 from packmech.protocols.scaling import JammingScaling
 from packmech.result import Run
 from packmech.scene import Scene
+from packmech.shapes import Beads, Spheroids
 from packmech.view import drawing
 from packmech.view.cementing import STIFF_SHARE
 from packmech.view.trajectory import Curve, DrawnFrame, Frame, Trajectory, draw_moving, trajectory_of_run
@@ -244,6 +246,24 @@ def write_pictures(
     )
 
 
+class _Outlines(NamedTuple):
+    """What is seen of particles: (K, 3) places across, up and toward the eye, axes of ellipses [length] and angles.
+
+    angle_k are those of the first axes [degrees], owner_k whose outlines they are.
+    """
+
+    place_ks: NDArray[np.float64]
+    width_k: NDArray[np.float64]
+    height_k: NDArray[np.float64]
+    angle_k: NDArray[np.float64]
+    owner_k: NDArray[np.int64]
+
+    def taken(self, order_k: NDArray[np.int64]) -> _Outlines:
+        """Return them in another order."""
+        places = self.place_ks[order_k], self.width_k[order_k], self.height_k[order_k], self.angle_k[order_k]
+        return _Outlines(*places, self.owner_k[order_k])
+
+
 class _RunPicture:
     """One figure on which every frame is drawn in its turn: axes and curves stay, the packing changes."""
 
@@ -260,7 +280,8 @@ class _RunPicture:
         boxes = [drawing.shown_box(one.packing.box)[0] for one in trajectory.frames]
         corners = [drawing.box_outline(box) for box in boxes]
         place_kd = np.concatenate([self._projected(np.concatenate(lines))[:, :2] for lines in corners])
-        pad = 2.2 * float(self.packing.radius_n.max())
+        shapes, radius_n = self.packing.shapes, self.packing.radius_n
+        pad = 2.2 * float((radius_n if shapes is None else shapes.reach(radius_n)).max())
         low, high = place_kd.min(axis=0) - pad, place_kd.max(axis=0) + pad
         self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         width, height = 0.64 * SIZE[0] * 72.0, 0.9 * SIZE[1] * 72.0
@@ -305,7 +326,7 @@ class _RunPicture:
     def write(self, frame: Frame, path: Path, format: str) -> Path:
         """Draw a frame and write it."""
         drawn = draw_moving(frame, self.trajectory.effects)
-        artists = [*self._discs(drawn), *self._lines(drawn)]
+        artists = [*self._particles(drawn, frame.packing), *self._lines(drawn)]
         for artist in artists:
             self.axes.add_collection(artist)
         words = [f"step {frame.step}"] if frame.touching is None else [f"time {frame.time:.4g}"]
@@ -354,34 +375,55 @@ class _RunPicture:
         curve = next((curve for name, curve in self.trajectory.curves.items() if name.startswith(start)), None)
         return 0.0 if curve is None else float(np.interp(frame.step, *curve))
 
-    def _discs(self, drawn: DrawnFrame) -> list[Any]:
-        radius_n, plain = self.packing.radius_n, drawn.drawing
-
-        def discs(center: NDArray[np.float64], radius: NDArray[np.float64], color: Any, order: float) -> Any:
-            width = 2.0 * radius
-            return _matplotlib().EllipseCollection(
-                width,
-                width,
-                np.zeros(len(width)),
-                units="xy",
-                offsets=center,
-                transOffset=self.axes.transData,
-                facecolors=color,
-                edgecolors=PAPER,
-                linewidths=0.3,
-                zorder=order,
-            )
-
+    def _particles(self, drawn: DrawnFrame, packing: Packing) -> list[Any]:
+        """Return the particles as they are turned in this frame, and in a plane their periodic copies."""
+        plain, every = drawn.drawing, np.arange(packing.particles)
         if self.flat:
-            owner = plain.copy_of_k
-            dim = drawing.dimmed((255.0 * self.color_nc[owner]).astype(np.uint8)) / 255.0
-            copies = discs(plain.copy_center_kd, radius_n[owner], dim, 1.0)
-            return [copies, discs(plain.center_nd, radius_n, self.color_nc, 2.0)]
-        projected = self._projected(plain.center_nd)
-        order = np.argsort(projected[:, 2])
-        depth = projected[order, 2]
+            dim = drawing.dimmed((255.0 * self.color_nc).astype(np.uint8)) / 255.0
+            outlines = self._outlines(packing, plain.copy_center_kd, plain.copy_of_k)
+            copies = self._ellipses(outlines, dim[outlines.owner_k], 1.0)
+            outlines = self._outlines(packing, plain.center_nd, every)
+            return [copies, self._ellipses(outlines, self.color_nc[outlines.owner_k], 2.0)]
+        outlines = self._outlines(packing, plain.center_nd, every)
+        order = np.argsort(outlines.place_ks[:, 2])
+        outlines = outlines.taken(order)
+        depth = outlines.place_ks[:, 2]
         share = DIM + (1.0 - DIM) * (depth - depth.min()) / (np.ptp(depth) or 1.0)
-        return [discs(projected[order, :2], radius_n[order], self.color_nc[order] * share[:, None], 2.0)]
+        return [self._ellipses(outlines, self.color_nc[outlines.owner_k] * share[:, None], 2.0)]
+
+    def _ellipses(self, outlines: _Outlines, color: Any, order: float) -> Any:
+        return _matplotlib().EllipseCollection(
+            outlines.width_k,
+            outlines.height_k,
+            outlines.angle_k,
+            units="xy",
+            offsets=outlines.place_ks[:, :2],
+            transOffset=self.axes.transData,
+            facecolors=color,
+            edgecolors=PAPER,
+            linewidths=0.3,
+            zorder=order,
+        )
+
+    def _outlines(self, packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64]) -> _Outlines:
+        """Return what particles, or the beads of bodies, look like from where the eye is."""
+        shapes, radius_k = packing.shapes, packing.radius_n[owner_k]
+        if isinstance(shapes, Beads) and len(owner_k):
+            own = shapes.select(owner_k)
+            center_kd = center_kd[own.particle_b] + own.arms(radius_k)
+            radius_k, owner_k = own.bead_radius(radius_k), owner_k[own.particle_b]
+        place_ks = self._projected(center_kd)
+        width_k = height_k = 2.0 * radius_k
+        angle_k = np.zeros(len(owner_k))
+        if isinstance(shapes, Spheroids):
+            along_n, across_n = shapes.semi_axes(packing.radius_n)
+            along_k, across_k = along_n[owner_k], across_n[owner_k]
+            axis_ks = self._projected(shapes.director_nd[owner_k])[:, :2]
+            # a spheroid seen from afar is an ellipse, as long as its director is seen
+            square = (along_k**2 - across_k**2) * (axis_ks**2).sum(axis=1)
+            width_k, height_k = 2.0 * np.sqrt(across_k**2 + square), 2.0 * across_k
+            angle_k = np.degrees(np.arctan2(axis_ks[:, 1], axis_ks[:, 0]))
+        return _Outlines(place_ks, width_k, height_k, angle_k, owner_k)
 
     def _lines(self, drawn: DrawnFrame) -> list[Any]:
         unit, d = self.packing.reference_diameter, self.packing.dimension

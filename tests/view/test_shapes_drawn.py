@@ -166,3 +166,26 @@ def test_rigid_bodies_of_several_beads_have_hues_of_their_own():
     assert len(set(colors)) == 4 and set(colors) <= set(drawing.CLUSTERS)
     single = pm.rigid_packing(pm.bead_packing(packing), np.arange(8))
     assert np.array_equal(drawing.particle_colors(single), drawing.particle_colors(pm.bead_packing(packing)))
+
+
+@pytest.mark.parametrize(
+    ("shapes", "wide"),
+    [
+        (pm.Spheroids([3.0], [[1.0, 0.0]]), 3.0),
+        (pm.Spheroids([3.0], [[0.0, 1.0]]), 1.0 / 3.0),
+        # two discs that touch, side by side
+        (pm.rigid_packing(pm.Packing([[1.5, 2.0], [2.5, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2)), [0, 0]).shapes, 2.0),
+    ],
+)
+def test_pictures_of_runs_show_shapes_as_they_are(tmp_path, shapes, wide):
+    from PIL import Image
+
+    packing = pm.Packing([[2.0, 2.0]], [0.5], pm.Box.cubic(4.0, 2), shapes=shapes)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    run = pm.quench(scene, force_tolerance=1e-6)
+    with Image.open(pm.write_pictures(run, tmp_path, scene=scene, frames=2)[0]) as image:
+        seen = np.asarray(image).astype(int)
+    # particles are blue, and all else beside the plots is gray
+    part = seen[:, : int(0.64 * seen.shape[1])]
+    y, x = np.nonzero(part[:, :, 2] - part[:, :, 0] > 40)
+    assert np.ptp(x) / np.ptp(y) == pytest.approx(wide, rel=0.03)
