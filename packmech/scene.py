@@ -197,6 +197,7 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "rate": _not_zero,
     "rates": partial(_tuple, of=positive, words="shear rates", empty=False),
     "relative_frequency": positive,
+    "expected_stress": positive,
     "samples": _count,
     "samples_per_period": partial(integer, at_least=8),
     "seed": partial(integer, at_least=0),
@@ -348,6 +349,8 @@ class OscillatoryShearDrive:
         As there.
     largest_oscillation
         What pm.equilibrate takes, which comes first; None: nothing does.
+    expected_stress
+        As of pm.equilibrate [energy_scale / diameter^d]; None: of the shear modulus, which must then be positive.
     plates
         Whom rough plates hold once the scene is at rest, the layer of pm.rough_plates: "crossing" or a thickness; None:
         there are none.
@@ -368,6 +371,7 @@ class OscillatoryShearDrive:
     method: Any = None
     samples_per_period: int = 200
     largest_oscillation: float | None = 0.1
+    expected_stress: float | None = None
     plates: str | float | None = None
     carried: bool = True
 

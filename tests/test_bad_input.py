@@ -260,7 +260,7 @@ BAD = {
     "equilibrate.step_limit": [*COUNT, None],
     **{
         f"OscillatoryShearDrive.{name}": [NAN, INF, 0.0, -1.0, "1"]
-        for name in ("frequency", "relative_frequency", "dt")
+        for name in ("frequency", "relative_frequency", "dt", "expected_stress")
     },
     "OscillatoryShearDrive.periods": POSITIVE,
     **{f"{one}.dt": [NAN, INF, 0.0, -1.0, "1"] for one in ("CreepDrive", "RampStrainDrive")},

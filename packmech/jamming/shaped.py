@@ -118,7 +118,9 @@ def _answer(scene: Scene, network: ShapedNetwork, strain: str, rest: RestCheck, 
     if not states.certain:
         return answer(AMBIGUOUS, "the rank of the contacts' slopes depends on its tolerance")
     if not states.count:
-        return answer(NOT_JAMMED, "no contact forces are in balance: some motion opens a contact and closes none")
+        load = "" if strain == "none" else " with the stress of the box isotropic"
+        reason = f"no contact forces are in balance{load}: some motion opens a contact and closes none"
+        return answer(NOT_JAMMED, reason)
     if force is None:
         if states.count == 1:
             return answer(NOT_JAMMED, "the only state of self stress pulls at some contacts")

@@ -98,10 +98,11 @@ def _oscillatory_shear(
     """Bring the scene to rest, then shear it; the run holds the steps of both, and what is wrong with the first."""
     # one file keeps the periods at rest and the shear, one after the other
     named = _arguments(drive, scene, frames, progress, runs_file(checkpoint)) | {"check": False}
-    largest, plates = named.pop("largest_oscillation"), named.pop("plates")
+    largest, plates, expected = (named.pop(one) for one in ("largest_oscillation", "plates", "expected_stress"))
     rest = None
     if largest is not None:
-        rest = equilibrate(scene, largest_oscillation=largest, **{name: named[name] for name in _AT_REST})
+        asked = {"largest_oscillation": largest, "expected_stress": expected}
+        rest = equilibrate(scene, **asked, **{name: named[name] for name in _AT_REST})
         scene = scene.replace(packing=rest.packing)
     held = None if plates is None else rough_plates(scene.packing, layer=plates, axis=drive.axes[1])
     try:

@@ -529,7 +529,7 @@ def _stability_rows(numbers: Mapping[str, Any]) -> list[Row]:
     held = "motions that stretch no contact, held by contact forces alone"
     if "least_quartic_curvature" in numbers:
         held += f"; least curvature {numbers['least_quartic_curvature']:.3g} of the pressure"
-    asked = "by the Hessian, forces and turns included; as hard particles it is not judged"
+    asked = "by the Hessian, forces and turns included; as hard particles pm.classify_jamming judges it"
     return [
         ("quartic modes", str(numbers["quartic_modes"]), held),
         ("local minimum", "yes" if numbers["local_minimum"] else "NO", asked),
