@@ -81,11 +81,11 @@ def _slopes(out: Path, seed: int) -> None:
     wanted += [(ELLIPSES[0], 1.5, seed + k, ELLIPSES[2]) for k in range(ELLIPSES[1])]
     with working("families") as say:
 
-        def told(done: int, of: int, last: Slope | None) -> None:
+        def show_progress(done: int, of: int, last: Slope | None) -> None:
             note = "" if last is None else f"; off by {last.largest_error:.1e}"
             say(f"families: slopes of {done} of {of} packings{note}")
 
-        found = compare_slopes(out, wanted, told)
+        found = compare_slopes(out, wanted, show_progress)
     rows = []
     for count, aspect in sorted({(one.particles, one.aspect) for one in found}):
         part = [one for one in found if (one.particles, one.aspect) == (count, aspect)]
@@ -101,11 +101,11 @@ def _first_changes(out: Path, counts: list[int], seeds: range) -> None:
     """Find first changes, draw them, and print medians."""
     with working("families") as say:
 
-        def told(done: int, of: int, last: FirstChange | None) -> None:
+        def show_progress(done: int, of: int, last: FirstChange | None) -> None:
             note = "" if last is None else f"; N = {last.particles}, P = {last.pressure:.1e}: {last.strain:.3e}"
             say(f"families: {done} of {of} first changes{note}")
 
-        found = first_changes(out, particles=counts, pressures=PRESSURES, seeds=seeds, progress=told)
+        found = first_changes(out, particles=counts, pressures=PRESSURES, seeds=seeds, progress=show_progress)
     draw_first_changes(found, out / "first-change.png")
     rows = []
     for count in counts:

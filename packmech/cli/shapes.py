@@ -132,7 +132,7 @@ def shapes(
         count = particles if particles is not None else {2: 128, 3: 64}[dimension]
         with working("shapes") as say:
 
-            def told(done: int, of: int, last: Jammed | None) -> None:
+            def show_progress(done: int, of: int, last: Jammed | None) -> None:
                 note = "" if last is None else f"; aspect {last.aspect:g} gave {last.packing_fraction:.4f}"
                 say(f"shapes: {done} of {of} packings{note}")
 
@@ -143,7 +143,7 @@ def shapes(
                 aspects=ASPECTS if aspects is None else aspects,
                 pressure=pressure,
                 seeds=seeds,
-                progress=told,
+                progress=show_progress,
             )
         draw_jammed(jammed, out, out / f"jammed-{dimension}d.png")
         _show_jammed(jammed)
@@ -189,7 +189,7 @@ def _anneal(
     """Anneal and quench ellipses, and print and draw what came of it."""
     with working("shapes") as say:
 
-        def told(done: int, of: int, last: Annealed | None) -> None:
+        def show_progress(done: int, of: int, last: Annealed | None) -> None:
             note = "" if last is None else f"; aspect {last.aspect:g} gave {last.packing_fraction:.4f}"
             say(f"shapes: {done} of {of} packings{note}")
 
@@ -200,7 +200,7 @@ def _anneal(
             aspects=aspects,
             pressure=pressure,
             seeds=seeds,
-            progress=told,
+            progress=show_progress,
         )
     draw_annealed(found, out / "annealing.png")
     rows = []
@@ -220,7 +220,7 @@ def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seed
     """Jam bodies of all shapes, and print and draw what came of each."""
     with working("shapes") as say:
 
-        def told(done: int, of: int, last: JammedBodies | None) -> None:
+        def show_progress(done: int, of: int, last: JammedBodies | None) -> None:
             note = "" if last is None else f"; {last.beads} beads gave {last.packing_fraction:.4f}"
             say(f"shapes: {done} of {of} packings{note}")
 
@@ -231,7 +231,7 @@ def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seed
             pressure=pressure,
             seeds=seeds,
             scatter=scatter,
-            progress=told,
+            progress=show_progress,
         )
     name = f"bodies-{dimension}d" + (f"-{scatter:g}" if scatter else "")
     draw_bodies(found, out / f"{name}.png")
@@ -270,10 +270,10 @@ def _compare_stability(out: Path, particles: int, seeds: range) -> None:
     """Search for packings that are mechanically and only locally stable, move two of them, and print and draw that."""
     with working("shapes") as say:
 
-        def told(done: int, of: int, last: Found | None) -> None:
+        def show_progress(done: int, of: int, last: Found | None) -> None:
             say(f"shapes: {done} of {of} starts" + ("" if last is None else f"; {last.packing_fraction:.4f}"))
 
-        found = search(seeds, told, particles)
+        found = search(seeds, show_progress, particles)
     write_found(found, out / "stability-found.csv")
     rows = []
     for kind in (MECHANICAL, LOCAL):

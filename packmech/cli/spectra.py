@@ -12,7 +12,7 @@ from packmech.cli.output import show, table, working
 from packmech.validation.studies import spectra as study
 
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
-# particles that a study takes unless told otherwise
+# particles that a study takes unless show_progress otherwise
 _PARTICLES = {"states": 120, "edges": 1024, "contacts": 256}
 
 
@@ -60,10 +60,10 @@ def spectra(
     figure = out / f"{what}-{dimension}d.png"
     with working("spectra") as say:
 
-        def told(done: int, of: int, last: Any) -> None:
+        def show_progress(done: int, of: int, last: Any) -> None:
             say(f"spectra: {done} of {of} rows")
 
-        chosen["progress"] = told
+        chosen["progress"] = show_progress
         if what == "states":
             states = study.vibrate_all(out, aspects=study.ASPECTS if aspects is None else aspects, **chosen)
             study.draw_states(states, out, figure)

@@ -83,14 +83,14 @@ def structure(
     many, pressure = 1024 if particles is None else particles, PRESSURE if pressure is None else pressure
     with working("structure") as say:
 
-        def told(done: int, of: int, last: Ordered | None) -> None:
+        def show_progress(done: int, of: int, last: Ordered | None) -> None:
             note = "" if last is None else f"; {KINDS[last.kind]} {last.disorder:g} gave {last.global_order:.3f}"
             say(f"structure: {done} of {of} packings{note}")
 
-        ordered = jam_all(out, particles=many, kinds=(DISCS,), seeds=seeds, pressure=pressure, progress=told)
+        ordered = jam_all(out, particles=many, kinds=(DISCS,), seeds=seeds, pressure=pressure, progress=show_progress)
         if shaped:
             ordered += jam_all(
-                out, particles=shaped, kinds=(ELLIPSES, DIMERS), seeds=seeds, pressure=pressure, progress=told
+                out, particles=shaped, kinds=(ELLIPSES, DIMERS), seeds=seeds, pressure=pressure, progress=show_progress
             )
     at_rest = [one for one in ordered if one.kind == DISCS and one.converged]
     chosen = {ratio: [one.seed for one in at_rest if one.disorder == ratio] for ratio in SHOWN}
