@@ -12,7 +12,7 @@ from packmech.cli.output import show, table, working
 from packmech.validation.studies import spectra as study
 
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
-# particles that a study takes unless show_progress otherwise
+# particles that a study takes by default
 _PARTICLES = {"states": 120, "edges": 1024, "contacts": 256}
 
 
