@@ -60,7 +60,7 @@ ANYTHING = {
 CALLED = {"law.cls": "law", "effect.cls": "effect", "minimizer.cls": "minimizer", "drive.cls": "drive"}
 
 
-class Downhill(NamedTuple):
+class Motionless(NamedTuple):
     """A minimizer that only says where it stands."""
 
     def start(self, program):
@@ -840,7 +840,7 @@ def good(name, folder):
         "run_ensemble": {"job": "calendar:leapdays", "grid": {"y1": 2000, "y2": 2010}, "folder": folder / "ensemble"},
         "law": {"cls": type(pm.Harmonic())},
         "effect": {"cls": type(pm.Repulsion())},
-        "minimizer": {"cls": Downhill},
+        "minimizer": {"cls": Motionless},
         "drive": {"cls": Idle},
         "packing_kind": {"recipe": lone_particle},
         "kernel": {"function": lone_particle},

@@ -326,7 +326,7 @@ REFUSED = {
         r"effects\[1\].coefficient must not be negative",
     ),
     "effect no table": ("effects = [3]\n" + SQUARE, r"effects\[0\] must be a table with a kind, got 3"),
-    "law kind": (law('kind = "cubic"'), r"effects\[0\].law.kind must be one of .* got 'cubic'"),
+    "law kind": (law('kind = "no-such-law"'), r"effects\[0\].law.kind must be one of .* got 'no-such-law'"),
     "law without kind": (law("energy_scale = 1"), r"effects\[0\].law.kind must be one of .* got nothing"),
     "law field": (
         law('kind = "harmonic", stiffness = 1'),
