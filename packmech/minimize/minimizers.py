@@ -42,7 +42,7 @@ def minimizer(cls: M) -> M:
     >>> import packmech as pm
     >>> from typing import NamedTuple
     >>> @minimizer
-    ... class Downhill(NamedTuple):
+    ... class SmallSteps(NamedTuple):
     ...     step: float = 0.2
     ...     def start(self, program):
     ...         return program.progress(2, 0)
@@ -56,7 +56,7 @@ def minimizer(cls: M) -> M:
     ...             progress.number[0] += 1
     ...         return program.judge(goal)[0]
     >>> packing = pm.random_packing(16, dimension=2, packing_fraction=0.9, seed=1)
-    >>> pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-3, method=Downhill()).outcome.name
+    >>> pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-3, method=SmallSteps()).outcome.name
     'CONVERGED'
 
     """
