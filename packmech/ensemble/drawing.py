@@ -18,7 +18,7 @@ from packmech.ensemble.statistics import (
 from packmech.ensemble.table import Ensemble
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
-# curves that are told apart
+# curves that can be distinguished
 _MOST = 8
 
 

@@ -225,7 +225,7 @@ def _read(path: Path) -> dict[str, Any] | None:
 
 @contextmanager
 def claimed(folder: Path, member: Member) -> Iterator[bool]:
-    """Give whether the member is this process's own until the block ends: nobody else runs it at the same time.
+    """Give whether the member is this process's own until the block ends: no other process runs it at the same time.
 
     The lock is the system's and ends with the process, however that ends.
     """

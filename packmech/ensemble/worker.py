@@ -54,7 +54,7 @@ _THREADS = (
 INSIDE = "PACKMECH_ENSEMBLE_MEMBER"
 # between two looks at a process: at its memory, at whether to stop [s]
 _LOOK = 0.05
-# until a process must be ready; for a member that was told to stop to leave a checkpoint [s]
+# until a process must be ready; for a member that was asked to stop to leave a checkpoint [s]
 _START, _GRACE = 300.0, 10.0
 # a member whose process ends so often, for no reason that is known, has failed
 ATTEMPTS = 3
@@ -188,7 +188,7 @@ class Worker:
                 return replies, self._ended()
             if "state" in line:
                 self._kill()
-                return replies, _failure(_INTERRUPTED, "the process that ran it was told to stop", "")
+                return replies, _failure(_INTERRUPTED, "the process that ran it was asked to stop", "")
             if "compiling" in line:
                 if line["compiling"]:
                     since = now
@@ -263,7 +263,7 @@ class Worker:
         return dict(json.loads(line))
 
     def _ended(self) -> dict[str, str]:
-        """Say how a process ended that nobody here ended."""
+        """Say how a process ended that was not ended here."""
         process = self._process
         assert process is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -344,7 +344,7 @@ def _memory(pid: int) -> float:
 
 
 class _Requests:
-    """Requests as they come, and the end of the process when nobody is there to ask any more."""
+    """Requests as they come, and the end of the process when no requests can come any more."""
 
     def __init__(self) -> None:
         self._arrived = threading.Condition()

@@ -179,5 +179,5 @@ def test_sigterm_from_a_batch_system_leaves_what_the_same_command_goes_on_from(t
     assert again.wait(300) == 0
     found = pm.read_ensemble(folder)
     assert found["steps"].tolist() == [60, 60, 60]
-    # one of those underway went on from where it was told to stop
+    # one of those underway went on from where it was asked to stop
     assert max(found["began"]) > 0
