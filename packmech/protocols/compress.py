@@ -29,8 +29,7 @@ from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 # first distance above the onset, and the largest ratio of successive ones
-_FIRST, _FACTOR, _MINIMUM_FACTOR = 1e-7, 2.0, 1.02
-_FIRE_TOLERANCE, _TIGHTER, _FIRE_ROUNDS, _FIRE_STEPS = 1e-3, 0.03, 3, 300_000
+_FIRST, _FACTOR, _MINIMUM_FACTOR = 1e-7, 2.0, 1.05
 
 
 @honors("repulsion links shapes", at_rest=True)
@@ -49,7 +48,7 @@ def compress(
 
     The onset is that of the exact hard packing nearby, found from the packing as it is (jam it first to choose the
     protocol). From there the packing is followed upward in small steps by Newton's method; where that does not end in
-    a minimum, contacts rearrange: FIRE finds the next packing, and the report counts it.
+    a minimum, contacts rearrange: the next one lies where Newton's method leads going down, and the report counts it.
 
     With links, which keep their lengths, the box is scaled about the centers of unwrapped clusters (one that winds
     around it is strained with it and moved back onto its links). No hard packing is looked for: the packing is followed
@@ -189,22 +188,10 @@ class _Ascent:
         return state
 
     def _rearranged(self, packing: Packing) -> SoftState:
-        """Return the packing that FIRE finds at this volume, polished by Newton's method."""
-        protocol, tolerance, limit = self.protocol, _FIRE_TOLERANCE, _FIRE_STEPS // 10
-        here = protocol.restored(packing)
-        for _ in range(_FIRE_ROUNDS):
-            if len(self.shears):
-                relaxed = protocol.relax_strained(here, None, tolerance, limit, basis_kdd=self.shears)
-                here = relaxed.packing
-                self.iterations += relaxed.steps
-            else:
-                here, done = protocol.relax(here, tolerance, _FIRE_STEPS)
-                self.iterations += done.steps
-            # with links or shapes, FIRE may end on saddles: Newton's method must be one that only goes down
-            bottom = newton if packing.plain else descend
-            state = bottom(protocol.reduced(here), protocol.units, self.shears, None)
-            if state.sound(max(self.tolerance, 1e-7)):
-                return state
-            tolerance *= _TIGHTER
+        """Return the packing at this volume that Newton's method reaches going down."""
+        state = descend(packing, self.protocol.units, self.shears, None)
+        self.iterations += state.iterations
+        if state.sound(max(self.tolerance, 1e-7)):
+            return state
         # contacts that just touch open and close from step to step
-        return descend_smoothed(protocol.reduced(here), protocol.units, self.shears, None)
+        return descend_smoothed(packing, self.protocol.units, self.shears, None)

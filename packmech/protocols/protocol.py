@@ -224,8 +224,6 @@ class Protocol:
         tolerance: float,
         step_limit: int,
         watch: Callable[[Packing], None] | None = None,
-        *,
-        basis_kdd: NDArray[np.float64] | None = None,
     ) -> StrainRelaxation:
         """Return the packing that FIRE relaxes to in positions and free strains.
 
@@ -239,14 +237,12 @@ class Protocol:
             When to stop.
         watch
             Called with the packing every few steps.
-        basis_kdd
-            (k, d, d) free strains; those of the protocol unless given.
 
         """
         task = StrainedFire(
             self.program,
             packing,
-            self.basis_kdd if basis_kdd is None else basis_kdd,
+            self.basis_kdd,
             scaled_load(pressure, self.scene.pressure_unit),
             tolerance=tolerance,
             step_limit=step_limit,
