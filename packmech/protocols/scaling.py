@@ -19,7 +19,7 @@ from packmech.honors import declare
 from packmech.loop.run_loop import Progress
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import energy
-from packmech.mechanics.elasticity import elastic_moduli
+from packmech.mechanics.elasticity import elastic_moduli, voigt_average
 from packmech.mechanics.modes import StateDensity, density_of_states
 from packmech.protocols.compress import compress
 from packmech.protocols.jam import JamMethod, jam
@@ -424,7 +424,8 @@ def _measured(scene: Scene, run: Run) -> list[float]:
     """Return the figures of one packing, in the order of `COLUMNS`; the distance is not known yet."""
     here = scene.replace(packing=run.packing)
     moduli = elastic_moduli(here)
-    shear = moduli.voigt.shear_modulus
+    # the mean over directions of shear, of unstable packings, too
+    shear = voigt_average(moduli.cauchy, moduli.stiff_directions).shear_modulus
     backbone = run.report["particles"] - run.report["rattlers"]
     return [
         run.report["pressure"],

@@ -156,6 +156,9 @@ def draw_scaling(found: JammingScaling, path: Path) -> None:
         for number, (ax, name) in enumerate(zip(axes.flat, names, strict=False)):
             mean, error, color = found.mean_p(name), found.error_p(name), COLORS[number]
             shown = mean > 0.0
+            if not shown.any():
+                ax.set(xlabel=FITTED[found.control], ylabel=FITTED[name], title="nowhere positive")
+                continue
             ax.errorbar(x[shown], mean[shown], error[shown], color=color, marker="o", capsize=2.0, linestyle="")
             theory = found.theory(name, over=found.control)
             try:
@@ -176,8 +179,7 @@ def draw_scaling(found: JammingScaling, path: Path) -> None:
                 ax.axvspan(x.min() / 1.5, np.sqrt(x[counted].min() * x[~counted].max()), color="#f0f0f0", zorder=0)
             ax.set(xscale="log", yscale="log", xlabel=FITTED[found.control], ylabel=FITTED[name])
             ax.set_xlim(x.min() / 1.5, x.max() * 1.5)
-            if shown.any():
-                ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
+            ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
         for ax in axes.flat[len(names) :]:
             ax.set_visible(False)
         figure.suptitle(
