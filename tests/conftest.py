@@ -15,8 +15,8 @@ import pytest
 from hypothesis import settings
 
 import packmech as pm
-from packmech.minimize.newton import newton
 from packmech.minimize.program import build_program
+from packmech.minimize.second_order.newton import newton
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("explore", derandomize=False, deadline=None)

@@ -48,7 +48,7 @@ from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting
 from packmech.effects import Friction
 from packmech.honors import declare
 from packmech.jit.compiled import compiled_form, device, kernel
-from packmech.minimize.kernels import NOT_FINITE, RUNNING
+from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
 from packmech.result import Outcome

@@ -21,7 +21,7 @@ from packmech.dynamics.friction import (
 from packmech.dynamics.pair_lists import NO_SLOT
 from packmech.effects import pair_elastic, pair_first
 from packmech.jit.compiled import inlined
-from packmech.minimize.kernels import coincident_direction
+from packmech.minimize.passes.kernels import coincident_direction
 
 
 @inlined

@@ -55,8 +55,8 @@ from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP
 from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
-from packmech.minimize.kernels import RUNNING
-from packmech.minimize.pair_list import SKIN_FULL
+from packmech.minimize.passes.kernels import RUNNING
+from packmech.minimize.passes.pair_list import SKIN_FULL
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
 from packmech.scene import Scene

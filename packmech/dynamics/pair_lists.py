@@ -32,7 +32,7 @@ from packmech.dynamics.deformation import (
     map_between,
 )
 from packmech.jit.compiled import compiled_form, device, inlined, inner_lean, kernel
-from packmech.minimize.pair_list import (
+from packmech.minimize.passes.pair_list import (
     AGE,
     BUDGET,
     DISPLACED,

@@ -27,7 +27,7 @@ from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import Contact, Slip, measure_spring, reset_stretch, spring_in_plane, spring_in_space
 from packmech.effects import pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import device, inlined, kernel
-from packmech.minimize.shape_rows import BeadRows, touch_of_two_beads
+from packmech.minimize.passes.shape_rows import BeadRows, touch_of_two_beads
 from packmech.shapes import Beads
 
 

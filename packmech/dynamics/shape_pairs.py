@@ -51,9 +51,9 @@ from packmech.dynamics.rigid_bodies import (
 )
 from packmech.effects import body_energy, body_force
 from packmech.jit.compiled import compiled_form, inlined
-from packmech.minimize.kernels import coincident_direction
-from packmech.minimize.shape_rows import BeadRows, ShapeRows, shape_rows, shape_touch
-from packmech.minimize.shape_singles import Motion, energy_of_shape, push_on_shape
+from packmech.minimize.passes.kernels import coincident_direction
+from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows, shape_rows, shape_touch
+from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.packing import Packing
 from packmech.shapes import Beads
 

@@ -54,7 +54,7 @@ from packmech.loop.checkpoint import (
 )
 from packmech.loop.run_loop import RunLoop
 from packmech.measure.counting import packing_fraction
-from packmech.minimize.kernels import RUNNING
+from packmech.minimize.passes.kernels import RUNNING
 from packmech.observables import State, added_arrays, added_rows, measure_added
 from packmech.packing import Packing
 from packmech.result import Outcome, Row, Run, Stage, Trace

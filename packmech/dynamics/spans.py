@@ -21,7 +21,7 @@ from packmech.dynamics.observables import (
     TOTAL,
     tensors,
 )
-from packmech.minimize.kernels import RUNNING
+from packmech.minimize.passes.kernels import RUNNING
 from packmech.result import Outcome
 from packmech.scene import Scene
 

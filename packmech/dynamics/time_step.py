@@ -26,7 +26,7 @@ from packmech.dynamics.shape_pairs import dragged_to, push_on_row, shapes_of_blo
 from packmech.dynamics.threads import broadcast, is_first, largest, share, wait
 from packmech.effects import spin_drag
 from packmech.jit.compiled import device, inlined, lean
-from packmech.minimize.kernels import NOT_FINITE, RUNNING
+from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 
 
 @device

@@ -1,1 +1,1 @@
-"""Minimizers, and the compiled program that they move."""
+"""Minimizers, the compiled program that they move, quenches, and batches of small packings."""

@@ -19,11 +19,11 @@ from packmech.links import Links, image_offsets
 from packmech.measure.counting import packing_fraction
 from packmech.minimize import batch_kernels as kernels
 from packmech.minimize.bodies_apart import separate
-from packmech.minimize.damped import DampedDynamics
-from packmech.minimize.fire import Fire, Fire2
-from packmech.minimize.kernels import Goal
+from packmech.minimize.first_order.damped import DampedDynamics
+from packmech.minimize.first_order.fire import Fire, Fire2
+from packmech.minimize.passes.kernels import Goal
+from packmech.minimize.passes.shape_rows import shapes_of
 from packmech.minimize.program import OUTCOME_OF, Program, build_program
-from packmech.minimize.shape_rows import shapes_of
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene

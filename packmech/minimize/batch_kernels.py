@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import has_links
 from packmech.contacts.cells import Frame
 from packmech.jit.compiled import compiled_form, device, kernel
-from packmech.minimize.damped import _Damped, damped_steps
-from packmech.minimize.fire import fire_steps
-from packmech.minimize.kernels import NOT_FINITE, RUNNING, Goal, Space, evaluate
-from packmech.minimize.pair_list import DISPLACED, SKIN_OUTER
-from packmech.minimize.shape_rows import shape_touch, spin_of, touches
+from packmech.minimize.first_order.damped import _Damped, damped_steps
+from packmech.minimize.first_order.fire import fire_steps
+from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING, Goal, Space, evaluate
+from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER
+from packmech.minimize.passes.shape_rows import shape_touch, spin_of, touches
 
 # columns of the figures of a packing
 (

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from packmech.contacts.shape_contacts import find_shape_contacts
-from packmech.minimize.fire import Fire
+from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.links_apart import separate_links
 from packmech.minimize.program import Program, build_program
 from packmech.packing import Packing

@@ -6,13 +6,13 @@ import inspect
 from typing import Any, TypeVar
 
 from packmech.jit.compiled import own_name
-from packmech.minimize.conjugate_gradient import ConjugateGradient
-from packmech.minimize.damped import DampedDynamics
-from packmech.minimize.fire import Fire, Fire2
-from packmech.minimize.gradient_descent import GradientDescent
-from packmech.minimize.lbfgs import LBFGS
-from packmech.minimize.newton import Newton
-from packmech.minimize.steepest_descent import SteepestDescent
+from packmech.minimize.first_order.conjugate_gradient import ConjugateGradient
+from packmech.minimize.first_order.damped import DampedDynamics
+from packmech.minimize.first_order.fire import Fire, Fire2
+from packmech.minimize.first_order.gradient_descent import GradientDescent
+from packmech.minimize.first_order.lbfgs import LBFGS
+from packmech.minimize.first_order.steepest_descent import SteepestDescent
+from packmech.minimize.second_order.newton import Newton
 
 M = TypeVar("M", bound=type)
 

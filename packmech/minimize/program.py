@@ -19,7 +19,7 @@ from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import pair_energy
 from packmech.links import Links
 from packmech.loop.run_loop import RunLoop, RunSettings
-from packmech.minimize.kernels import (
+from packmech.minimize.passes.kernels import (
     CONVERGED,
     FLOOR,
     NOT_FINITE,
@@ -33,9 +33,9 @@ from packmech.minimize.kernels import (
     evaluate,
     judge,
 )
-from packmech.minimize.pair_list import SKIN_FULL, PairList, empty_list, strain_list
-from packmech.minimize.shape_rows import shape_rows
-from packmech.minimize.single_rows import acting_on_rows
+from packmech.minimize.passes.pair_list import SKIN_FULL, PairList, empty_list, strain_list
+from packmech.minimize.passes.shape_rows import shape_rows
+from packmech.minimize.passes.single_rows import acting_on_rows
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene

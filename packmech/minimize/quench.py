@@ -16,12 +16,12 @@ from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.minimize.bodies_apart import deep_overlaps, separate
-from packmech.minimize.fire import Fire
-from packmech.minimize.kernels import Goal
-from packmech.minimize.lbfgs import LBFGS
+from packmech.minimize.first_order.fire import Fire
+from packmech.minimize.first_order.lbfgs import LBFGS
 from packmech.minimize.minimizers import check_minimizer
-from packmech.minimize.newton import Newton, polish
+from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
+from packmech.minimize.second_order.newton import Newton, polish
 from packmech.observables import State, measure_added
 from packmech.packing import Packing
 from packmech.result import Outcome, Run, Stage, Trace

@@ -10,8 +10,8 @@ import numpy as np
 from packmech.check import instance, integer, one_of, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.minimize.soft_network import isochoric_part
-from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge, newton
+from packmech.minimize.second_order.soft_network import isochoric_part
+from packmech.minimize.second_order.soft_newton import SoftState, descend, descend_smoothed, judge, newton
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains

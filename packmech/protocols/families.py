@@ -21,7 +21,7 @@ from packmech.jamming.hard_path import Change, HardPath, Lost, Vertex, search_ha
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
-from packmech.minimize.soft_network import length_unit
+from packmech.minimize.second_order.soft_network import length_unit
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
 from packmech.protocols.jam import free_strains, is_jammed

@@ -13,7 +13,7 @@ from packmech.box import Box
 from packmech.check import integer, positive, real
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, kicked, start_state
 from packmech.measure.counting import packing_fraction
-from packmech.minimize.soft_newton import judge
+from packmech.minimize.second_order.soft_newton import judge
 from packmech.packing import Packing
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, at_packing_fraction

@@ -12,7 +12,7 @@ from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.minimize.bodies_apart import separate
-from packmech.minimize.soft_newton import SoftState, descend, descend_smoothed, judge
+from packmech.minimize.second_order.soft_newton import SoftState, descend, descend_smoothed, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome

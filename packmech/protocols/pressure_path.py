@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
-from packmech.minimize.soft_network import Load
-from packmech.minimize.soft_newton import SoftState, descend, judge, newton
+from packmech.minimize.second_order.soft_network import Load
+from packmech.minimize.second_order.soft_newton import SoftState, descend, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, pairs_of, report_changes
 from packmech.protocols.soft import extrapolated, search_pressure

@@ -35,12 +35,12 @@ from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.shaped import shaped_network
 from packmech.minimize.bodies_apart import deep_overlaps
-from packmech.minimize.fire import Fire
-from packmech.minimize.kernels import Goal
+from packmech.minimize.first_order.fire import Fire
+from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
+from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
 from packmech.minimize.quench import find_crossings, pairs_crossing
-from packmech.minimize.soft_network import Load, Units, length_unit, scaled_load
-from packmech.minimize.strain_fire import StrainedFire, StrainRelaxation
+from packmech.minimize.second_order.soft_network import Load, Units, length_unit, scaled_load
 from packmech.packing import Packing
 from packmech.result import Outcome, Run, Stage
 from packmech.scene import Scene

@@ -9,7 +9,7 @@ from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.minimize.soft_newton import SoftState, judge, newton
+from packmech.minimize.second_order.soft_newton import SoftState, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.linked_jam import stabilize_linked
 from packmech.protocols.protocol import Protocol, finish

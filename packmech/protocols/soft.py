@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
-from packmech.minimize.soft_network import Load, Units, scaled_load
-from packmech.minimize.soft_newton import SoftState, newton
+from packmech.minimize.second_order.soft_network import Load, Units, scaled_load
+from packmech.minimize.second_order.soft_newton import SoftState, newton
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 

@@ -15,8 +15,8 @@ from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.measure.stress import energy, stress_tensor
-from packmech.minimize.soft_network import Response, SoftNetwork
-from packmech.minimize.soft_newton import SoftState, descend, network_of, newton
+from packmech.minimize.second_order.soft_network import Response, SoftNetwork
+from packmech.minimize.second_order.soft_newton import SoftState, descend, network_of, newton
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 from packmech.protocols.soft import search_pressure

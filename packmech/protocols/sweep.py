@@ -11,7 +11,7 @@ from packmech.check import finite_array, instance, one_of, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.stress import stress_tensor
-from packmech.minimize.soft_network import Load
+from packmech.minimize.second_order.soft_network import Load
 from packmech.packing import no_own_images
 from packmech.protocols.jam import free_strains, is_jammed
 from packmech.protocols.pressure_path import PressurePath

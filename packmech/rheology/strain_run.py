@@ -41,7 +41,7 @@ from packmech.effects import Bonds, Friction
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.checkpoint import Arrays, IndexBounds, saved_array, scene_fingerprints
 from packmech.measure.counting import packing_fraction
-from packmech.minimize.kernels import RUNNING
+from packmech.minimize.passes.kernels import RUNNING
 from packmech.observables import (
     State,
     Table,

@@ -15,8 +15,8 @@ from calibration import REFERENCE_NS, calibrate, cpu_seconds
 
 import packmech as pm
 from packmech.jit.compiled import kernel
-from packmech.minimize.fire import Fire
-from packmech.minimize.kernels import Goal, force_pass, move_pass
+from packmech.minimize.first_order.fire import Fire
+from packmech.minimize.passes.kernels import Goal, force_pass, move_pass
 from packmech.minimize.program import Program, build_program
 
 DT, ALPHA = 0.3, 0.15

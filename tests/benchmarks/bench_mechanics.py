@@ -13,8 +13,8 @@ from calibration import calibrate, cpu_seconds
 
 import packmech as pm
 from packmech.linalg.factor import NotDefinite, factorize
-from packmech.minimize.newton import newton
 from packmech.minimize.program import build_program
+from packmech.minimize.second_order.newton import newton
 
 CASES = [(64, 2, 0.9), (256, 2, 0.9), (1024, 2, 0.9), (4096, 2, 0.9), (256, 3, 0.7), (1024, 3, 0.7)]
 BUDGET = {"moduli": 0.020, "modes": 0.100}

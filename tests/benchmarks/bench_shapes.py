@@ -7,7 +7,7 @@ import sys
 import time
 
 import packmech as pm
-from packmech.minimize.kernels import force_pass
+from packmech.minimize.passes.kernels import force_pass
 from packmech.minimize.program import build_program
 
 REPEATS, PASSES, PARTICLES = 30, 10, 4000

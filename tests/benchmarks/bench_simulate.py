@@ -14,7 +14,7 @@ from calibration import calibrate
 import packmech as pm
 from packmech.dynamics.engine import build_engine
 from packmech.dynamics.observables import CONTACTS
-from packmech.minimize.kernels import force_pass
+from packmech.minimize.passes.kernels import force_pass
 from packmech.minimize.program import build_program
 
 REPULSION = (pm.Repulsion(),)

@@ -393,7 +393,7 @@ def test_ctrl_c_saves_the_last_finished_packing(monkeypatch, tmp_path, drive):
 def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
     program = (
         "import sys; sys.argv = ['packmech', 'jam', '--no-record']\n"
-        "import packmech.minimize.fire as fire\n"
+        "import packmech.minimize.first_order.fire as fire\n"
         "import packmech.minimize.program as program\n"
         "def stop(*arguments, **names): print(' '.join(sorted(sys.modules))); raise SystemExit\n"
         "fire.fire_steps = program.evaluate = stop\n"

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 import packmech as pm
 from packmech.linalg.mandel import mandel_tensor, mandel_vector
 from packmech.mechanics.elasticity import reuss_average, voigt_average
-from packmech.minimize.newton import newton
+from packmech.minimize.second_order.newton import newton
 
 OUTSIDE = pathlib.Path(__file__).parents[3] / "shared" / "data" / "outside" / "soft-discs-N64-P1e-4.json"
 COMPONENTS = ["xxxx", "yyyy", "xyxy", "xxyy", "xxxy", "yyxy"]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.minimize.newton import Newton, _Landscape, newton, polish
 from packmech.minimize.program import build_program
+from packmech.minimize.second_order.newton import Newton, _Landscape, newton, polish
 
 
 def nearly_at_rest(particles, dimension, fraction, seed, tolerance=1e-6):

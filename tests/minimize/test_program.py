@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import packmech as pm
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
-from packmech.minimize.pair_list import SKIN_FULL
+from packmech.minimize.passes.pair_list import SKIN_FULL
 from packmech.minimize.program import build_program
 
 REPULSION = (pm.Repulsion(law=pm.Harmonic()),)

@@ -5,8 +5,8 @@ import pytest
 
 import packmech as pm
 from packmech.constraints.projection import scale_box
-from packmech.minimize.soft_network import Units
-from packmech.minimize.soft_newton import descend, descend_smoothed
+from packmech.minimize.second_order.soft_network import Units
+from packmech.minimize.second_order.soft_newton import descend, descend_smoothed
 
 START = {2: 0.35, 3: 0.2}
 DENSE = {2: 0.9, 3: 0.72}

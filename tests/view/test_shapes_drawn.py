@@ -168,18 +168,15 @@ def test_rigid_bodies_of_several_beads_have_hues_of_their_own():
     assert np.array_equal(drawing.particle_colors(single), drawing.particle_colors(pm.bead_packing(packing)))
 
 
-@pytest.mark.parametrize(
-    ("shapes", "wide"),
-    [
-        (pm.Spheroids([3.0], [[1.0, 0.0]]), 3.0),
-        (pm.Spheroids([3.0], [[0.0, 1.0]]), 1.0 / 3.0),
-        # two discs that touch, side by side
-        (pm.rigid_packing(pm.Packing([[1.5, 2.0], [2.5, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2)), [0, 0]).shapes, 2.0),
-    ],
-)
-def test_pictures_of_runs_show_shapes_as_they_are(tmp_path, shapes, wide):
+@pytest.mark.parametrize(("name", "wide"), [("along", 3.0), ("across", 1.0 / 3.0), ("two discs side by side", 2.0)])
+def test_pictures_of_runs_show_shapes_as_they_are(tmp_path, name, wide):
     from PIL import Image
 
+    if name == "two discs side by side":
+        touching = pm.Packing([[1.5, 2.0], [2.5, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+        shapes = pm.rigid_packing(touching, [0, 0]).shapes
+    else:
+        shapes = pm.Spheroids([3.0], [[1.0, 0.0] if name == "along" else [0.0, 1.0]])
     packing = pm.Packing([[2.0, 2.0]], [0.5], pm.Box.cubic(4.0, 2), shapes=shapes)
     scene = pm.Scene(packing, (pm.Repulsion(),))
     run = pm.quench(scene, force_tolerance=1e-6)

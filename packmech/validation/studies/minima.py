@@ -23,7 +23,7 @@ from scipy.integrate import BDF, Radau
 
 import packmech as pm
 from packmech.measure.counting import remove_rattlers
-from packmech.minimize.kernels import RUNNING, STALLED, Goal
+from packmech.minimize.passes.kernels import RUNNING, STALLED, Goal
 from packmech.minimize.program import Program
 from packmech.result import csv_text, markdown_table
 from packmech.validation.studies.rows import complete_rows

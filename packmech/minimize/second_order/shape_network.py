@@ -9,7 +9,7 @@ from packmech.contacts.network import Candidates
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.linalg.factor import factorize
 from packmech.mechanics.shape_sums import shape_sums, turning
-from packmech.minimize.soft_network import REACH, Coupled, Response, SoftNetwork, energy_between
+from packmech.minimize.second_order.soft_network import REACH, Coupled, Response, SoftNetwork, energy_between
 from packmech.packing import Packing
 from packmech.shapes import Beads
 

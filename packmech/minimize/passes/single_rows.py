@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
 from packmech.jit.compiled import compiled_form, device
-from packmech.minimize.shape_rows import has_shapes, shapes_of
-from packmech.minimize.shape_singles import Motion, energy_of_shape, push_on_shape
+from packmech.minimize.passes.shape_rows import has_shapes, shapes_of
+from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
 
 

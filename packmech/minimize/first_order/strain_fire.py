@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.minimize.fire import Fire, steer
+from packmech.minimize.first_order.fire import Fire, steer
 from packmech.minimize.program import Evaluation, Program
-from packmech.minimize.soft_network import Load, isochoric_part
+from packmech.minimize.second_order.soft_network import Load, isochoric_part
 from packmech.packing import Packing
 from packmech.result import Outcome
 

@@ -10,11 +10,11 @@ from packmech.check import positive
 from packmech.constraints.compiled_links import project_rows, speeds
 from packmech.effects import ContactDamping
 from packmech.jit.compiled import compiled_form, device, kernel
-from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
-from packmech.minimize.pair_list import follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
+from packmech.minimize.passes.pair_list import follow, is_stale
+from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows
+from packmech.minimize.passes.single_rows import RowsHeld
 from packmech.minimize.program import Program, Progress
-from packmech.minimize.shape_rows import BeadRows, ShapeRows
-from packmech.minimize.single_rows import RowsHeld
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _STIFFNESS, _NUMBERS = range(4)

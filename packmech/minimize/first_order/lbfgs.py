@@ -11,9 +11,19 @@ import numpy as np
 from packmech.check import integer, positive, real
 from packmech.constraints.compiled_links import along_links, project_rows
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.kernels import FLOOR, RUNNING, STALLED, Goal, clear, force_pass, judge, project_forces, survey
-from packmech.minimize.line_search import add_to, copy_to, dot, line_search, longest, read_places
-from packmech.minimize.pair_list import follow, is_stale
+from packmech.minimize.first_order.line_search import add_to, copy_to, dot, line_search, longest, read_places
+from packmech.minimize.passes.kernels import (
+    FLOOR,
+    RUNNING,
+    STALLED,
+    Goal,
+    clear,
+    force_pass,
+    judge,
+    project_forces,
+    survey,
+)
+from packmech.minimize.passes.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number, followed by 1 / (s.y) of each remembered step

@@ -13,8 +13,8 @@ import numpy as np
 
 from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import device, inner_kernel
-from packmech.minimize.kernels import Sums, clear, force_pass, project_forces
-from packmech.minimize.pair_list import PairList, follow, is_stale
+from packmech.minimize.passes.kernels import Sums, clear, force_pass, project_forces
+from packmech.minimize.passes.pair_list import PairList, follow, is_stale
 
 _TRIALS = 40
 

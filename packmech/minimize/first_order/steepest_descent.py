@@ -10,9 +10,9 @@ import numpy as np
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import device, inner_kernel, kernel
-from packmech.minimize.kernels import RUNNING, STALLED, Goal, clear, force_pass, judge, project_forces, survey
-from packmech.minimize.line_search import copy_to, longest, read_places
-from packmech.minimize.pair_list import follow, is_stale
+from packmech.minimize.first_order.line_search import copy_to, longest, read_places
+from packmech.minimize.passes.kernels import RUNNING, STALLED, Goal, clear, force_pass, judge, project_forces, survey
+from packmech.minimize.passes.pair_list import follow, is_stale
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number

@@ -19,8 +19,8 @@ from packmech.constraints.compiled_links import CompiledLinks, has_links, projec
 from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, kernel
-from packmech.minimize.pair_list import BLOCK, follow, is_stale
-from packmech.minimize.shape_rows import (
+from packmech.minimize.passes.pair_list import BLOCK, follow, is_stale
+from packmech.minimize.passes.shape_rows import (
     flat_spin,
     has_shapes,
     keep_turned,
@@ -30,7 +30,7 @@ from packmech.minimize.shape_rows import (
     touches,
     turn_rows,
 )
-from packmech.minimize.single_rows import push_rows, survey_rows
+from packmech.minimize.passes.single_rows import push_rows, survey_rows
 
 # how a chunk of steps ended
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)

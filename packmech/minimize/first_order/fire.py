@@ -13,8 +13,8 @@ from typing import NamedTuple
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import project_rows, speeds
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
-from packmech.minimize.pair_list import DISPLACED, follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
+from packmech.minimize.passes.pair_list import DISPLACED, follow, is_stale
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.minimize.shape_network import ShapeNetwork
-from packmech.minimize.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units
+from packmech.minimize.second_order.shape_network import ShapeNetwork
+from packmech.minimize.second_order.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units
 from packmech.packing import Packing
 from packmech.result import Outcome
 

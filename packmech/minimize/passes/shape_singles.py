@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from packmech.effects import Walls, body_energy, body_force, body_second, law_energy, law_first, law_second
 from packmech.jit.compiled import compiled_form, inlined
-from packmech.minimize.shape_rows import BeadRows
+from packmech.minimize.passes.shape_rows import BeadRows
 
 
 class Motion(NamedTuple):

@@ -20,8 +20,8 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, factorize
 from packmech.measure.stress import sum_forces
 from packmech.mechanics.hessian import bond_sums
-from packmech.minimize.soft_network import Units, energy_change, length_unit
-from packmech.minimize.soft_newton import descend, judge
+from packmech.minimize.second_order.soft_network import Units, energy_change, length_unit
+from packmech.minimize.second_order.soft_newton import descend, judge
 from packmech.packing import Packing
 from packmech.result import NotConverged, Outcome, Run
 from packmech.scene import Scene

@@ -1,0 +1,1 @@
+"""Minimizers that see forces only, one file each."""
