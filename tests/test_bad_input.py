@@ -653,7 +653,7 @@ BAD = {
         {"a b": 1.0}, {"y": 1.0}, {"y1": 1}, {"y1": [1, 1], "y2": 2}, {"y1": 1, "y1.x": 2},
     ],
     "executor": [3, "threads", concurrent.futures.ThreadPoolExecutor],
-    "workers": COUNT,
+    "workers": [one for one in COUNT if one != 0],
     "group": COUNT,
     "part": ["3", "0/2", "3/2", 3, 0.5, ("1", "2")],
     "retry": SWITCH,
