@@ -591,7 +591,6 @@ BAD = {
     "cementing_curve.particles": [64, "64", [], [0], [2.5], [16, 16], ["16"], None],
     "packings": [*COUNT, None],
     "orders": [*COUNT, None],
-    "processes": [*COUNT, None],
     "folder": [3, 1.5],
     # surroundings and structure
     "degree": [0, -1, 41, 2.5, "6", None, True],

@@ -63,9 +63,9 @@ class _Progress:
         elif reply.state == "failed":
             self.failed += 1
         self.ended += 1
-        self.report()
+        self.report(member=reply.id)
 
-    def report(self) -> None:
+    def report(self, **more: str) -> None:
         """Call the progress callback with what is done, the rate and the time left."""
         if self.call is None:
             return
@@ -73,7 +73,7 @@ class _Progress:
         rate = self.ended / passed if self.ended and passed > 0.0 else math.nan
         left = (self.of - self.done - self.failed) / rate
         figures = {"done": self.done, "failed": self.failed, "of": self.of, "rate": rate, "seconds_left": left}
-        self.call("ensemble", figures | ({"busy": self.busy} if self.busy else {}))
+        self.call("ensemble", figures | ({"busy": self.busy} if self.busy else {}) | more)
 
     def words(self) -> str:
         """Return what is finished, and that it stays."""
@@ -146,7 +146,8 @@ def run_ensemble(
     retry
         Whether members that failed are run again.
     progress
-        Called as progress("ensemble", figures) with done, failed, of, rate [1/s] and seconds_left.
+        Called as progress("ensemble", figures) with done, failed, of, rate [1/s] and seconds_left, and when a member
+        has ended, its id as member.
 
     Raises
     ------
