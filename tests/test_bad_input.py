@@ -597,7 +597,6 @@ BAD = {
     "cementing_curve.particles": [64, "64", [], [0], [2.5], [16, 16], ["16"], None],
     "packings": [*COUNT, None],
     "orders": [*COUNT, None],
-    "processes": [*COUNT, None],
     "folder": [3, 1.5],
     # surroundings and structure
     "degree": [0, -1, 41, 2.5, "6", None, True],
@@ -659,7 +658,7 @@ BAD = {
         {"a b": 1.0}, {"y": 1.0}, {"y1": 1}, {"y1": [1, 1], "y2": 2}, {"y1": 1, "y1.x": 2},
     ],
     "executor": [3, "threads", concurrent.futures.ThreadPoolExecutor],
-    "workers": COUNT,
+    "workers": [one for one in COUNT if one != 0],
     "group": COUNT,
     "part": ["3", "0/2", "3/2", 3, 0.5, ("1", "2")],
     "retry": SWITCH,

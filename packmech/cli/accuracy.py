@@ -9,7 +9,7 @@ from packmech.cli.output import show, working
 from packmech.validation.studies import studies
 
 
-def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy")) -> None:
+def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy"), workers: int | None = None) -> None:
     """Measure what accuracy costs in time: tables and figures; long studies resume what they find.
 
     Parameters
@@ -18,6 +18,8 @@ def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy")) -> No
         the study to run; all of them if not given
     out
         folder to write to
+    workers
+        processes that share long studies (default: one for each core); 0: the command's own
 
     """
     known = studies()
@@ -30,7 +32,7 @@ def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy")) -> No
             def progress(method: str, setting: float, key: str = key) -> None:
                 say(f"study {key}: {method} at {setting:.0e}")
 
-            table, text = known[key](progress, out)
+            table, text = known[key](progress, out, workers)
         (out / f"{key}.csv").write_text(table.to_csv(), encoding="utf-8")
         (out / f"{key}.md").write_text(f"# {table.title}\n\n{text}\n\n{table.to_markdown()}", encoding="utf-8")
         table.save_figure(out / f"{key}.png")

@@ -12,12 +12,17 @@ from cyclopts import Parameter
 
 from packmech.cli.output import Switch, show, table, working
 from packmech.effects import Harmonic, Repulsion
+from packmech.ensemble.cementing_curve import cementing_curve
+from packmech.ensemble.cementing_tables import (
+    cementing_markdown,
+    curve_csv,
+    draw_cementing,
+    thresholds,
+    thresholds_csv,
+)
 from packmech.files.packings import read_law, read_packing
-from packmech.protocols.cementing_curve import cementing_curve
 from packmech.scene import Scene
 from packmech.scenes.scene_file import read_scene
-from packmech.view.cementing import cementing_markdown, curve_csv, thresholds, thresholds_csv
-from packmech.view.figures import draw_cementing
 
 
 def _scene(file: Path) -> Scene:
@@ -50,7 +55,7 @@ def cement(
     step: float = 0.05,
     freeze: str = "angles",
     order: str = "random",
-    processes: int = 1,
+    workers: int | None = None,
 ) -> None:
     """Turn contacts into rigid links and follow the moduli; resumes what it finds.
 
@@ -74,8 +79,8 @@ def cement(
         "angles": bond angles; "clusters": whole clusters; "nothing"
     order
         "random", or "aggregate": contacts that touch what is cemented
-    processes
-        how many share the work
+    workers
+        processes that share the work (default: one for each core); 0: the command's own
 
     """
     for name, given in (("particles", particles), ("packings", packings), ("full", full or None)):
@@ -89,7 +94,7 @@ def cement(
     samples = len(files) or samples
     with working("cementing") as say, _named(files):
         curves = cementing_curve(
-            out / "trials",
+            out / "members",
             scenes=scenes,
             particles=sizes,
             packings=samples,
@@ -98,7 +103,7 @@ def cement(
             step=step,
             freeze=freeze,
             order=order,
-            processes=processes,
+            workers=workers,
             progress=lambda size, packing, done: say(
                 f"cementing: N = {size}, packing {packing + 1} of {samples}, {done} of {draws} orders"
             ),

@@ -80,7 +80,7 @@ def ensemble(
     no_packings
         do not keep packings
     workers
-        processes on this machine (default: one for each core)
+        processes on this machine (default: one for each core); 0: the command's own, without limits
     scheduler
         address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers see the folder under the same path
     part

@@ -25,6 +25,7 @@ def friction(
     pressures: Numbers = None,
     rates: Numbers = None,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Press packings with more and more friction: packing fraction and coordination; resumes what it finds.
 
@@ -48,6 +49,8 @@ def friction(
         largest rates of strain [sqrt(k / m)] (default: 1e-4)
     seed
         of the first packing
+    workers
+        processes that share the work (default: one for each core); 0: the command's own
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
@@ -69,6 +72,7 @@ def friction(
             rates=(1e-4,) if rates is None else rates,
             seeds=range(seed, seed + packings),
             progress=progress,
+            workers=workers,
         )
     draw_friction(found, out / f"friction-{dimension}d.png")
     rows = []

@@ -23,6 +23,7 @@ def inertia(
     pressure: float = 1e-3,
     inertial_numbers: Numbers = None,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Shear discs with friction: stress over the inertial number, at constant pressure and volume; resumes.
 
@@ -42,6 +43,8 @@ def inertia(
         rate sqrt(m / pressure) (default: .01 .02 .03 .05 .1)
     seed
         of the first packing
+    workers
+        processes that share the work (default: one for each core); 0: the command's own
 
     """
     integer("particles", particles, at_least=2)
@@ -61,6 +64,7 @@ def inertia(
             inertial_numbers=INERTIAL_NUMBERS if inertial_numbers is None else inertial_numbers,
             seeds=range(seed, seed + packings),
             progress=progress,
+            workers=workers,
         )
     draw_flows(found, out / "inertia.png")
     rows = [

@@ -53,6 +53,7 @@ _HONORED = {
     "pressure": ("jammed", "bodies", "annealing"),
     "scatter": ("bodies",),
     "steps": ("annealing",),
+    "workers": ("jammed", "moduli", "bodies"),
 }
 _PHI = "jamming_packing_fraction"
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
@@ -70,6 +71,7 @@ def shapes(
     scatter: float = 0.0,
     steps: Numbers = None,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Jam ellipses, spheroids or rigid bodies, follow shear moduli, or compare kinds of stability; resumes.
 
@@ -80,7 +82,7 @@ def shapes(
         distance above jamming; "bodies", dimers over their asymmetry and trimers over their bend, every strain free;
         "stability", equal discs in a square, mechanically stable beside only locally stable, moved along their lowest
         mode; "annealing", discs that become ellipses in small steps of the aspect, beside ellipses quenched from random
-        places. All but stability go on from the table that they find in the folder.
+        places. All but stability go on from what they find in the folder.
     out
         folder to write to
     dimension
@@ -100,11 +102,14 @@ def shapes(
         of the aspect, for annealing (default: 0.05 and 0.005)
     seed
         of the first packing
+    workers
+        processes that share the work, but for stability and annealing (default: one for each core); 0: the command's
+        own
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
     real("scatter", scatter, at_least=0.0, below=1.0)
-    given = {"aspects": aspects, "pressure": pressure, "scatter": scatter or None, "steps": steps}
+    given = {"aspects": aspects, "pressure": pressure, "scatter": scatter or None, "steps": steps, "workers": workers}
     for name, studies in _HONORED.items():
         if given[name] is not None and study not in studies:
             raise ValueError(f"{name} must be left out for {study}: only {' and '.join(studies)} know it")
@@ -144,13 +149,14 @@ def shapes(
                 pressure=pressure,
                 seeds=seeds,
                 progress=show_progress,
+                workers=workers,
             )
         draw_jammed(jammed, out, out / f"jammed-{dimension}d.png")
         _show_jammed(jammed)
-        show(f"wrote jammed-{dimension}d.csv, its packings, and jammed-{dimension}d.png in {out}")
+        show(f"wrote jammed-{dimension}d.csv and jammed-{dimension}d.png in {out}")
         return
     if study == "bodies":
-        _jam_bodies(out, dimension, 64 if particles is None else particles, pressure, seeds, scatter)
+        _jam_bodies(out, dimension, 64 if particles is None else particles, pressure, seeds, scatter, workers)
         return
     count = particles if particles is not None else 256
     with working("shapes") as say:
@@ -166,6 +172,7 @@ def shapes(
             aspects=MODULUS_ASPECTS if aspects is None else aspects,
             seeds=seeds,
             progress=noted,
+            workers=workers,
         )
     draw_moduli(found, out / f"moduli-{dimension}d.png")
     rows = []
@@ -216,7 +223,9 @@ def _anneal(
     show(f"wrote annealed-*.csv, their packings, and annealing.png in {out}")
 
 
-def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seeds: range, scatter: float) -> None:
+def _jam_bodies(
+    out: Path, dimension: int, particles: int, pressure: float, seeds: range, scatter: float, workers: int | None
+) -> None:
     """Jam bodies of all shapes, and print and draw what came of each."""
     with working("shapes") as say:
 
@@ -232,6 +241,7 @@ def _jam_bodies(out: Path, dimension: int, particles: int, pressure: float, seed
             seeds=seeds,
             scatter=scatter,
             progress=show_progress,
+            workers=workers,
         )
     name = f"bodies-{dimension}d" + (f"-{scatter:g}" if scatter else "")
     draw_bodies(found, out / f"{name}.png")

@@ -26,6 +26,7 @@ def spectra(
     aspects: Numbers = None,
     distances: Numbers = None,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Find vibrational states near jamming, where their plateau ends, or hard packings' forces; resumes what it finds.
 
@@ -48,6 +49,8 @@ def spectra(
         of the edges, packing fractions above jamming (default: two a decade, 1e-5 to 1e-2)
     seed
         of the first packing
+    workers
+        processes that share the work (default: one for each core); 0: the command's own
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
@@ -56,12 +59,13 @@ def spectra(
         "dimension": dimension,
         "particles": _PARTICLES[what] if particles is None else particles,
         "seeds": range(seed, seed + packings),
+        "workers": workers,
     }
     figure = out / f"{what}-{dimension}d.png"
     with working("spectra") as say:
 
         def show_progress(done: int, of: int, last: Any) -> None:
-            say(f"spectra: {done} of {of} rows")
+            say(f"spectra: {done} of {of} packings")
 
         chosen["progress"] = show_progress
         if what == "states":

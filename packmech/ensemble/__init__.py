@@ -6,5 +6,6 @@ nothing did; either is written under another name and moved into place when it i
 anywhere, so that any process may end at any time: what is there stays, what is missing is run by whoever comes next.
 
 `members` names and numbers them, `folder` reads and writes, `jobs` says what a member runs, `worker` runs members in a
-process of its own under limits, `run` hands them to an executor, `table` and `statistics` read what came of them.
+process of its own under limits, `run` hands them to an executor or runs them here, `table` and `statistics` read what
+came of them.
 """

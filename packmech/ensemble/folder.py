@@ -248,6 +248,14 @@ def claimed(folder: Path, member: Member) -> Iterator[bool]:
         yield True
 
 
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays that a member left in its folder, by name; none if it left none."""
+    if not (path / ARRAYS).exists():
+        return {}
+    with np.load(path / ARRAYS, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
 def write_outcome(folder: Path, member: Member, outcome: Outcome) -> None:
     """Write what came of a member, its result last and in one step; what was left of attempts before goes."""
     path = folder / WORKSPACE / member.id

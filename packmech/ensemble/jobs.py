@@ -33,6 +33,8 @@ from packmech.scenes.recipes import is_random
 from packmech.scenes.scene_file import read_scene_tables, scene_of_tables, write_scene
 from packmech.view.report import examine
 
+Functions = Mapping[str, Callable[..., Any]]
+
 SEEDING = ("parameters", "seed")
 # what a run says of its cost: of no interest to a table of results, and never the same twice
 _COSTS = ("seconds", "build_seconds", "verdict_seconds")
@@ -49,13 +51,14 @@ def job_table(
     check: bool = True,
     keep_packings: bool = True,
     load: Sequence[PathLike] = (),
+    here: bool = False,
 ) -> dict[str, Any]:
     """Return what `run_ensemble` was given as a table that JSON knows.
 
     Raises
     ------
     TypeError, ValueError
-        If it cannot be run in another process.
+        If it cannot be run in another process, unless it is to run in this one (`here`).
 
     """
     one_of("seeding", seeding, SEEDING)
@@ -69,14 +72,15 @@ def job_table(
         "load": [str(one.absolute()) for one in files],
         "measures": None
         if measures is None
-        else [_measure(one) for one in listed("measures", measures, "names and functions")],
+        else [_measure(one, here) for one in listed("measures", measures, "names and functions")],
     }
     named = _named_function(job)
     if callable(job) or named is not None:
         if measures is not None and any(callable(one) for one in measures):
             raise ValueError("measures must be names where job is a function: it returns what it measures")
-        reference = _reference("job", job) if named is None else named
-        function_at(reference, "job")
+        reference = _reference("job", job, here) if named is None else named
+        if named is not None or not here:
+            function_at(reference, "job")
         return table | {"function": reference}
     if isinstance(job, Scene):
         with tempfile.TemporaryDirectory() as place:
@@ -95,13 +99,22 @@ def job_table(
     return table | {"scene": tables, "name": Path(name).name, "folder": place}
 
 
-def _measure(measure: Any) -> Any:
+def functions_of(job: Any, measures: Sequence[Any] | None) -> Functions:
+    """Return the functions among what `run_ensemble` was given by their names in its table."""
+    given = [one for one in (job, *(measures or ())) if callable(one)]
+    named = {_reference("job", one, here=True)["name"]: one for one in given}
+    if len(named) < len(given):
+        raise ValueError(f"measures must be functions of different names, got {', '.join(map(brief, measures or ()))}")
+    return named
+
+
+def _measure(measure: Any, here: bool) -> Any:
     if isinstance(measure, str):
         found = _named_function(measure)
         return measure if found is None else found
     if not callable(measure):
         raise TypeError(f"measures must be names or functions, got {brief(measure)}")
-    return _reference("measures", measure)
+    return _reference("measures", measure, here)
 
 
 def _named_function(job: Any) -> dict[str, str] | None:
@@ -118,13 +131,16 @@ def _named_function(job: Any) -> dict[str, str] | None:
     return {"module": where, "name": name, "root": ""}
 
 
-def _reference(argument: str, function: Any) -> dict[str, str]:
-    """Return where another process finds a function."""
+def _reference(argument: str, function: Any, here: bool = False) -> dict[str, str]:
+    """Return where another process finds a function; what it is called where that is of no matter (`here`)."""
     name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
     file = getattr(sys.modules.get(module or ""), "__file__", None)
     if not name.isidentifier() or file is None:
+        if here:
+            return {"module": str(module), "name": name or type(function).__qualname__, "root": ""}
         raise TypeError(
-            f"{argument} must be a function at the top of a file, which other processes can import, got {function!r}"
+            f"{argument} must be a function at the top of a file, which other processes can import, or workers 0, got "
+            f"{function!r}"
         )
     path, parts = Path(file).absolute(), str(module).split(".")
     if parts[0] == packmech.__name__ or is_installed(path):
@@ -140,8 +156,10 @@ def is_installed(path: Path) -> bool:
     return any(Path(one) in path.parents for one in (*site.getsitepackages(), site.getusersitepackages()))
 
 
-def function_at(reference: Mapping[str, str], argument: str = "job") -> Callable[..., Any]:
-    """Return the function that a reference names.
+def function_at(
+    reference: Mapping[str, str], argument: str = "job", given: Functions | None = None
+) -> Callable[..., Any]:
+    """Return the function that a reference names: that of this name which was given, or the one in its module.
 
     Raises
     ------
@@ -150,6 +168,13 @@ def function_at(reference: Mapping[str, str], argument: str = "job") -> Callable
 
     """
     module, name, root = reference["module"], reference["name"], reference["root"]
+    if given and name in given:
+        return given[name]
+    if not name.isidentifier():
+        raise ValueError(
+            f"{argument} must be at the top of a file, which any process can import, got {name}: what was run here "
+            "with workers 0 goes on by the same call of run_ensemble"
+        )
     loaded = sys.modules.get("__main__")
     file = getattr(loaded, "__file__", None)
     if root and file is not None and Path(file).absolute() == Path(root, f"{module}.py"):
@@ -167,7 +192,7 @@ def function_at(reference: Mapping[str, str], argument: str = "job") -> Callable
     return found  # type: ignore[no-any-return]
 
 
-def check_parameters(table: Mapping[str, Any], member: Member) -> None:
+def check_parameters(table: Mapping[str, Any], member: Member, given: Functions | None = None) -> None:
     """Refuse a grid whose parameters the job does not have, before anything is run.
 
     Raises
@@ -177,7 +202,7 @@ def check_parameters(table: Mapping[str, Any], member: Member) -> None:
 
     """
     if "function" in table:
-        _arguments(function_at(table["function"]), member, Path())
+        _arguments(function_at(table["function"], given=given), member, Path())
     else:
         _scene(table, member)
 
@@ -191,8 +216,8 @@ def _arguments(function: Callable[..., Any], member: Member, folder: Path) -> di
         signature.bind(**given)
     except TypeError as error:
         raise ValueError(
-            f"grid must name the parameters of {function.__name__}{signature}, got {', '.join(member.parameters)}: "
-            f"{error}"
+            f"grid must name the parameters of {getattr(function, '__name__', 'the job')}{signature}, got "
+            f"{', '.join(member.parameters)}: {error}"
         ) from error
     return given
 
@@ -208,7 +233,7 @@ def _scene(table: Mapping[str, Any], member: Member) -> Scene:
     return scene_of_tables(table["scene"], Path(table["folder"]), seed=seed, changes=changes, name=table["name"])
 
 
-def run_member(table: Mapping[str, Any], member: Member, folder: Path) -> Outcome:
+def run_member(table: Mapping[str, Any], member: Member, folder: Path, given: Functions | None = None) -> Outcome:
     """Return what comes of a member.
 
     Parameters
@@ -219,6 +244,8 @@ def run_member(table: Mapping[str, Any], member: Member, folder: Path) -> Outcom
         The member.
     folder
         Its folder, where a run that takes checkpoints leaves one and goes on from it.
+    given
+        Functions of the job by name that no module need have.
 
     Raises
     ------
@@ -229,7 +256,7 @@ def run_member(table: Mapping[str, Any], member: Member, folder: Path) -> Outcom
     began = time.process_time()
     load_modules([Path(one) for one in table["load"]])
     if "function" in table:
-        function = function_at(table["function"])
+        function = function_at(table["function"], given=given)
         made = function(**_arguments(function, member, folder))
         found = _of_run(made, table) if isinstance(made, Run) else _of_value(made)
         wanted = table["measures"]
@@ -238,13 +265,13 @@ def run_member(table: Mapping[str, Any], member: Member, folder: Path) -> Outcom
     else:
         scene = _scene(table, member)
         checkpoint = folder / CHECKPOINT if takes_checkpoint(scene) else None
-        found = _of_scene(run_drive(scene, checkpoint=checkpoint), scene, table)
+        found = _of_scene(run_drive(scene, checkpoint=checkpoint), scene, table, given)
     if not table["keep_packings"]:
         found = dataclasses.replace(found, packings={})
     return dataclasses.replace(found, seconds=time.process_time() - began)
 
 
-def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any]) -> Outcome:
+def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any], given: Functions | None) -> Outcome:
     """Return what is measured of a run of a scene."""
     found = _of_run(run, table)
     measures = table["measures"]
@@ -262,7 +289,7 @@ def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any]) -> Outcome:
     chosen = values if names is None else _chosen(values, names)
     for one in measures or ():
         if not isinstance(one, str):
-            measured = function_at(one, "measures")(after)
+            measured = function_at(one, "measures", given)(after)
             chosen |= dict(measured) if isinstance(measured, Mapping) else {one["name"]: measured}
     extra = _of_value(chosen)
     return dataclasses.replace(found, values=extra.values, arrays=extra.arrays)

@@ -11,19 +11,23 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from packmech.check import brief, function, instance, integer, listed, positive
-from packmech.ensemble.folder import FolderError, find, listed_members, make_members, prepare, read_job
-from packmech.ensemble.jobs import check_parameters, job_table
+from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
+from packmech.ensemble.jobs import Functions, check_parameters, functions_of, job_table, run_member
 from packmech.ensemble.members import Grid, Member, members_of, part_of
 from packmech.ensemble.table import Ensemble, read_ensemble
-from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, can_limit_memory
+from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, can_limit_memory, carry_out
 from packmech.files.packings import PathLike
+from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 
 Progress = Callable[[str, dict[str, Any]], None]
+# what came of each group as it ended, or the executor's own error
+Replies = Iterator[list[Reply] | BaseException]
 
 # for so long the first member is alone, so that what it compiles the others find [s]
 _HEAD_START = 60.0
@@ -59,9 +63,9 @@ class _Progress:
         elif reply.state == "failed":
             self.failed += 1
         self.ended += 1
-        self.report()
+        self.report(member=reply.id)
 
-    def report(self) -> None:
+    def report(self, **more: str) -> None:
         """Call the progress callback with what is done, the rate and the time left."""
         if self.call is None:
             return
@@ -69,7 +73,7 @@ class _Progress:
         rate = self.ended / passed if self.ended and passed > 0.0 else math.nan
         left = (self.of - self.done - self.failed) / rate
         figures = {"done": self.done, "failed": self.failed, "of": self.of, "rate": rate, "seconds_left": left}
-        self.call("ensemble", figures | ({"busy": self.busy} if self.busy else {}))
+        self.call("ensemble", figures | ({"busy": self.busy} if self.busy else {}) | more)
 
     def words(self) -> str:
         """Return what is finished, and that it stays."""
@@ -129,7 +133,9 @@ def run_ensemble(
     load
         Python files to import first, which register laws, effects, drives, ... of your own.
     workers
-        How many processes on this machine; None: one for each core. Not for an executor.
+        How many processes on this machine; None: one for each core. Not for an executor. 0: none, members run here, one
+        after the other; any callable is a job then, such as a closure or a function of a notebook, which the folder
+        knows by its name only. Limits, which need a process, are refused then.
     time_limit, memory_limit
         Of each member: wall time without compiling [s], and memory of its process [bytes]. A member beyond is ended and
         has failed.
@@ -140,7 +146,8 @@ def run_ensemble(
     retry
         Whether members that failed are run again.
     progress
-        Called as progress("ensemble", figures) with done, failed, of, rate [1/s] and seconds_left.
+        Called as progress("ensemble", figures) with done, failed, of, rate [1/s] and seconds_left, and when a member
+        has ended, its id as member.
 
     Raises
     ------
@@ -165,17 +172,22 @@ def run_ensemble(
     >>> found = pm.run_ensemble("default", grid, folder, measures=["contacts", "bulk_modulus"], workers=1)
     >>> found.counts(), found.results
     ({'done': 2, 'failed': 0, 'missing': 0}, ('contacts', 'bulk_modulus'))
+    >>> pm.run_ensemble(lambda x: x**2, {"x": [2, 3]}, folder.with_name("squares"), workers=0)["value"].tolist()
+    [4, 9]
 
     """
     settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
-    place = _folder(folder)
+    here = settings.workers == 0
+    place = _folder(folder, here)
     members = part_of(members_of(grid), part)
-    table = job_table(job, measures=measures, seeding=seeding, check=check, keep_packings=keep_packings, load=load)
+    kept: dict[str, Any] = {"seeding": seeding, "check": check, "keep_packings": keep_packings}
+    table = job_table(job, measures=measures, load=load, here=here, **kept)
+    functions = functions_of(job, measures) if here else {}
     if members:
-        check_parameters(table, members[0])
+        check_parameters(table, members[0], functions)
     prepare(place, table)
     make_members(place, members)
-    _complete(place, members, settings)
+    _complete(place, members, settings, functions)
     return read_ensemble(place)
 
 
@@ -217,7 +229,8 @@ def resume_ensemble(
     (1, 1)
 
     """
-    place = _folder(folder)
+    settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
+    place = _folder(folder, settings.workers == 0)
     read_job(place)
     there = listed_members(place)
     if members is not None:
@@ -227,17 +240,17 @@ def resume_ensemble(
         if unknown:
             raise ValueError(f"members must be folders in {place}, got {', '.join(unknown)}")
         there = [known[name] for name in names]
-    settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
-    _complete(place, part_of(there, part), settings)
+    _complete(place, part_of(there, part), settings, {})
     return read_ensemble(place)
 
 
-def _folder(folder: Any) -> Path:
+def _folder(folder: Any, here: bool) -> Path:
     if not isinstance(folder, str | os.PathLike):
         raise TypeError(f"folder must be a path, got {brief(folder)}")
-    if os.environ.get(INSIDE):
+    if os.environ.get(INSIDE) and not here:
         raise ValueError(
-            "job must not run an ensemble itself; a script that does needs its call below if __name__ == '__main__':"
+            "job must not run an ensemble itself, unless with workers 0; a script that does needs its call below "
+            "if __name__ == '__main__':"
         )
     return Path(folder).absolute()
 
@@ -258,6 +271,12 @@ def _settings(
     executor: Any, workers: Any, time_limit: Any, memory_limit: Any, group: Any, retry: Any, progress: Any
 ) -> _Settings:
     """Return how members are run, after checking it."""
+    if workers is not None:
+        integer("workers", workers, at_least=0)
+    if workers == 0:
+        for name, value in (("time_limit", time_limit), ("memory_limit", memory_limit), ("group", group)):
+            if value is not None:
+                raise ValueError(f"{name} must be left out with workers 0, which runs members in this process")
     if executor is not None:
         if isinstance(executor, type):
             raise TypeError(f"executor must be an executor, not its class, got {brief(executor)}")
@@ -271,7 +290,7 @@ def _settings(
     instance("retry", retry, bool)
     return _Settings(
         executor,
-        _cores() if workers is None else integer("workers", workers, at_least=1),
+        _cores() if workers is None else workers,
         Limits(
             math.inf if time_limit is None else positive("time_limit", time_limit),
             math.inf if memory_limit is None else positive("memory_limit", memory_limit),
@@ -287,7 +306,7 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> None:
+def _complete(folder: Path, members: Sequence[Member], settings: _Settings, functions: Functions) -> None:
     """Run the members that are missing, and those that failed if they are to be run again."""
     states = {one.id: find(folder, one).state for one in members}
     waiting = [one for one in members if states[one.id] == "missing" or (settings.retry and states[one.id] == "failed")]
@@ -295,6 +314,10 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> N
     known = _Progress(len(members), sum(state == "done" for state in states.values()), failed, settings.progress)
     known.report()
     if not waiting:
+        return
+    if settings.workers == 0:
+        with single_thread(), safe_interrupts():
+            _until_none_is_busy(waiting, lambda some: _here(folder, some, settings.retry, functions), known)
         return
     token = uuid.uuid4().hex
     stopping = _STOPPING[token] = threading.Event()
@@ -316,15 +339,9 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> N
 
     try:
         with safe_interrupts():
-            while waiting:
-                given = (str(folder), settings.limits, settings.retry, token)
-                replies = _replies(engine, waiting, size, given, pending, threads if local else 0)
-                busy = _taken(replies, known)
-                waiting = [one for one in waiting if one.id in busy]
-                if waiting:
-                    known.busy = len(waiting)
-                    known.report()
-                    time.sleep(_BUSY)
+            given = (str(folder), settings.limits, settings.retry, token)
+            shared = threads if local else 0
+            _until_none_is_busy(waiting, lambda some: _replies(engine, some, size, given, pending, shared), known)
     finally:
         stopping.set()
         for one in pending:
@@ -336,6 +353,29 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings) -> N
         del _STOPPING[token], _WORKERS[token]
 
 
+def _until_none_is_busy(
+    members: Sequence[Member],
+    run: Callable[[Sequence[Member]], Iterator[list[Reply] | BaseException]],
+    known: _Progress,
+) -> None:
+    """Run members, and those that another command ran meanwhile again, which finds them finished or has them to run."""
+    while members:
+        busy = _taken(run(members), known)
+        members = [one for one in members if one.id in busy]
+        if members:
+            known.busy = len(members)
+            known.report()
+            time.sleep(_BUSY)
+
+
+def _here(folder: Path, members: Sequence[Member], retry: bool, functions: Functions) -> Replies:
+    """Run members in this process, one after the other, and give how each ended."""
+    table = read_job(folder)
+    for one in members:
+        run = partial(run_member, table, one, folder / WORKSPACE / one.id, functions)
+        yield [carry_out(folder, one, run, retry=retry)]
+
+
 def _replies(
     engine: Executor,
     members: Sequence[Member],
@@ -343,7 +383,7 @@ def _replies(
     settings: tuple[str, Limits, bool, str],
     pending: set[Future[list[Reply]]],
     threads: int,
-) -> Iterator[list[Reply] | BaseException]:
+) -> Replies:
     """Give what came of each group as it ends; the executor's own errors are given, too.
 
     Threads of this process get two groups each at a time, and the first of them a head start; other executors all.
@@ -380,7 +420,7 @@ def _replies(
         yield error
 
 
-def _taken(replies: Iterator[list[Reply] | BaseException], known: _Progress) -> set[str]:
+def _taken(replies: Replies, known: _Progress) -> set[str]:
     """Count what came of the members; return those that another command runs.
 
     Raises

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, integer
-from packmech.ensemble.folder import ARRAYS, WORKSPACE, Found, find, listed_members, read_job
+from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Member
 from packmech.files.packings import PathLike, read_packing
 from packmech.observables import Column, Table
@@ -123,11 +123,7 @@ class Ensemble:
 
     def arrays(self, row: int) -> dict[str, NDArray[Any]]:
         """Return the arrays that the member in a row left, by name; none if it left none."""
-        path = self.path(row) / ARRAYS
-        if not path.exists():
-            return {}
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+        return read_arrays(self.path(row))
 
     def __repr__(self) -> str:
         counted = ", ".join(f"{number} {state}" for state, number in self.counts().items() if number)

@@ -34,6 +34,7 @@ from packmech.ensemble.folder import (
     JOB,
     WORKSPACE,
     FolderError,
+    Outcome,
     claimed,
     find,
     read_job,
@@ -417,8 +418,14 @@ def main() -> None:
 def _serve(requests: _Requests, answer: Callable[..., None]) -> None:
     while (request := requests.next()) is not None:
         member = Member(**request["member"])
+        folder = Path(request["folder"])
+
+        def run(folder: Path = folder, member: Member = member) -> Outcome:
+            return run_member(_job(folder, (folder / JOB).stat().st_mtime_ns), member, folder / WORKSPACE / member.id)
+
         try:
-            answer(**_carry_out(Path(request["folder"]), member, request["retry"]))
+            reply = carry_out(folder, member, run, retry=request["retry"])
+            answer(state=reply.state, message=reply.message)
         except KeyboardInterrupt:
             answer(state="interrupted")
             return
@@ -430,34 +437,39 @@ def _job(folder: Path, written: int) -> dict[str, Any]:
     return read_job(folder)
 
 
-def _carry_out(folder: Path, member: Member, retry: bool) -> dict[str, Any]:
-    """Run a member unless it is finished or somebody else's; return how it ended."""
+def carry_out(folder: Path, member: Member, run: Callable[[], Outcome], *, retry: bool) -> Reply:
+    """Run a member in this process unless it is finished or somebody else's; return how it ended, after recording it.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Passed on; nothing is recorded then.
+
+    """
     try:
         with claimed(folder, member) as own:
             if not own:
-                return {"state": "busy"}
+                return Reply(member.id, "busy")
             known = find(folder, member)
             if known.state == "done":
-                return {"state": "done"}
+                return Reply(member.id, "done")
             if known.failure is not None and not retry:
-                return {"state": "failed", "message": f"{known.failure['reason']}: {known.failure['message']}"}
+                return Reply(member.id, "failed", f"{known.failure['reason']}: {known.failure['message']}")
             remove_leftovers(folder, member, checkpoint=known.failure is not None)
             try:
-                outcome = run_member(
-                    _job(folder, (folder / JOB).stat().st_mtime_ns), member, folder / WORKSPACE / member.id
-                )
+                outcome = run()
             except KeyboardInterrupt:
                 raise
             except BaseException as error:
                 if isinstance(error, OSError) and error.errno in _FULL:
-                    return {"state": "folder", "message": f"{folder} could not be written: {error}"}
+                    return Reply(member.id, "folder", f"{folder} could not be written: {error}")
                 failure = _failure(type(error).__name__, str(error) or repr(error), traceback.format_exc())
                 write_failure(folder, member, failure)
-                return {"state": "failed", "message": f"{failure['reason']}: {failure['message']}"}
+                return Reply(member.id, "failed", f"{failure['reason']}: {failure['message']}")
             write_outcome(folder, member, outcome)
     except FolderError as error:
-        return {"state": "folder", "message": str(error)}
-    return {"state": "done"}
+        return Reply(member.id, "folder", str(error))
+    return Reply(member.id, "done")
 
 
 if __name__ == "__main__":

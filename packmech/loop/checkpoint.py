@@ -189,25 +189,6 @@ def read_checkpoint(path: Any, kind: str, *, argument: str = "path") -> Checkpoi
     return Checkpoint(head["settings"], arrays)
 
 
-def read_results(path: Path, kind: str, settings: Mapping[str, Any]) -> Arrays:
-    """Return what a file of a folder of results holds.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or holds results of other settings.
-
-    """
-    found, arrays = read_checkpoint(path, kind, argument="folder")
-    if found != json.loads(json.dumps(settings)):
-        others = [name for name in {**found, **settings} if found.get(name) != settings.get(name)]
-        raise ValueError(
-            f"folder must hold results of the same settings, or none, got {path} with "
-            + ", ".join(f"{name} = {found.get(name)!r} where {settings.get(name)!r} is asked for" for name in others)
-        )
-    return arrays
-
-
 def _read(content: bytes) -> tuple[dict[str, Any], Arrays]:
     """Return the head and the arrays of a file of this version."""
     if not content.startswith(b"PK"):

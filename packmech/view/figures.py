@@ -1,4 +1,4 @@
-"""All that is imported of matplotlib and the one style of figures; cementing curves and pictures of runs."""
+"""All that is imported of matplotlib and the one style of figures; scaling and pictures of runs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
-from packmech.protocols.cementing_curve import CementingCurve
 from packmech.protocols.scaling import JammingScaling
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Spheroids
 from packmech.view import drawing
-from packmech.view.cementing import STIFF_SHARE
 from packmech.view.trajectory import Curve, DrawnFrame, Frame, Trajectory, draw_moving, trajectory_of_run
 
 # eight colors and shapes that stay apart for color-blind readers and in gray (Okabe and Ito)
@@ -87,52 +85,6 @@ def label_settings(axes: Any, settings: Sequence[float]) -> None:
 def hollow_marker() -> Any:
     """Return the marker of the legend that stands for hollow points."""
     return _matplotlib().Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none")
-
-
-def draw_cementing(curves: Sequence[CementingCurve], path: Path) -> None:
-    """Write the figure: shear and bulk modulus, Poisson ratio, and the fractions of stiff packings, against n_l/N."""
-    with styled_figure(path, (9.6, 7.2)) as figure:
-        axes = figure.subplots(2, 2)
-        for number, curve in enumerate(curves):
-            color, marker = COLORS[number % len(COLORS)], MARKERS[number % len(MARKERS)]
-            style = {"color": color, "marker": marker, "markersize": 4.0, "linewidth": 1.0}
-            _moduli(axes[0][0], curve, "shear", style)
-            _moduli(axes[0][1], curve, "bulk", style)
-            show = curve.some_stiff_k < STIFF_SHARE
-            poisson = curve.poisson_ratio
-            axes[1][0].errorbar(
-                curve.link_fraction_k[show], poisson.mean_k[show], poisson.error_k[show], capsize=2.0, **style
-            )
-            axes[1][1].plot(curve.link_fraction_k, curve.some_stiff_k, **style)
-            axes[1][1].plot(curve.link_fraction_k, curve.all_stiff_k, markerfacecolor="none", linestyle="--", **style)
-        for ax, name in ((axes[0][0], "shear"), (axes[0][1], "bulk")):
-            shown = [getattr(curve, name).mean_k[curve.some_stiff_k < STIFF_SHARE] for curve in curves]
-            # means of the upper bound run away shortly before directions become stiff
-            ax.set_ylim(0.4 * min(map(np.nanmin, shown)), 5.0 * max(map(np.nanmax, shown)))
-        axes[0][0].set(ylabel="shear modulus (energy / diameter$^d$)", yscale="log")
-        axes[0][1].set(ylabel="bulk modulus (energy / diameter$^d$)", yscale="log")
-        axes[1][0].set(ylabel="Poisson ratio")
-        axes[1][1].set(ylabel="fraction of trials", ylim=(-0.03, 1.03))
-        axes[1][1].set_title("filled: a stiff direction; open: completely rigid", fontsize=8.0)
-        for ax in axes.flat:
-            ax.set_xlabel("cemented contacts per particle, $n_l/N$")
-        handles, labels = axes[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
-        first = curves[0]
-        shape = " x ".join(map(str, first.first_stiff_po.shape))
-        figure.suptitle(
-            f"Cementing: random contacts become rigid links; {shape} packings x orders\n"
-            "points: means weighted by the Voigt and Reuss bounds; bands: mean bounds; shown until half are stiff",
-            fontsize=10,
-        )
-
-
-def _moduli(ax: Any, curve: CementingCurve, name: str, style: dict[str, Any]) -> None:
-    show = curve.some_stiff_k < STIFF_SHARE
-    means, fraction = getattr(curve, name), curve.link_fraction_k[show]
-    ax.errorbar(fraction, means.mean_k[show], means.error_k[show], capsize=2.0, label=f"N = {curve.particles}", **style)
-    low, high = (curve.bound_means[f"{name}_{bound}"][show] for bound in ("reuss", "voigt"))
-    ax.fill_between(fraction, low, high, color=style["color"], alpha=0.12, linewidth=0.0)
 
 
 # what falls towards the jamming point, and how it is called on its axis

@@ -1,4 +1,4 @@
-"""Cementing: compliance against independent methods, what each contact adds, thresholds, and work that resumes."""
+"""Cementing: compliance against independent methods, what each contact adds, and thresholds."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,8 @@ import scipy.linalg as sl
 
 import packmech as pm
 from packmech.linalg.mandel import mandel_basis
-from packmech.protocols.cementing_curve import weighted_mean
 
 BIDISPERSE = pm.Bidisperse(ratio=1.4)
-SMALL = {"particles": [16], "packings": 2, "dimension": 2, "sizes": BIDISPERSE}
 
 
 def jammed(particles, dimension):
@@ -198,66 +196,6 @@ def test_a_packing_that_yields_to_a_strain_is_refused():
         pm.cement(
             pm.Scene(pm.quench(pm.Scene(loose, (pm.Repulsion(),)), force_tolerance=1e-9).packing, (pm.Repulsion(),))
         )
-
-
-def test_weighted_mean_has_the_closed_forms():
-    value, weight = np.array([[[1.0], [2.0]], [[4.0], [np.inf]]]), np.array([[[1.0], [2.0]], [[1.0], [0.0]]])
-    found = weighted_mean(value, weight)
-    assert found.mean_k == pytest.approx([9.0 / 4.0])
-    # off by -1.25 - 0.5 in one packing, by 1.75 in the other
-    assert found.error_k == pytest.approx([np.sqrt(2.0 * 2.0 * 1.75**2) / 4.0])
-    assert found.trials_k.tolist() == [3]
-
-
-def same(one, other):
-    return all(
-        np.array_equal(a.curves[name], b.curves[name], equal_nan=True) and np.array_equal(a.all_o, b.all_o)
-        for x, y in zip(one, other, strict=True)
-        for a, b in zip(x.trials, y.trials, strict=True)
-        for name in a.curves
-    )
-
-
-def test_interrupted_work_goes_on_with_the_same_numbers_and_keeps_what_was_finished(tmp_path):
-    whole = pm.cementing_curve(orders=3, **SMALL)
-
-    def stop(particles, packing, done):
-        if (packing, done) == (1, 2):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        pm.cementing_curve(tmp_path, orders=3, progress=stop, **SMALL)
-    kept = {path.name: sum("cemented_" in name for name in np.load(path).files) for path in tmp_path.iterdir()}
-    assert kept == {"n00016-packing000.npz": 3, "n00016-packing001.npz": 2}
-    before = (tmp_path / "n00016-packing000.npz").stat().st_mtime_ns
-    assert same(pm.cementing_curve(tmp_path, orders=3, **SMALL), whole)
-    assert (tmp_path / "n00016-packing000.npz").stat().st_mtime_ns == before
-
-
-def test_two_processes_give_the_same_numbers_as_one(tmp_path):
-    assert same(pm.cementing_curve(tmp_path, orders=2, processes=2, **SMALL), pm.cementing_curve(orders=2, **SMALL))
-
-
-def test_results_of_other_settings_or_unreadable_ones_are_refused(tmp_path):
-    pm.cementing_curve(tmp_path, orders=1, **SMALL)
-    with pytest.raises(ValueError, match="^folder must hold results of the same settings, or none"):
-        pm.cementing_curve(tmp_path, orders=1, step=0.1, **SMALL)
-    (tmp_path / "n00016-packing000.npz").write_bytes(b"PK no archive")
-    with pytest.raises(ValueError, match="^folder must name a checkpoint, got"):
-        pm.cementing_curve(tmp_path, orders=1, **SMALL)
-
-
-def test_the_command_writes_curve_thresholds_words_and_figure_and_resumes(tmp_path):
-    from packmech.cli import execute
-
-    words = ["cement", "--out", str(tmp_path), "--particles", "16", "--packings", "2", "--orders", "1"]
-    assert execute(words) == 0
-    names = {"curve.csv", "thresholds.csv", "cementing.md", "cementing.png", "trials"}
-    assert {path.name for path in tmp_path.iterdir()} == names
-    first = (tmp_path / "curve.csv").read_text()
-    assert execute(words) == 0
-    assert (tmp_path / "curve.csv").read_text() == first
-    assert len((tmp_path / "thresholds.csv").read_text().splitlines()) == 3
 
 
 def test_a_link_that_hangs_on_others_by_a_hair_is_found_as_dependent():

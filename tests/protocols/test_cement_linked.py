@@ -1,4 +1,4 @@
-"""Facts about cementing packings that have links, packings of one's own, and clusters that grow."""
+"""Facts about cementing packings that have links, and clusters that grow."""
 
 import collections
 import functools
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.cli import execute
 from packmech.protocols.cement import backbone_of, drawn_order
 
 
@@ -173,43 +172,3 @@ def test_the_next_contact_of_a_cluster_is_each_with_equal_chances():
     assert all({int(contacts.i_c[c]), int(contacts.j_c[c])} & ends for c in seen)
     count = np.array(list(seen.values()))
     assert ((count - count.mean()) ** 2 / count.mean()).sum() < 30.0
-
-
-def test_curves_of_ones_own_packings_are_resumed_and_told_apart(tmp_path):
-    scenes = [monomers(1), monomers(2), monomers(2, 48)]
-    settings = {"orders": 2, "seed": 5, "step": 0.2}
-    curves = pm.cementing_curve(tmp_path, scenes=scenes, **settings)
-    assert [(one.particles, len(one.trials)) for one in curves] == [(32, 2), (48, 1)]
-    again = pm.cementing_curve(tmp_path, scenes=scenes, **settings)
-    assert all(np.array_equal(a.bulk.mean_k, b.bulk.mean_k, equal_nan=True) for a, b in zip(curves, again, strict=True))
-    alone = pm.cement(scenes[0], kind="unstressed", step=0.2)
-    assert np.abs(curves[0].trials[0].curves["bulk_reuss"][0, 0] / alone.reuss(0).bulk_modulus - 1.0) < 1e-12
-    assert curves[1].anisotropy.mean_k[0] == pytest.approx(pm.cement(scenes[2], step=0.2).anisotropy(0), rel=1e-9)
-    with pytest.raises(ValueError, match="settings|scene"):
-        pm.cementing_curve(tmp_path, scenes=scenes[1:], **settings)
-    loose = pm.Scene(pm.random_packing(16, dimension=2, packing_fraction=0.3, seed=1), (pm.Repulsion(),))
-    with pytest.raises(ValueError, match=r"scenes\[1\]: scene.packing must be jammed"):
-        pm.cementing_curve(scenes=[scenes[0], loose], orders=1)
-    with pytest.raises(ValueError, match=r"scenes\[0\].effects must hold nothing"):
-        pm.cementing_curve(scenes=[scenes[0].replace(effects=(pm.Repulsion(), pm.Friction()))], orders=1)
-
-
-def test_the_command_takes_packings_and_scene_files_and_names_the_file_that_is_not_jammed(tmp_path):
-    scene = monomers(1)
-    pm.write_packing(scene.packing, tmp_path / "hertz.npz", law=pm.Hertz())
-    pm.write_scene(scene, tmp_path / "hertz.toml")
-    words = ["--out", str(tmp_path / "out"), "--orders", "1", "--step", "0.3", "--order", "aggregate"]
-    files = [str(tmp_path / name) for name in ("hertz.npz", "hertz.toml")]
-    assert execute(["cement", *files, *words]) == 0
-    first, second = (tmp_path / "out" / "thresholds.csv").read_text().splitlines()[1:]
-    assert first.startswith("32,0,0,") and second.startswith("32,1,0,")
-    head, start = (line.split(",") for line in (tmp_path / "out" / "curve.csv").read_text().splitlines()[:2])
-    found, expected = dict(zip(head, start, strict=True)), pm.cement(scene, step=2.0)
-    assert float(found["K Hill"]) == pytest.approx(expected.hill(0).bulk_modulus, rel=1e-8)
-    assert float(found["anisotropy"]) == pytest.approx(expected.anisotropy(0), rel=1e-8)
-    loose = pm.random_packing(16, dimension=2, packing_fraction=0.3, seed=1)
-    pm.write_packing(loose, tmp_path / "loose.npz")
-    with pytest.raises(ValueError, match=r"loose.npz: scene.packing must be jammed"):
-        execute(["cement", files[0], str(tmp_path / "loose.npz"), "--out", str(tmp_path / "none")])
-    with pytest.raises(ValueError, match=r"^particles must be left out where files name the packings, got \[64\]"):
-        execute(["cement", files[0], "--particles", "64"])

@@ -1,4 +1,4 @@
-"""Facts about steady strain, flow curves, creep, amplitude sweeps and series."""
+"""Facts about steady strain, flow curves, creep and amplitude sweeps."""
 
 import numpy as np
 import pytest
@@ -139,67 +139,6 @@ def test_an_interrupted_sweep_keeps_the_amplitudes_that_were_finished(scene):
             scene, amplitudes=[0.001, 0.002], frequency=0.1, periods=2, samples_per_period=20, progress=stop
         )
     assert caught.value.run.amplitude_a.tolist() == [0.001]
-
-
-SERIES = {
-    "amplitudes": [1e-4, 1e-3],
-    "repeats": 2,
-    "frictions": [0.2, 0.5],
-    "controls": ("prepared", "bulk", "uncrosslinked", "frictionless"),
-    "frequency": 0.1,
-    "periods": 6.0,
-    "samples_per_period": 20,
-}
-
-
-@pytest.fixture(scope="module")
-def prepare(scene):
-    def turned(seed):
-        """Return the scene mirrored or not: repeats that differ, at no cost."""
-        shift = np.random.default_rng(seed).random(2)
-        return scene.replace(packing=scene.packing.replace(position_nd=scene.packing.position_nd + shift))
-
-    return turned
-
-
-@pytest.mark.slow
-def test_a_series_is_resumed_from_its_folder_with_the_same_bits_and_knows_its_controls(prepare, tmp_path):
-    whole = pm.shear_series(prepare, **SERIES)
-    seen = []
-
-    def stop(*trial):
-        seen.append(trial)
-        if len(seen) == 9:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        pm.shear_series(prepare, tmp_path, progress=stop, **SERIES)
-    assert len(list(tmp_path.glob("*.npz"))) == 9
-    again = pm.shear_series(prepare, tmp_path, **SERIES)
-    assert len(whole.trials) == 2 * 2 * 7
-    for key, trial in whole.trials.items():
-        assert again.trials[key].storage == trial.storage
-        assert np.array_equal(again.trials[key].stress_tdd, trial.stress_tdd)
-    # every control is what its name says: the moduli of that network in the frequency domain
-    scene = prepare(1)
-    pairs, dashpots, friction, bonds, drag = scene.effects
-    whole_bonds = pm.bond_contacts(
-        scene.packing, compression=LAW, tension=LAW, tangential_stiffness=0.5, damping=0.4, tangential_damping=0.3
-    )
-    for name, rub, effects in (
-        ("prepared", 0.5, scene.effects),
-        ("bulk", 0.5, (pairs, dashpots, friction, whole_bonds, drag)),
-        ("uncrosslinked", 0.5, (pairs, dashpots, friction, drag)),
-        ("frictionless", None, (pairs, dashpots, bonds, drag)),
-    ):
-        exact = pm.complex_modulus(pm.Scene(scene.packing, effects), [0.1]).modulus_f[0]
-        found = again.curve(name, rub)
-        assert abs(found.storage_a[0] + 1j * found.loss_a[0] - exact) < 0.02 * abs(exact)
-        assert found.storage_error_a[0] < 0.01 * abs(exact)
-    with pytest.raises(ValueError, match="^folder must hold results of the same settings, or none"):
-        pm.shear_series(prepare, tmp_path, **(SERIES | {"periods": 3.0}))
-    with pytest.raises(ValueError, match="^folder must hold results of the same settings, or none"):
-        pm.shear_series(lambda seed: prepare(seed + 1), tmp_path, **SERIES)
 
 
 def test_bootstrap_and_standard_errors_agree_for_many_values():

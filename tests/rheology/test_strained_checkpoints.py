@@ -142,30 +142,6 @@ def test_the_frictionless_minimum_is_found_once(scene, tmp_path, monkeypatch):
     assert [one.name for one in again.stages] == [one.name for one in whole.stages]
 
 
-def test_a_trial_of_a_series_goes_on_where_it_was(scene, tmp_path, monkeypatch):
-    given = {"amplitudes": [0.1], "repeats": 1, "periods": 4, **SINE}
-    usual, taken = Engine.advance, steps_taken(monkeypatch)
-    whole = pm.shear_series(lambda seed: scene, **given)
-    steps = sum(taken)
-
-    def advance(march, due, ledger=None):
-        if march.steps > steps // 2:
-            monkeypatch.setattr(Engine, "advance", usual)
-            signal.raise_signal(signal.SIGINT)
-        return usual(march, due, ledger)
-
-    monkeypatch.setattr(Engine, "advance", advance)
-    with pytest.raises(KeyboardInterrupt):
-        pm.shear_series(lambda seed: scene, tmp_path, **given)
-    taken = steps_taken(monkeypatch)
-    again = pm.shear_series(lambda seed: scene, tmp_path, **given)
-    (key,) = whole.trials
-    assert again.trials[key].stress_tdd.tobytes() == whole.trials[key].stress_tdd.tobytes()
-    assert 0 < sum(taken) < steps // 2
-    assert [path.suffixes[-2:] for path in tmp_path.iterdir()] != [[".underway", ".npz"]]
-    assert len(list(tmp_path.iterdir())) == 1
-
-
 def test_a_run_out_of_time_goes_on_with_the_same_bits(scene, tmp_path):
     call, given = CALLS["sine"]
     early = call(scene, time_limit=1e-9, check=False, checkpoint=tmp_path / "run.npz", **given)

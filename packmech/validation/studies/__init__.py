@@ -44,11 +44,11 @@ class Table(Protocol):
 
 
 Found = tuple[Table, str]
-# the folder is where studies that take long keep their rows
-Study = Callable[[Progress, Path], Found]
+# the folder is where studies that take long are kept, the number that of processes that share them
+Study = Callable[[Progress, Path, int | None], Found]
 
 
-def _in_one_go(run: Callable[[Progress], Found], progress: Progress, folder: Path) -> Found:
+def _in_one_go(run: Callable[[Progress], Found], progress: Progress, folder: Path, workers: int | None) -> Found:
     """Run a study that keeps nothing on the way."""
     return run(progress)
 

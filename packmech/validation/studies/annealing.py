@@ -120,7 +120,7 @@ def anneal_all(
     for step in steps:
         # aspects last, so that each follows the one before
         wanted = [(particles, step, pressure, aspect, seed) for seed, aspect in itertools.product(seeds, order)]
-        found += complete_rows(folder / f"annealed-{step:g}.csv", Annealed, wanted, make, progress)
+        found += complete_rows(folder / f"annealed-{step:g}.csv", Annealed, wanted, make, progress, workers=0)
     return found
 
 

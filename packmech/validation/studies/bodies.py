@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from packmech.contacts.shape_contacts import slopes_of_ends
 from packmech.contacts.shape_rattlers import free_turns
 from packmech.mechanics.self_stress import RANK_TOLERANCE
 from packmech.mechanics.shaped import shaped_network
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import Progress, complete_rows
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
@@ -112,6 +112,39 @@ def scattered_beads(packing: pm.Packing, scatter: float, seed: int) -> pm.Packin
     return pm.rigid_packing(beads.replace(radius_n=beads.radius_n * factor), shapes.particle_b)
 
 
+def jam_body(
+    dimension: int, particles: int, beads: int, shape: float, pressure: float, seed: int, scatter: float
+) -> JammedBodies:
+    """Return a jammed packing of one shape from a dilute start."""
+    start = pm.random_packing(
+        particles,
+        dimension=dimension,
+        packing_fraction=_START[dimension],
+        seed=seed,
+        shapes=body_shape(beads, shape),
+    )
+    if scatter > 0.0:
+        start = scattered_beads(start, scatter, seed)
+    run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, check=False)
+    report = run.report
+    return JammedBodies(
+        *(dimension, particles, beads, shape, pressure, seed, scatter),
+        report["packing_fraction"],
+        report.get("jamming_packing_fraction", math.nan),
+        2.0 * report["contacts"] / (particles - report["rattlers"]),
+        report["rattlers"],
+        report["contacts"],
+        report["isostatic_contacts"],
+        report["floppy_modes"],
+        _free_turns(run.packing),
+        report["states_of_self_stress"],
+        states_within_pairs(run.packing),
+        int(report.get("rank_certain", False) and run.ok),
+        run.residual,
+        run.seconds,
+    )
+
+
 def jam_bodies(
     folder: Path,
     *,
@@ -120,46 +153,15 @@ def jam_bodies(
     pressure: float,
     seeds: Sequence[int],
     scatter: float,
-    progress: Callable[[int, int, JammedBodies | None], None],
+    progress: Progress[JammedBodies],
+    workers: int | None = None,
 ) -> list[JammedBodies]:
-    """Return packings of all shapes and seeds, every strain free; each is written once it is there."""
-
-    def make(
-        dimension: int, particles: int, beads: int, shape: float, pressure: float, seed: int, scatter: float
-    ) -> JammedBodies:
-        start = pm.random_packing(
-            int(particles),
-            dimension=int(dimension),
-            packing_fraction=_START[int(dimension)],
-            seed=int(seed),
-            shapes=body_shape(int(beads), shape),
-        )
-        if scatter > 0.0:
-            start = scattered_beads(start, scatter, int(seed))
-        run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, check=False)
-        report = run.report
-        return JammedBodies(
-            *(dimension, particles, beads, shape, pressure, seed, scatter),
-            report["packing_fraction"],
-            report.get("jamming_packing_fraction", math.nan),
-            2.0 * report["contacts"] / (particles - report["rattlers"]),
-            report["rattlers"],
-            report["contacts"],
-            report["isostatic_contacts"],
-            report["floppy_modes"],
-            _free_turns(run.packing),
-            report["states_of_self_stress"],
-            states_within_pairs(run.packing),
-            int(report.get("rank_certain", False) and run.ok),
-            run.residual,
-            run.seconds,
-        )
-
+    """Return packings of all shapes and seeds, every strain free; each is a member."""
     shapes = [(DIMER, each) for each in ASYMMETRIES] + [(TRIMER, each) for each in ANGLES]
     wanted = [
         (dimension, particles, *shape, pressure, seed, scatter) for shape, seed in itertools.product(shapes, seeds)
     ]
-    return complete_rows(folder / f"bodies-{dimension}d.csv", JammedBodies, wanted, make, progress)
+    return complete_rows(folder / f"bodies-{dimension}d.csv", JammedBodies, wanted, jam_body, progress, workers)
 
 
 def draw_bodies(found: Sequence[JammedBodies], path: Path) -> None:

@@ -220,7 +220,7 @@ def first_changes(
         return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
 
     wanted = [(n, p, s) for n, s, p in itertools.product(particles, seeds, pressures)]
-    return complete_rows(folder / "first-change.csv", FirstChange, wanted, make, progress)
+    return complete_rows(folder / "first-change.csv", FirstChange, wanted, make, progress, workers=0)
 
 
 def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -> FirstChange | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech.result import Outcome
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import Progress, complete_rows
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 COEFFICIENTS = (0.0, 0.01, 0.1, 0.5, 1.0, 10.0)
@@ -88,11 +88,12 @@ def press_all(
     pressures: Sequence[float],
     rates: Sequence[float],
     seeds: Sequence[int],
-    progress: Callable[[int, int, Pressed | None], None],
+    progress: Progress[Pressed],
+    workers: int | None = None,
 ) -> list[Pressed]:
-    """Return packings of all combinations; each is written to the table once it is there, and found there again."""
+    """Return packings of all combinations, each a member of the ensemble beside the table."""
     wanted = list(itertools.product((dimension,), (particles,), coefficients, ratios, pressures, rates, seeds))
-    return complete_rows(path, Pressed, wanted, press, progress)
+    return complete_rows(path, Pressed, wanted, press, progress, workers)
 
 
 def over_friction(

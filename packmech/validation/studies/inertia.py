@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import Progress, complete_rows
 from packmech.view.figures import COLORS, styled_figure
 
 INERTIAL_NUMBERS = (0.01, 0.02, 0.03, 0.05, 0.1)
@@ -106,11 +106,12 @@ def shear_all(
     pressure: float,
     inertial_numbers: Sequence[float],
     seeds: Sequence[int],
-    progress: Callable[[int, int, Flow | None], None],
+    progress: Progress[Flow],
+    workers: int | None = None,
 ) -> list[Flow]:
-    """Return flows of all combinations; each is written to the table once it is there, and found there again."""
+    """Return flows of all combinations, each a member of the ensemble beside the table."""
     wanted = list(itertools.product((particles,), (coefficient,), (pressure,), inertial_numbers, seeds))
-    return complete_rows(path, Flow, wanted, shear, progress)
+    return complete_rows(path, Flow, wanted, shear, progress, workers)
 
 
 def fit_line(found: Sequence[Flow], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

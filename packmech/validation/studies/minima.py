@@ -461,18 +461,18 @@ def _draw_onsets(axes: Any, shares: Sequence[Share]) -> None:
     lower.set(xlabel="energy per particle at the quench", ylabel="packing fraction at jamming")
 
 
-def run(progress: Callable[[str, float], None], folder: Path) -> tuple[Minima, str]:
+def run(progress: Callable[[str, float], None], folder: Path, workers: int | None = None) -> tuple[Minima, str]:
     """Run the study, resuming what the folder holds; return its table and what it shows in words."""
     usual = [(k, seed) for seed in range(STARTS) for k in range(_USUAL)]
     further = [(k, seed) for k in range(_USUAL, len(METHODS)) for seed in range(METHODS[k].starts)]
     wanted = usual + further
     jammed = [(k, seed) for seed in range(JAMMED) for k, one in enumerate(METHODS) if one.starts == STARTS]
 
-    def told(settings: Sequence[tuple[int, int]], done: int, last: Any) -> None:
-        if done < len(settings):
-            progress(METHODS[settings[done][0]].name, float(settings[done][1]))
+    def report(done: int, of: int, last: Ended | Onset | None) -> None:
+        if last is not None:
+            progress(METHODS[last.method].name, float(last.seed))
 
-    found = complete_rows(folder / ROWS, Ended, wanted, end, lambda done, of, last: told(wanted, done, last))
-    onsets = complete_rows(folder / ONSETS, Onset, jammed, onset, lambda done, of, last: told(jammed, done, last))
+    found = complete_rows(folder / ROWS, Ended, wanted, end, report, workers)
+    onsets = complete_rows(folder / ONSETS, Onset, jammed, onset, report, workers)
     table = compare(found, onsets)
     return table, describe(table)

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 import packmech as pm
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import Progress, columns_of, complete_rows, kept_of
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 ASPECTS = (1.02, 1.06, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0, 3.0)
@@ -107,9 +107,37 @@ def start_of(dimension: int, particles: int, aspect: float, seed: int) -> pm.Sce
     return pm.Scene(packing, (pm.Repulsion(),))
 
 
-def packing_path(folder: Path, dimension: int, particles: int, aspect: float, seed: int) -> Path:
-    """Return where a jammed packing is kept."""
-    return folder / f"{dimension}d-{particles}-{aspect:g}-{seed}.npz"
+def jammed_table(folder: Path, dimension: int) -> Path:
+    """Return the table of jammed packings."""
+    return folder / f"jammed-{dimension}d.csv"
+
+
+def jam_ellipses(dimension: int, particles: int, aspect: float, pressure: float, seed: int) -> dict[str, Any]:
+    """Return the row of a packing in a box of fixed shape, and the packing."""
+    scene = start_of(dimension, particles, aspect, seed)
+    run = pm.jam(scene, pressure=pressure, strain="isotropic", check=False)
+    jammed, report = scene.replace(packing=run.packing), run.report
+    quartic = pm.quartic_modes(jammed)
+    curvature = quartic.curvature_m / quartic.pressure if len(quartic) else np.array([math.nan])
+    row = Jammed(
+        *(dimension, particles, aspect, pressure, seed),
+        report["packing_fraction"],
+        report.get("jamming_packing_fraction", math.nan),
+        2.0 * report["contacts"] / (particles - report["rattlers"]),
+        report["rattlers"],
+        report["contacts"],
+        report["isostatic_contacts"],
+        report["states_of_self_stress"],
+        len(quartic),
+        int(report.get("rank_certain", False) and quartic.certain and run.ok),
+        float(curvature[0]),
+        float(curvature[-1]),
+        int((pm.normal_modes(jammed).eigenvalue_m < 0.0).sum()),
+        run.residual,
+        run.steps,
+        run.seconds,
+    )
+    return asdict(row) | {"packing": run.packing}
 
 
 def jam_all(
@@ -120,40 +148,35 @@ def jam_all(
     aspects: Sequence[float],
     pressure: float,
     seeds: Sequence[int],
-    progress: Callable[[int, int, Jammed | None], None],
+    progress: Progress[Jammed],
+    workers: int | None = None,
 ) -> list[Jammed]:
-    """Return packings of all aspects and seeds in boxes of fixed shape; each is written once it is there."""
-    packings = folder / "packings"
-    packings.mkdir(parents=True, exist_ok=True)
-
-    def make(dimension: int, particles: int, aspect: float, pressure: float, seed: int) -> Jammed:
-        scene = start_of(dimension, particles, aspect, seed)
-        run = pm.jam(scene, pressure=pressure, strain="isotropic", check=False)
-        pm.write_packing(run.packing, packing_path(packings, dimension, particles, aspect, seed))
-        jammed, report = scene.replace(packing=run.packing), run.report
-        quartic = pm.quartic_modes(jammed)
-        curvature = quartic.curvature_m / quartic.pressure if len(quartic) else np.array([math.nan])
-        return Jammed(
-            *(dimension, particles, aspect, pressure, seed),
-            report["packing_fraction"],
-            report.get("jamming_packing_fraction", math.nan),
-            2.0 * report["contacts"] / (particles - report["rattlers"]),
-            report["rattlers"],
-            report["contacts"],
-            report["isostatic_contacts"],
-            report["states_of_self_stress"],
-            len(quartic),
-            int(report.get("rank_certain", False) and quartic.certain and run.ok),
-            float(curvature[0]),
-            float(curvature[-1]),
-            int((pm.normal_modes(jammed).eigenvalue_m < 0.0).sum()),
-            run.residual,
-            run.steps,
-            run.seconds,
-        )
-
+    """Return packings of all aspects and seeds in boxes of fixed shape, each a member with its packing."""
     wanted = list(itertools.product((dimension,), (particles,), aspects, (pressure,), seeds))
-    return complete_rows(folder / f"jammed-{dimension}d.csv", Jammed, wanted, make, progress)
+    return complete_rows(jammed_table(folder, dimension), Jammed, wanted, jam_ellipses, progress, workers)
+
+
+def shear_upward(
+    dimension: int, particles: int, aspect: float, seed: int, distances: Sequence[float]
+) -> dict[str, NDArray[Any]]:
+    """Return the rows of a shear-stabilized packing that is followed from its jamming upward; nan where it ended."""
+    scene = start_of(dimension, particles, aspect, seed)
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-6, strain="free").packing)
+    nothing = (math.nan, math.nan, math.nan, 0, 0, math.nan)
+    rows = {each: Sheared(dimension, particles, aspect, seed, each, *nothing) for each in distances}
+    for distance, run in zip(distances, pm.compress(scene, distances, strain="free", check=False), strict=False):
+        moduli = pm.elastic_moduli(scene.replace(packing=run.packing))
+        rows[distance] = Sheared(
+            *(dimension, particles, aspect, seed, distance),
+            run.report["pressure"],
+            # over the directions, with equal weights
+            moduli.voigt.shear_modulus,
+            moduli.bulk_modulus,
+            run.report["contacts"],
+            run.report["isostatic_contacts"],
+            run.residual,
+        )
+    return columns_of(list(rows.values()))
 
 
 def shear_all(
@@ -163,37 +186,12 @@ def shear_all(
     particles: int,
     aspects: Sequence[float],
     seeds: Sequence[int],
-    progress: Callable[[int, int, Sheared | None], None],
+    progress: Progress[Sheared],
+    workers: int | None = None,
 ) -> list[Sheared]:
     """Return moduli of shear-stabilized packings of all aspects and seeds, followed from their jamming upward."""
-    made: dict[tuple[float, ...], Sheared] = {}
-
-    def follow(dimension: int, particles: int, aspect: float, seed: int) -> None:
-        scene = start_of(dimension, particles, aspect, seed)
-        scene = scene.replace(packing=pm.jam(scene, pressure=1e-6, strain="free").packing)
-        for distance, run in zip(DISTANCES, pm.compress(scene, DISTANCES, strain="free", check=False), strict=False):
-            moduli = pm.elastic_moduli(scene.replace(packing=run.packing))
-            row = Sheared(
-                *(dimension, particles, aspect, seed, distance),
-                run.report["pressure"],
-                # over the directions, with equal weights
-                moduli.voigt.shear_modulus,
-                moduli.bulk_modulus,
-                run.report["contacts"],
-                run.report["isostatic_contacts"],
-                run.residual,
-            )
-            made[row.settings] = row
-
-    def make(dimension: int, particles: int, aspect: float, seed: int, distance: float) -> Sheared:
-        asked = (dimension, particles, aspect, seed, distance)
-        if asked not in made:
-            follow(dimension, particles, aspect, seed)
-        missing = Sheared(*asked, math.nan, math.nan, math.nan, 0, 0, math.nan)
-        return made.get(asked, missing)
-
-    wanted = list(itertools.product((dimension,), (particles,), aspects, seeds, DISTANCES))
-    return complete_rows(folder / f"moduli-{dimension}d.csv", Sheared, wanted, make, progress)
+    wanted = list(itertools.product((dimension,), (particles,), aspects, seeds, (DISTANCES,)))
+    return complete_rows(folder / f"moduli-{dimension}d.csv", Sheared, wanted, shear_upward, progress, workers)
 
 
 def mean_and_error(values: Sequence[float]) -> tuple[float, float]:
@@ -291,10 +289,8 @@ def draw_jammed(found: Sequence[Jammed], folder: Path, path: Path) -> None:
         shown = sorted({one.aspect for one in found})
         for number, each in enumerate(shown[:: max(1, len(shown) // 4)]):
             first = min((one for one in found if one.aspect == each), key=lambda one: one.seed)
-            file = packing_path(folder / "packings", d, particles, each, first.seed)
-            if not file.exists():
-                continue
-            modes = pm.normal_modes(pm.Scene(pm.read_packing(file), (pm.Repulsion(),)))
+            packing = kept_of(jammed_table(folder, d), first).packing()
+            modes = pm.normal_modes(pm.Scene(packing, (pm.Repulsion(),)))
             frequency = np.sqrt(np.maximum(modes.eigenvalue_m, 0.0))
             right.plot(
                 (np.arange(len(frequency)) + 1) / len(frequency), frequency, ".", markersize=2.5,

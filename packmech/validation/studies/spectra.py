@@ -1,16 +1,16 @@
 """Vibrations near jamming, and forces and gaps of exact hard packings: densities of states, omega*, small exponents.
 
-Three studies, each a table that grows row by row, so that a run that was stopped goes on where it was: vibrational
-modes of discs and ellipses a little above jamming; the frequency omega* at which the plateau of states of large
-packings of discs ends, over the distance to jamming; contact forces and gaps of exact hard packings.
+Three studies, each an ensemble, so that a run that was stopped goes on where it was: vibrational modes of discs and
+ellipses a little above jamming; the frequency omega* at which the plateau of states of large packings of discs ends,
+over the distance to jamming; contact forces and gaps of exact hard packings.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import Progress, columns_of, complete_rows, kept_of
 from packmech.validation.studies.shapes import start_of
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
@@ -112,76 +112,85 @@ class HardContacts:
     bucklers: int
 
 
-Told = Callable[[int, int, Any], None]
+def states_table(folder: Path, dimension: int) -> Path:
+    """Return the table of packings whose modes are kept."""
+    return folder / f"states-{dimension}d.csv"
 
 
-def modes_path(folder: Path, settings: tuple[float, ...]) -> Path:
-    """Return where frequencies, rotational parts and participation ratios of a packing are kept."""
-    return folder / ("{:g}d-{:g}-{:g}-{:g}-{:g}.npz".format(*settings))
+def contacts_table(folder: Path, dimension: int) -> Path:
+    """Return the table of hard packings whose forces and gaps are kept."""
+    return folder / f"contacts-{dimension}d.csv"
+
+
+def vibrate(dimension: int, particles: int, aspect: float, distance: float, seed: int) -> dict[str, Any]:
+    """Return the row of a packing, and frequencies, rotational parts and participation ratios of its modes."""
+    scene = start_of(dimension, particles, aspect, seed)
+    if aspect == 1.0:
+        scene = scene.replace(packing=scene.packing.replace(shapes=None))
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-6, strain="isotropic").packing)
+    (run,) = pm.compress(scene, [distance], check=False)
+    packing = run.packing.replace(mass_n=np.ones(particles))
+    modes = pm.normal_modes(scene.replace(packing=packing))
+    report = run.report
+    row = Vibrated(
+        *(dimension, particles, aspect, distance, seed),
+        *(len(modes), report["contacts"], report["isostatic_contacts"], modes.negative),
+        *(report["pressure"], run.residual),
+    )
+    return asdict(row) | {
+        "frequency_m": modes.frequency_m,
+        "rotation_m": modes.rotation_m,
+        "participation_m": modes.participation_m,
+    }
 
 
 def vibrate_all(
-    folder: Path, *, dimension: int, particles: int, aspects: Sequence[float], seeds: Sequence[int], progress: Told
+    folder: Path,
+    *,
+    dimension: int,
+    particles: int,
+    aspects: Sequence[float],
+    seeds: Sequence[int],
+    progress: Progress[Vibrated],
+    workers: int | None = None,
 ) -> list[Vibrated]:
-    """Return packings of all aspects and seeds at DISTANCE, their modes kept in files; all particles have mass 1."""
-    kept = folder / "modes"
-    kept.mkdir(parents=True, exist_ok=True)
+    """Return packings of all aspects and seeds at DISTANCE, members with their modes; all particles have mass 1."""
+    wanted = itertools.product((dimension,), (particles,), aspects, (DISTANCE,), seeds)
+    return complete_rows(states_table(folder, dimension), Vibrated, wanted, vibrate, progress, workers)
 
-    def make(dimension: int, particles: int, aspect: float, distance: float, seed: int) -> Vibrated:
-        scene = start_of(dimension, particles, aspect, seed)
-        if aspect == 1.0:
-            scene = scene.replace(packing=scene.packing.replace(shapes=None))
-        scene = scene.replace(packing=pm.jam(scene, pressure=1e-6, strain="isotropic").packing)
-        (run,) = pm.compress(scene, [distance], check=False)
-        packing = run.packing.replace(mass_n=np.ones(particles))
-        modes = pm.normal_modes(scene.replace(packing=packing))
-        settings = (dimension, particles, aspect, distance, seed)
-        np.savez_compressed(
-            modes_path(kept, settings),
-            frequency_m=modes.frequency_m,
-            rotation_m=modes.rotation_m,
-            participation_m=modes.participation_m,
-        )
-        report = run.report
-        return Vibrated(
-            *(*settings, len(modes), report["contacts"], report["isostatic_contacts"], modes.negative),
-            *(report["pressure"], run.residual),
-        )
 
-    wanted = list(itertools.product((dimension,), (particles,), aspects, (DISTANCE,), seeds))
-    return complete_rows(folder / f"states-{dimension}d.csv", Vibrated, wanted, make, progress)
+def follow_edge(dimension: int, particles: int, seed: int, distances: Sequence[float]) -> dict[str, NDArray[Any]]:
+    """Return the rows of a packing of discs that is followed upward; nan where it ended."""
+    packing = pm.random_packing(
+        particles, dimension=dimension, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.9, seed=seed
+    )
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-7, strain="isotropic").packing)
+    rows = {each: Ended(dimension, particles, each, seed, *(5 * (math.nan,))) for each in distances}
+    for distance, run in zip(distances, pm.compress(scene, distances, check=False), strict=False):
+        here = scene.replace(packing=run.packing.replace(mass_n=np.ones(particles)))
+        states = pm.density_of_states(here, _BINS, kind="unstressed")
+        backbone = particles - run.report["rattlers"]
+        rows[distance] = Ended(
+            *(dimension, particles, distance, seed, states.plateau_edge, states.plateau),
+            *(run.report["pressure"], 2.0 * run.report["excess_contacts"] / backbone, run.residual),
+        )
+    return columns_of(list(rows.values()))
 
 
 def edges_all(
-    folder: Path, *, dimension: int, particles: int, distances: Sequence[float], seeds: Sequence[int], progress: Told
+    folder: Path,
+    *,
+    dimension: int,
+    particles: int,
+    distances: Sequence[float],
+    seeds: Sequence[int],
+    progress: Progress[Ended],
+    workers: int | None = None,
 ) -> list[Ended]:
     """Return where the plateau of states ends, for each packing of discs and each distance above its jamming."""
-    made: dict[tuple[float, ...], Ended] = {}
-
-    def follow(dimension: int, particles: int, seed: int) -> None:
-        packing = pm.random_packing(
-            particles, dimension=dimension, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.9, seed=seed
-        )
-        scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
-        scene = scene.replace(packing=pm.jam(scene, pressure=1e-7, strain="isotropic").packing)
-        for distance, run in zip(sorted(distances), pm.compress(scene, distances, check=False), strict=False):
-            here = scene.replace(packing=run.packing.replace(mass_n=np.ones(particles)))
-            states = pm.density_of_states(here, _BINS, kind="unstressed")
-            backbone = particles - run.report["rattlers"]
-            row = Ended(
-                *(dimension, particles, distance, seed, states.plateau_edge, states.plateau),
-                *(run.report["pressure"], 2.0 * run.report["excess_contacts"] / backbone, run.residual),
-            )
-            made[row.settings] = row
-
-    def make(dimension: int, particles: int, distance: float, seed: int) -> Ended:
-        asked = (dimension, particles, distance, seed)
-        if asked not in made:
-            follow(dimension, particles, seed)
-        return made.get(asked, Ended(*asked, *(5 * (math.nan,))))
-
-    wanted = [(dimension, particles, distance, seed) for seed in seeds for distance in sorted(distances)]
-    return complete_rows(folder / f"edges-{dimension}d.csv", Ended, wanted, make, progress)
+    wanted = [(dimension, particles, seed, sorted(distances)) for seed in seeds]
+    return complete_rows(folder / f"edges-{dimension}d.csv", Ended, wanted, follow_edge, progress, workers)
 
 
 def hard_contacts(hard: pm.Packing) -> tuple[HardContacts, float, pm.Packing]:
@@ -217,50 +226,52 @@ def hard_contacts(hard: pm.Packing) -> tuple[HardContacts, float, pm.Packing]:
     )
 
 
-def touch_all(folder: Path, *, dimension: int, particles: int, seeds: Sequence[int], progress: Told) -> list[Touched]:
-    """Return exact hard packings of discs or spheres with one state of self stress; forces and gaps kept in files.
+def touch(dimension: int, particles: int, seed: int) -> dict[str, Any]:
+    """Return the row of an exact hard packing, and its forces and gaps if it has one state of self stress."""
+    packing = pm.random_packing(
+        particles,
+        dimension=dimension,
+        sizes=pm.Bidisperse(ratio=1.4),
+        packing_fraction={2: 0.87, 3: 0.68}[dimension],
+        seed=seed,
+    )
+    run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), strain="isotropic", check=False)
+    asked = (dimension, particles, seed)
+    hard = run.report.get("hard_packing")
+    if hard is None or run.report["hard_excess_contacts"] != 0:
+        return asdict(Touched(*asked, math.nan, 0, 0, 0, math.nan, math.nan))
+    found, residual, backbone = hard_contacts(hard)
+    row = Touched(
+        *(*asked, run.report["jamming_packing_fraction"], len(found.force_c)),
+        *(dimension * (backbone.particles - 1) + 1, found.bucklers, run.report["gap_error"], residual),
+    )
+    return asdict(row) | {"force_c": found.force_c, "on_buckler_c": found.on_buckler_c, "gap_p": found.gap_p}
+
+
+def touch_all(
+    folder: Path,
+    *,
+    dimension: int,
+    particles: int,
+    seeds: Sequence[int],
+    progress: Progress[Touched],
+    workers: int | None = None,
+) -> list[Touched]:
+    """Return exact hard packings of discs or spheres with one state of self stress, members with forces and gaps.
 
     Rows of packings with another number of states have no gap error: crystalline patches of equal particles.
     """
-    kept = folder / "contacts"
-    kept.mkdir(parents=True, exist_ok=True)
-
-    def make(dimension: int, particles: int, seed: int) -> Touched:
-        sizes = pm.Bidisperse(ratio=1.4)
-        packing = pm.random_packing(
-            particles, dimension=dimension, sizes=sizes, packing_fraction={2: 0.87, 3: 0.68}[dimension], seed=seed
-        )
-        run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), strain="isotropic", check=False)
-        asked = (dimension, particles, seed)
-        hard = run.report.get("hard_packing")
-        if hard is None or run.report["hard_excess_contacts"] != 0:
-            return Touched(*asked, math.nan, 0, 0, 0, math.nan, math.nan)
-        found, residual, backbone = hard_contacts(hard)
-        np.savez_compressed(
-            contacts_path(kept, asked), force_c=found.force_c, on_buckler_c=found.on_buckler_c, gap_p=found.gap_p
-        )
-        return Touched(
-            *(*asked, run.report["jamming_packing_fraction"], len(found.force_c)),
-            *(dimension * (backbone.particles - 1) + 1, found.bucklers, run.report["gap_error"], residual),
-        )
-
-    wanted = list(itertools.product((dimension,), (particles,), seeds))
-    return complete_rows(folder / f"contacts-{dimension}d.csv", Touched, wanted, make, progress)
-
-
-def contacts_path(folder: Path, settings: tuple[float, ...]) -> Path:
-    """Return where forces and gaps of a hard packing are kept."""
-    return folder / ("{:g}d-{:g}-{:g}.npz".format(*settings))
+    wanted = itertools.product((dimension,), (particles,), seeds)
+    return complete_rows(contacts_table(folder, dimension), Touched, wanted, touch, progress, workers)
 
 
 def read_contacts(folder: Path, rows: Sequence[Touched]) -> list[HardContacts]:
     """Return forces and gaps of the packings that have one state of self stress."""
     found = []
     for one in rows:
-        path = contacts_path(folder / "contacts", one.settings)
-        if path.exists():
-            with np.load(path) as kept:
-                found.append(HardContacts(kept["force_c"], kept["on_buckler_c"], kept["gap_p"], one.bucklers))
+        kept = kept_of(contacts_table(folder, one.dimension), one).arrays()
+        if kept:
+            found.append(HardContacts(kept["force_c"], kept["on_buckler_c"], kept["gap_p"], one.bucklers))
     return found
 
 
@@ -363,8 +374,8 @@ def draw_states(found: Sequence[Vibrated], folder: Path, path: Path) -> None:
             rows = [one for one in found if one.aspect == aspect]
             parts = []
             for one in rows:
-                with np.load(modes_path(folder / "modes", one.settings)) as kept:
-                    parts.append(np.stack([kept["frequency_m"], kept["rotation_m"], kept["participation_m"]]))
+                kept = kept_of(states_table(folder, one.dimension), one).arrays()
+                parts.append(np.stack([kept["frequency_m"], kept["rotation_m"], kept["participation_m"]]))
             frequency, turned, taking_part = np.concatenate(parts, axis=1)
             bin_m = np.digitize(frequency, edges) - 1
             inside = (bin_m >= 0) & (bin_m < len(center))

@@ -106,7 +106,7 @@ def jam_all(
         for kind in kinds
         for seed, disorder in itertools.product(seeds, RATIOS if kind == DISCS else ASPECTS)
     ]
-    return complete_rows(folder / "order.csv", Ordered, wanted, make, progress)
+    return complete_rows(folder / "order.csv", Ordered, wanted, make, progress, workers=0)
 
 
 @dataclass(frozen=True, eq=False)

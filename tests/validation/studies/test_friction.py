@@ -7,8 +7,8 @@ from packmech.validation.studies import friction
 from packmech.validation.studies.rows import read_rows
 
 
-def test_what_was_pressed_is_found_again_and_drawn(tmp_path, monkeypatch, capsys):
-    words = "--particles 24 --packings 1 --pressures 1e-3 --coefficients 0 1 --out".split()
+def test_what_was_pressed_is_found_again_and_drawn(tmp_path, capsys):
+    words = "--particles 24 --packings 1 --pressures 1e-3 --coefficients 0 1 --workers 0 --out".split()
     assert execute(["friction", *words, str(tmp_path)]) == 0
     found = read_rows(tmp_path / "friction-2d.csv", friction.Pressed)
     smooth, rough = sorted(found, key=lambda one: one.coefficient)
@@ -17,8 +17,10 @@ def test_what_was_pressed_is_found_again_and_drawn(tmp_path, monkeypatch, capsys
     assert max(one.residual for one in found) <= 1e-8
     assert (tmp_path / "friction-2d.png").stat().st_size > 10_000
     # nothing is pressed again
-    monkeypatch.setattr(friction, "press", None)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("members/*/workspace/*/result.json")}
+    assert len(before) == 2
     assert execute(["friction", *words, str(tmp_path)]) == 0
+    assert {path: path.stat().st_mtime_ns for path in before} == before
     assert read_rows(tmp_path / "friction-2d.csv", friction.Pressed) == found
     assert "friction-2d.png" in capsys.readouterr().out
 

@@ -5,6 +5,7 @@ import pytest
 
 import packmech as pm
 from packmech.validation.studies import spectra as study
+from packmech.validation.studies.rows import kept_of
 
 
 def nothing(done, of, last):
@@ -12,7 +13,7 @@ def nothing(done, of, last):
 
 
 def test_forces_of_a_hard_packing_balance_and_press_on_contacts_only(tmp_path):
-    (row,) = study.touch_all(tmp_path, dimension=2, particles=32, seeds=[1], progress=nothing)
+    (row,) = study.touch_all(tmp_path, dimension=2, particles=32, seeds=[1], progress=nothing, workers=0)
     (found,) = study.read_contacts(tmp_path, [row])
     assert row.contacts == row.isostatic_contacts == len(found.force_c)
     assert row.force_imbalance < 1e-10
@@ -31,12 +32,13 @@ def test_a_power_law_is_found_below_the_largest_value_with_its_error():
 
 
 def test_modes_of_a_packing_are_kept_and_found_again(tmp_path):
-    given = {"dimension": 2, "particles": 12, "aspects": [1.0], "seeds": [1], "progress": nothing}
+    given = {"dimension": 2, "particles": 12, "aspects": [1.0], "seeds": [1], "progress": nothing, "workers": 0}
     (row,) = study.vibrate_all(tmp_path, **given)
-    with np.load(study.modes_path(tmp_path / "modes", row.settings)) as kept:
-        assert len(kept["frequency_m"]) == row.modes
-        assert (kept["rotation_m"] == 0.0).all()
-        assert ((kept["participation_m"] > 0.0) & (kept["participation_m"] <= 1.0)).all()
+    kept = kept_of(study.states_table(tmp_path, 2), row).arrays()
+    assert len(kept["frequency_m"]) == row.modes
+    assert (kept["rotation_m"] == 0.0).all()
+    assert ((kept["participation_m"] > 0.0) & (kept["participation_m"] <= 1.0)).all()
+    study.draw_states([row], tmp_path, tmp_path / "states.png")
     assert study.vibrate_all(tmp_path, **given) == [row]
 
 

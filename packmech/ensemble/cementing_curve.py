@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
+import functools
 import itertools
+import json
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
 from packmech.check import function, instance, integer, one_of, positive
 from packmech.effects import Repulsion
+from packmech.ensemble.callers import Finished, complete, folder_of, has_scene, keep_scene, scene_at, scene_path
+from packmech.files.records import from_table, is_record, to_table
 from packmech.generate import random_packing
 from packmech.generate.random import Monodisperse, Sizes, sizes_of
 from packmech.honors import CALLS
-from packmech.jit.blas import single_thread
-from packmech.loop.checkpoint import read_results, write_checkpoint
 from packmech.mechanics.elasticity import Average, universal_anisotropy
 from packmech.packing import Packing
 from packmech.protocols.cement import (
@@ -29,7 +30,7 @@ from packmech.protocols.cement import (
     FREEZE,
     MODULI,
     ORDERS,
-    Cementing,
+    Backbone,
     backbone_of,
     cement_backbone,
     drawn_order,
@@ -38,8 +39,10 @@ from packmech.protocols.cement import (
 from packmech.protocols.jam import jam
 from packmech.result import NotConverged
 from packmech.scene import Scene
+from packmech.scenes.recipes import NESTED
 
-KIND = "trials of cementing"
+# ensembles in the folder
+PACKINGS, TRIALS = "packings", "trials"
 # jammed packings with other than one state of self stress are drawn again
 _ATTEMPTS = 50
 _START_FRACTION = 0.5
@@ -48,49 +51,10 @@ _START_FRACTION = 0.5
 CURVES = ("bulk_reuss", "bulk_voigt", "shear_reuss", "shear_voigt", "poisson")
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What decides the numbers of one packing's trials."""
-
-    particles: int
-    packing: int
-    seed: int
-    step: float
-    freeze: str
-    pressure: float
-    dimension: int
-    sizes: Sizes
-    order: str
-    scene: Scene | None = field(default=None, compare=False)
-
-    def table(self) -> dict[str, Any]:
-        """Return the settings, to be compared with those of a file."""
-        named = asdict(replace(self, sizes=Monodisperse(), scene=None)) | {"sizes": repr(self.sizes)}
-        if self.order == "random":
-            del named["order"]
-        if self.scene is None:
-            del named["scene"]
-        else:
-            named["scene"] = _fingerprint(self.scene)
-        return named
-
-    def draw(self, *more: int) -> int:
-        """Return the seed of a part of these trials; the parts' seeds are independent of each other."""
-        source = np.random.SeedSequence([self.seed, self.particles, self.packing, *more])
-        return int(source.generate_state(1, dtype=np.uint64)[0] >> np.uint64(1))
-
-
-def _fingerprint(scene: Scene) -> str:
-    """Return what tells a scene's packing, links and laws from others'."""
-    packing, found = scene.packing, hashlib.sha256()
-    parts: list[NDArray[Any]] = [packing.position_nd, packing.radius_n, packing.box.lattice_dd]
-    if packing.links is not None:
-        assert packing.links.shape_l is not None
-        parts += [packing.links.i_l, packing.links.j_l, packing.links.image_ld, packing.links.length_l]
-        parts.append(packing.links.shape_l)
-    for part in parts:
-        found.update(np.ascontiguousarray(part).tobytes())
-    return f"{found.hexdigest()} {scene.effects!r}"
+def draw(seed: int, particles: int, packing: int, *more: int) -> int:
+    """Return the seed of a part of a packing's trials; the parts' seeds are independent of each other."""
+    source = np.random.SeedSequence([seed, particles, packing, *more])
+    return int(source.generate_state(1, dtype=np.uint64)[0] >> np.uint64(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,99 +97,70 @@ class Trials:
     seconds: float
 
 
-def path_of(folder: Path, settings: Settings) -> Path:
-    """Return the file of one packing's trials."""
-    return folder / f"n{settings.particles:05d}-packing{settings.packing:03d}.npz"
+def jammed_packing(
+    particles: int, packing: int, seed: int, pressure: float, dimension: int, sizes: str, own: Sizes | None = None
+) -> dict[str, Any]:
+    """Return a jammed packing with one state of self stress, how many were drawn, and the CPU time.
 
-
-def _start(settings: Settings) -> tuple[Packing, int]:
-    """Return a jammed packing with one state of self stress, and how many were drawn."""
+    `sizes` is a table in JSON; `own`, those of this process, need none.
+    """
+    began = time.process_time()
     for attempt in range(_ATTEMPTS):
         start = random_packing(
-            settings.particles,
-            dimension=settings.dimension,
-            sizes=settings.sizes,
+            particles,
+            dimension=dimension,
+            sizes=own or from_table(json.loads(sizes), "sizes", NESTED["sizes"]),
             packing_fraction=_START_FRACTION,
-            seed=settings.draw(0, attempt),
+            seed=draw(seed, particles, packing, 0, attempt),
         )
-        run = jam(Scene(start, (Repulsion(),)), pressure=settings.pressure, strain="free", check=False)
+        run = jam(Scene(start, (Repulsion(),)), pressure=pressure, strain="free", check=False)
         if run.ok and run.report["states_of_self_stress"] == 1:
-            return run.packing, attempt + 1
+            return {"packing": run.packing, "attempts": attempt + 1, "cpu_seconds": time.process_time() - began}
     raise NotConverged(run)
 
 
-def _row(cementing: Cementing, step: float) -> dict[str, NDArray[Any]]:
+@functools.lru_cache(maxsize=1)
+def _backbone(path: Path) -> Backbone:
+    """Return the backbone of a scene that is kept: orders of one packing follow each other."""
+    return backbone_of(scene_at(path), "unstressed", None)
+
+
+def cement_trial(
+    folder: Path, scene: str, particles: int, packing: int, trial: int, seed: int, step: float, freeze: str, order: str
+) -> dict[str, Any]:
     """Return what is kept of one order; a last step that ran out of contacts is none that packings share."""
+    backbone = _backbone(scene_path(folder, scene))
+    sequence = drawn_order(order, backbone, np.random.default_rng(draw(seed, particles, packing, 1, trial)))
+    cementing = cement_backbone(backbone, sequence, step, freeze, "unstressed")
     cemented = cementing.cemented_k
     count = len(cemented)
-    if count > 1 and step_end(count - 1, cemented[-2], step, cementing.packing.particles) != cemented[-1]:
+    if count > 1 and step_end(count - 1, cemented[-2], step, particles) != cemented[-1]:
         count -= 1
     curves = cementing.curves
     return {name: curves[name][:count] for name in CURVES} | {
+        "bearing": backbone.bearing,
         "cemented": cemented[:count],
         "stiff": cementing.stiff_k[:count],
-        "first": np.array(-1 if cementing.first_stiff is None else cementing.first_stiff),
-        "all": np.array(-1 if cementing.all_stiff is None else cementing.all_stiff),
-        "parts": np.array([cementing.smallest_new, cementing.largest_old]),
-        "seconds": np.array(cementing.seconds),
+        "first": -1 if cementing.first_stiff is None else cementing.first_stiff,
+        "all": -1 if cementing.all_stiff is None else cementing.all_stiff,
+        "smallest_new": cementing.smallest_new,
+        "largest_old": cementing.largest_old,
+        "cpu_seconds": cementing.seconds,
     }
 
 
-def run_trials(
-    settings: Settings, orders: int, folder: Path | None, progress: Callable[[int], None] | None = None
-) -> Trials:
-    """Return the trials of one packing; those that the folder holds are read, every new one is added to it.
-
-    `progress` is called with the number of orders finished.
-    """
-    path = None if folder is None else path_of(folder, settings)
-    kept: dict[str, NDArray[Any]] = {}
-    scene = settings.scene
-    with single_thread():
-        if path is not None and path.exists():
-            kept = read_results(path, KIND, settings.table())
-            packing = Packing(kept["position"], kept["radius"], Box(kept["lattice"]))
-        else:
-            began = time.process_time()
-            packing, attempts = _start(settings) if scene is None else (scene.packing, 0)
-            kept = {
-                "position": packing.position_nd,
-                "radius": packing.radius_n,
-                "lattice": packing.box.lattice_dd,
-                "attempts": np.array(attempts),
-                "jam_seconds": np.array(time.process_time() - began),
-            }
-        scene = Scene(packing, (Repulsion(),)) if scene is None else scene
-        packing, backbone = scene.packing, None
-        for order in range(orders):
-            if f"cemented_{order}" not in kept:
-                if backbone is None:
-                    backbone = backbone_of(scene, "unstressed", None)
-                    kept["bearing"] = np.array(backbone.bearing)
-                rng = np.random.default_rng(settings.draw(1, order))
-                sequence = drawn_order(settings.order, backbone, rng)
-                row = _row(
-                    cement_backbone(backbone, sequence, settings.step, settings.freeze, "unstressed"), settings.step
-                )
-                kept |= {f"{name}_{order}": value for name, value in row.items()}
-                if path is not None:
-                    write_checkpoint(path, KIND, settings.table(), kept)
-            if progress is not None:
-                progress(order + 1)
-    return _gathered(packing, kept, orders)
-
-
-def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> Trials:
+def _gathered(packing: Packing, jammed: Mapping[str, Any], members: Sequence[Finished]) -> Trials:
     """Return the trials as tables: orders that ended earlier are rigid in every direction afterwards."""
-    longest = max((kept[f"cemented_{order}"] for order in range(orders)), key=len)
-    size, d = len(longest), packing.dimension
+    kept = [one.values | one.arrays() for one in members]
+    longest = max((one["cemented"] for one in kept), key=len)
+    orders, size, d = len(kept), len(longest), packing.dimension
     stiff = np.full((orders, size), d * (d + 1) // 2)
     curves = {name: np.full((orders, size), np.nan if name == "poisson" else np.inf) for name in CURVES}
-    for order in range(orders):
-        steps = len(kept[f"cemented_{order}"])
-        stiff[order, :steps] = kept[f"stiff_{order}"]
+    for order, one in enumerate(kept):
+        steps = len(one["cemented"])
+        stiff[order, :steps] = one["stiff"]
         for name, table in curves.items():
-            table[order, :steps] = kept[f"{name}_{order}"]
+            table[order, :steps] = one[name]
     for modulus in MODULI:
         curves[f"{modulus}_hill"] = (curves[f"{modulus}_reuss"] + curves[f"{modulus}_voigt"]) / 2.0
     low, high = (
@@ -234,19 +169,18 @@ def _gathered(packing: Packing, kept: dict[str, NDArray[Any]], orders: int) -> T
     )
     between = [universal_anisotropy(*pair) for pair in zip(high, low, strict=True)]
     curves["anisotropy"] = np.array(between).reshape(orders, size)
-    part = np.array([kept[f"parts_{order}"] for order in range(orders)])
     return Trials(
         packing=packing,
-        attempts=int(kept["attempts"]),
-        bearing=int(kept["bearing"]),
+        attempts=jammed["attempts"],
+        bearing=kept[0]["bearing"],
         cemented_k=longest,
         stiff_ok=stiff,
         curves=curves,
-        first_o=np.array([int(kept[f"first_{order}"]) for order in range(orders)]),
-        all_o=np.array([int(kept[f"all_{order}"]) for order in range(orders)]),
-        smallest_new_o=part[:, 0],
-        largest_old_o=part[:, 1],
-        seconds=float(kept["jam_seconds"]) + sum(float(kept[f"seconds_{order}"]) for order in range(orders)),
+        first_o=np.array([one["first"] for one in kept]),
+        all_o=np.array([one["all"] for one in kept]),
+        smallest_new_o=np.array([one["smallest_new"] for one in kept]),
+        largest_old_o=np.array([one["largest_old"] for one in kept]),
+        seconds=jammed["cpu_seconds"] + sum(one["cpu_seconds"] for one in kept),
     )
 
 
@@ -395,39 +329,6 @@ def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
     )
 
 
-def _in_turn(tasks: list[Settings], orders: int, folder: Path | None, progress: Progress | None) -> Iterator[Trials]:
-    for settings in tasks:
-
-        def report(done: int, settings: Settings = settings) -> None:
-            if progress is not None:
-                progress(settings.particles, settings.packing, done)
-
-        yield run_trials(settings, orders, folder, report)
-
-
-def _at_once(
-    tasks: list[Settings], orders: int, folder: Path | None, progress: Progress | None, processes: int
-) -> list[Trials]:
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-
-    # large packings first, so that no process is left waiting for one of them
-    first = sorted(tasks, key=lambda settings: -settings.particles)
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = {pool.submit(run_trials, settings, orders, folder): settings for settings in first}
-        found = {}
-        try:
-            for one in as_completed(waiting):
-                settings = waiting[one]
-                found[settings] = one.result()
-                if progress is not None:
-                    progress(settings.particles, settings.packing, orders)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [found[settings] for settings in tasks]
-
-
 def cementing_curve(
     folder: str | os.PathLike[str] | None = None,
     *,
@@ -442,7 +343,7 @@ def cementing_curve(
     pressure: float = 1e-8,
     dimension: int = 3,
     sizes: Sizes | None = None,
-    processes: int = 1,
+    workers: int | None = 0,
     progress: Progress | None = None,
 ) -> tuple[CementingCurve, ...]:
     """Return bulk and shear modulus against the fraction of cemented contacts n_l/N, a curve for each N.
@@ -455,9 +356,9 @@ def cementing_curve(
     Parameters
     ----------
     folder
-        Where results are kept: a file for each packing, rewritten after each order, so that interrupted work goes on
-        where it was when called again, with the same numbers. More packings, orders or sizes may be asked for then.
-        None keeps nothing.
+        Two ensembles (`pm.read_ensemble`): "packings" that were drawn, and "trials", one for each order of cementing
+        of each, so that interrupted work goes on where it was when called again, with the same numbers. More packings,
+        orders or sizes may be asked for then. None keeps nothing.
     scenes
         Jammed packings of one's own with their laws, shear-stabilized, in place of those that are drawn: `particles`,
         `packings`, `pressure`, `dimension` and `sizes` are not used then. Those of one size make up a curve.
@@ -473,18 +374,20 @@ def cementing_curve(
         Pressure of the jammed packings [energy_scale / diameter^d].
     dimension, sizes
         As in `random_packing`; `Monodisperse()` if not given.
-    processes
-        How many processes share the packings; the numbers are the same for any.
+    workers
+        How many processes share the work, as in `run_ensemble`; 0: none, it is done here. The numbers are the same for
+        any. Sizes and laws of your own need 0.
     progress
         Called as progress(particles, packing, orders_finished).
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, a packing of one's own does not resist every strain, or the folder holds
-        results of other settings.
+        If an argument is not what it must be, or a packing of one's own does not resist every strain.
     NotConverged
-        If 50 packings in a row do not jam with one state of self stress.
+        If 50 packings in a row do not jam with one state of self stress; a RuntimeError where other processes do it.
+    KeyboardInterrupt
+        Passed on; what is in the folder stays there.
 
     Examples
     --------
@@ -501,7 +404,6 @@ def cementing_curve(
         raise ValueError(f"particles must name each size once, got {particles!r}")
     number = integer("packings", packings, at_least=1)
     orders = integer("orders", orders, at_least=1)
-    processes = integer("processes", processes, at_least=1)
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
     seed = integer("seed", seed, at_least=0)
     step, pressure = positive("step", step), positive("pressure", pressure)
@@ -510,48 +412,69 @@ def cementing_curve(
     sizes = sizes_of(sizes, Monodisperse())
     if progress is not None:
         function("progress", progress)
-    if folder is not None:
-        if not isinstance(folder, str | os.PathLike):
-            raise TypeError(f"folder must be a path or None, got {folder!r}")
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-    if scenes is None:
-        tasks = [
-            Settings(count, packing, seed, step, freeze, pressure, dimension, sizes, order)
-            for count, packing in itertools.product(counts, range(number))
+    asked: dict[str, Any] = {"seed": seed, "step": step, "freeze": freeze, "order": order}
+    with folder_of(folder) as place:
+        if scenes is None:
+            drawn: dict[str, Any] = {"seed": seed, "pressure": pressure, "dimension": dimension}
+            packs = [{"particles": n, "packing": k} for n, k in itertools.product(counts, range(number))]
+            jammed = _jammed(place / PACKINGS, [one | drawn for one in packs], sizes, workers)
+            given = [Scene(one.packing(), (Repulsion(),)) for one in jammed]
+            about = [one.values for one in jammed]
+        else:
+            given = _own(scenes, place / TRIALS)
+            seen: Counter[int] = Counter()
+            packs = []
+            for scene in given:
+                n = scene.packing.particles
+                packs.append({"particles": n, "packing": seen[n]})
+                seen[n] += 1
+            about = [{"attempts": 0, "cpu_seconds": 0.0}] * len(given)
+        names = [keep_scene(place / TRIALS, scene) for scene in given]
+        wanted = [
+            {"scene": name, **pack, "trial": trial, **asked}
+            for name, pack in zip(names, packs, strict=True)
+            for trial in range(orders)
         ]
-    else:
-        tasks = _own_tasks(scenes, Settings(0, 0, seed, step, freeze, 0.0, dimension, sizes, order), folder)
-    if processes == 1:
-        found = list(_in_turn(tasks, orders, folder, progress))
-    else:
-        found = _at_once(tasks, orders, folder, progress, processes)
-    sized: dict[int, list[Trials]] = {one.particles: [] for one in tasks}
-    for settings, trials in zip(tasks, found, strict=True):
-        sized[settings.particles].append(trials)
+        finished: Counter[int] = Counter()
+
+        def report(done: int, of: int, k: int, member: Finished) -> None:
+            finished[k // orders] += 1
+            if progress is not None:
+                progress(packs[k // orders]["particles"], packs[k // orders]["packing"], finished[k // orders])
+
+        members = complete(cement_trial, wanted, place / TRIALS, workers=workers, progress=report)
+        sized: dict[int, list[Trials]] = {}
+        for k, (scene, pack) in enumerate(zip(given, packs, strict=True)):
+            trials = _gathered(scene.packing, about[k], members[k * orders : (k + 1) * orders])
+            sized.setdefault(pack["particles"], []).append(trials)
     return tuple(gathered(count, trials) for count, trials in sized.items())
 
 
-def _own_tasks(scenes: Sequence[Scene], settings: Settings, folder: Path | None) -> list[Settings]:
-    """Return the settings of one's own scenes, after a look at whether those that are new can be cemented."""
+def _jammed(folder: Path, wanted: Sequence[dict[str, Any]], sizes: Sizes, workers: int | None) -> list[Finished]:
+    """Return packings that are drawn."""
+    shipped = is_record(sizes) and type(sizes) in NESTED["sizes"].values()
+    if not shipped and workers != 0:
+        raise ValueError(f"workers must be 0 for sizes of your own, got {workers!r} with {sizes!r}")
+    text = json.dumps(to_table(sizes), sort_keys=True) if shipped else repr(sizes)
+    job: Callable[..., Any] = jammed_packing
+    if not shipped:
+        job = functools.update_wrapper(functools.partial(jammed_packing, own=sizes), jammed_packing)
+    return complete(job, [one | {"sizes": text} for one in wanted], folder, workers=workers)
+
+
+def _own(scenes: Any, folder: Path) -> list[Scene]:
+    """Return scenes of one's own, after a look at whether those that are new can be cemented."""
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not len(scenes):
         raise TypeError(f"scenes must be a list of scenes, at least one, got {scenes!r:.60}")
-    count: dict[int, int] = {}
-    dimensions = set()
-    tasks = []
     for k, scene in enumerate(scenes):
         instance(f"scenes[{k}]", scene, Scene)
         CALLS["cement"].check(f"scenes[{k}]", scene)
-        n, d = scene.packing.position_nd.shape
-        dimensions.add(d)
-        task = replace(settings, particles=n, packing=count.get(n, 0), dimension=d, scene=scene)
-        if folder is None or not path_of(folder, task).exists():
+        if not has_scene(folder, scene):
             try:
                 backbone_of(scene, "unstressed", None)
             except ValueError as error:
                 raise ValueError(f"scenes[{k}]: {error}") from error
-        tasks.append(task)
-        count[n] = count.get(n, 0) + 1
+    dimensions = {scene.packing.dimension for scene in scenes}
     if len(dimensions) > 1:
         raise ValueError(f"scenes must be of one dimension, got {sorted(dimensions)}")
-    return tasks
+    return list(scenes)

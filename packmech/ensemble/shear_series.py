@@ -1,0 +1,347 @@
+"""`shear_series`: amplitude sweeps over repeats and friction, with controls, means and error bars."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import function, instance, integer, one_of, positive, real, two_axes
+from packmech.effects import Bonds, Friction
+from packmech.effects.bonds import bond_contacts
+from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
+from packmech.ensemble.folder import CHECKPOINT
+from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
+from packmech.rheology.amplitude_sweep import check_amplitudes
+from packmech.rheology.oscillatory import oscillatory_shear
+from packmech.scene import Scene
+
+CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
+# called as (control, friction, repeat, amplitude)
+TrialProgress = Callable[[str, float | None, int, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ShearTrial:
+    """One trial: moduli, and the stress against time.
+
+    Attributes
+    ----------
+    storage, loss
+        G' and G'' of the overall stress [energy/length^d].
+    storage_error, loss_error
+        Their errors over periods.
+    time_t, strain_t, stress_tdd
+        (T,) times, strains and (T, d, d) overall stresses.
+    contacts_t, sliding_t
+        (T,) numbers of contacts, and of those that slide.
+    seconds
+        CPU time.
+
+    """
+
+    storage: float
+    loss: float
+    storage_error: float
+    loss_error: float
+    time_t: NDArray[np.float64]
+    strain_t: NDArray[np.float64]
+    stress_tdd: NDArray[np.float64]
+    contacts_t: NDArray[np.int64]
+    sliding_t: NDArray[np.int64]
+    seconds: float
+
+
+def controlled(scene: Scene, control: str, friction: float | None) -> Scene:
+    """Return the scene with other bonds or other friction.
+
+    "prepared": as it is. "bulk": every contact a bond, of the kind that the scene has. "uncrosslinked": no bonds.
+    "frictionless": contacts without friction. A friction coefficient replaces that of the scene.
+
+    Raises
+    ------
+    ValueError
+        If the scene lacks what the control changes.
+
+    """
+    effects = scene.effects
+    bonds = next((one for one in effects if isinstance(one, Bonds)), None)
+    if control in ("bulk", "uncrosslinked") and bonds is None:
+        raise ValueError(f"controls must not hold {control!r} where prepare(seed) returns a scene without Bonds")
+    if friction is not None:
+        if not any(isinstance(one, Friction) for one in effects):
+            raise ValueError("frictions must be None where prepare(seed) returns a scene without Friction")
+        effects = tuple(one._replace(coefficient=friction) if isinstance(one, Friction) else one for one in effects)
+    if control == "bulk":
+        assert bonds is not None
+        whole = bond_contacts(
+            scene.packing,
+            compression=bonds.compression,
+            tension=bonds.tension,
+            tangential_stiffness=bonds.tangential_stiffness,
+            damping=bonds.damping,
+            tangential_damping=bonds.tangential_damping,
+        )
+        effects = tuple(whole if isinstance(one, Bonds) else one for one in effects)
+    elif control == "uncrosslinked":
+        effects = tuple(one for one in effects if not isinstance(one, Bonds))
+    elif control == "frictionless":
+        effects = tuple(one for one in effects if not isinstance(one, Friction))
+    return scene.replace(effects=effects)
+
+
+@dataclass(frozen=True, eq=False)
+class ShearCurve:
+    """Means over repeats against the amplitude; errors are those of the means.
+
+    Attributes
+    ----------
+    control, friction
+        What was sheared.
+    amplitude_a
+        (A,) amplitudes, rising [1].
+    storage_a, loss_a, storage_error_a, loss_error_a
+        (A,) means of G' and G'' and their errors [energy/length^d]; errors are nan with a single repeat.
+    yield_strain, yield_strain_error
+        Mean over the repeats that yield within the amplitudes, and its error [1]; nan where none does.
+    yielding
+        How many repeats do.
+
+    """
+
+    control: str
+    friction: float | None
+    amplitude_a: NDArray[np.float64]
+    storage_a: NDArray[np.float64]
+    loss_a: NDArray[np.float64]
+    storage_error_a: NDArray[np.float64]
+    loss_error_a: NDArray[np.float64]
+    yield_strain: float
+    yield_strain_error: float
+    yielding: int
+
+
+@dataclass(frozen=True, eq=False)
+class ShearSeries:
+    """A series: every trial by (control, friction, repeat, amplitude), and the curves of its means."""
+
+    trials: dict[tuple[str, float | None, int, float], ShearTrial]
+    curves: tuple[ShearCurve, ...]
+
+    def curve(self, control: str = "prepared", friction: float | None = None) -> ShearCurve:
+        """Return the curve of a control, at a friction if several were asked for.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+
+        """
+        for one in self.curves:
+            if one.control == control and one.friction == friction:
+                return one
+        raise KeyError(f"no curve of {control!r} at friction {friction!r}")
+
+
+def shear_series(
+    prepare: Callable[[int], Scene],
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    amplitudes: Sequence[float],
+    repeats: int = 3,
+    frictions: Sequence[float] | None = None,
+    controls: Sequence[str] = ("prepared",),
+    seed: int = 0,
+    frequency: float | None = None,
+    relative_frequency: float | None = None,
+    pre_periods: float = 0.0,
+    periods: float = 4.0,
+    post_periods: float = 0.0,
+    axes: tuple[int, int] = (0, 1),
+    dt: float | None = None,
+    samples_per_period: int = 200,
+    error: str = "standard",
+    workers: int | None = 0,
+    progress: TrialProgress | None = None,
+) -> ShearSeries:
+    """Return G' and G'' against amplitude over repeats, for several frictions and controls.
+
+    Parameters
+    ----------
+    prepare
+        prepare(seed) returns the scene of a repeat, the same for the same seed.
+    folder
+        An ensemble with a member for each trial (`pm.read_ensemble`), and the scenes. Interrupted work goes on where it
+        was when called again, within a trial too, and more repeats, amplitudes, frictions or controls may be asked for.
+        None keeps nothing.
+    amplitudes
+        Of the strain [1].
+    repeats
+        How many scenes are prepared.
+    frictions
+        Coefficients of friction that replace those of the scenes; None leaves them.
+    controls
+        Which of these are sheared: "prepared", the scenes as they are; "bulk", with every contact a bond;
+        "uncrosslinked", without bonds; "frictionless", without friction (sheared once, whatever the frictions).
+    seed
+        Seeds of the repeats are drawn from it, each for itself.
+    frequency, relative_frequency, pre_periods, periods, post_periods, axes, dt, samples_per_period
+        As in `oscillatory_shear`.
+    error
+        "standard" or "bootstrap", as in `mean_with_error`.
+    workers
+        How many processes share the trials, as in `run_ensemble`; 0: none, they run here. Scenes with laws or effects
+        of your own need 0.
+    progress
+        Called as progress(control, friction, repeat, amplitude) for every trial that is finished.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be.
+    NotConverged
+        If a time step is too long; a RuntimeError where other processes run the trials.
+    KeyboardInterrupt
+        Passed on; what is in the folder stays there.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> def prepare(seed):
+    ...     start = pm.random_packing(8, dimension=2, packing_fraction=1.0, seed=seed)
+    ...     scene = pm.Scene(start, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.1)))
+    ...     return scene.replace(packing=pm.quench(pm.Scene(start, scene.effects[:1]), force_tolerance=1e-9).packing)
+    >>> series = pm.shear_series(prepare, amplitudes=[1e-3], repeats=2, frequency=0.01, periods=2)
+    >>> len(series.trials), series.curve().storage_a.shape
+    (2, (1,))
+
+    """
+    function("prepare", prepare)
+    asked = sorted(check_amplitudes(amplitudes))
+    count = integer("repeats", repeats, at_least=1)
+    coefficients = _frictions(frictions)
+    kinds = _controls(controls)
+    source = integer("seed", seed, at_least=0)
+    one_of("error", error, ERRORS)
+    if progress is not None:
+        function("progress", progress)
+    choices: dict[str, Any] = {
+        "frequency": None if frequency is None else positive("frequency", frequency),
+        "relative_frequency": None
+        if relative_frequency is None
+        else positive("relative_frequency", relative_frequency),
+        "pre_periods": real("pre_periods", pre_periods, at_least=0.0),
+        "periods": real("periods", periods, at_least=1.0),
+        "post_periods": real("post_periods", post_periods, at_least=0.0),
+        "axes": two_axes("axes", axes),
+        "dt": None if dt is None else positive("dt", dt),
+        "samples_per_period": samples_per_period,
+    }
+    pairs = [(kind, friction) for kind in kinds for friction in ([None] if kind == "frictionless" else coefficients)]
+    keys = [
+        (kind, friction, repeat, a)
+        for repeat in range(count)
+        for (kind, friction), a in itertools.product(pairs, asked)
+    ]
+    with folder_of(folder) as place:
+        scenes = []
+        for repeat in range(count):
+            start = int(np.random.SeedSequence([source, repeat]).generate_state(1, dtype=np.uint32)[0])
+            scenes.append(_kept(place, prepare(start), pairs))
+        names = ("control", "friction", "repeat", "amplitude")
+        members = complete(
+            shear_trial,
+            [{"scene": scenes[key[2]], **dict(zip(names, key, strict=True)), **choices} for key in keys],
+            place,
+            workers=workers,
+            progress=None if progress is None else lambda done, of, number, member: progress(*keys[number]),
+        )
+        trials = dict(zip(keys, map(_trial_of, members), strict=True))
+    return ShearSeries(trials, tuple(_curve(trials, kind, friction, count, asked, error) for kind, friction in pairs))
+
+
+def _kept(folder: Path, scene: Any, pairs: Sequence[tuple[str, float | None]]) -> str:
+    """Keep a scene that was prepared, after checking that it has what the controls change; return its name."""
+    instance("prepare(seed)", scene, Scene)
+    for kind, friction in pairs:
+        controlled(scene, kind, friction)
+    return keep_scene(folder, scene)
+
+
+def _frictions(frictions: Any) -> list[float | None]:
+    if frictions is None:
+        return [None]
+    if isinstance(frictions, str) or not isinstance(frictions, Sequence | np.ndarray) or not len(frictions):
+        raise TypeError(f"frictions must be a list of coefficients or None, got {frictions!r}")
+    found: list[float | None] = [real("frictions", one, at_least=0.0) for one in frictions]
+    if len(set(found)) != len(found):
+        raise ValueError(f"frictions must name each coefficient once, got {frictions!r}")
+    return found
+
+
+def _controls(controls: Any) -> list[str]:
+    if isinstance(controls, str) or not isinstance(controls, Sequence) or not len(controls):
+        raise TypeError(f"controls must be a list of names, got {controls!r}")
+    return list(dict.fromkeys(one_of("controls", one, CONTROLS) for one in controls))
+
+
+def shear_trial(
+    folder: Path, scene: str, control: str, friction: float | None, repeat: int, amplitude: float, **choices: Any
+) -> ShearTrial:
+    """Return what a member of a series is: one trial of a scene that is kept beside the members."""
+    strained = controlled(scene_at(scene_path(folder, scene)), control, friction)
+    run = oscillatory_shear(strained, amplitude=amplitude, checkpoint=folder / CHECKPOINT, **choices)
+    assert run.moduli is not None
+    return ShearTrial(
+        run.moduli.storage,
+        run.moduli.loss,
+        run.moduli.storage_error,
+        run.moduli.loss_error,
+        run.time_t,
+        run.strain_t,
+        run.stress["overall"],
+        run.contacts_t,
+        run.sliding_t,
+        run.seconds,
+    )
+
+
+def _trial_of(member: Finished) -> ShearTrial:
+    kept = member.values | member.arrays()
+    return ShearTrial(**{field.name: kept[field.name] for field in dataclasses.fields(ShearTrial)})
+
+
+def _curve(
+    trials: dict[tuple[str, float | None, int, float], ShearTrial],
+    control: str,
+    friction: float | None,
+    repeats: int,
+    amplitudes: list[float],
+    error: str,
+) -> ShearCurve:
+    rows = [[trials[control, friction, repeat, a] for a in amplitudes] for repeat in range(repeats)]
+    storage = np.array([[one.storage for one in row] for row in rows])
+    loss = np.array([[one.loss for one in row] for row in rows])
+    means = [np.array([mean_with_error(column, error=error) for column in table.T]) for table in (storage, loss)]
+    ends = np.array([yield_strain(amplitudes, up, down) for up, down in zip(storage, loss, strict=True)])
+    ends = ends[np.isfinite(ends)]
+    end, end_error = mean_with_error(ends, error=error) if len(ends) else (float("nan"), float("nan"))
+    return ShearCurve(
+        control,
+        friction,
+        np.array(amplitudes),
+        means[0][:, 0],
+        means[1][:, 0],
+        means[0][:, 1],
+        means[1][:, 1],
+        end,
+        end_error,
+        len(ends),
+    )

@@ -1,0 +1,164 @@
+"""Amplitude sweeps: G' and G'' of one scene over the amplitude of its strain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import function, positive
+from packmech.honors import honors
+from packmech.loop.run_loop import Progress
+from packmech.measure.signals import softening_strain, yield_strain
+from packmech.rheology.arguments import Several, listed, runs_file
+from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
+from packmech.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class AmplitudeSweep:
+    """Moduli against the amplitude of the strain; errors are those over periods.
+
+    Attributes
+    ----------
+    amplitude_a
+        (A,) amplitudes [1].
+    storage_a, loss_a
+        (A,) G' and G'' of the overall stress [energy/length^d].
+    storage_error_a, loss_error_a
+        (A,) their errors over periods; nan with less than two periods that count.
+    runs
+        The run at each amplitude.
+
+    """
+
+    amplitude_a: NDArray[np.float64]
+    storage_a: NDArray[np.float64]
+    loss_a: NDArray[np.float64]
+    storage_error_a: NDArray[np.float64]
+    loss_error_a: NDArray[np.float64]
+    runs: tuple[OscillatoryShear, ...]
+
+    @property
+    def yield_strain(self) -> float:
+        """Amplitude at which G' = G'' [1], as the function of this name finds it; nan where they do not cross."""
+        return yield_strain(self.amplitude_a, self.storage_a, self.loss_a)
+
+    def softening_strain(self, remaining: float = 0.9) -> float:
+        """Return the amplitude above which G' is less than a part of what it is at the smallest [1]; nan if nowhere."""
+        return softening_strain(self.amplitude_a, self.storage_a, remaining=remaining)
+
+
+def check_amplitudes(amplitudes: Any) -> list[float]:
+    """Return the amplitudes after checking that they are positive and differ.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming what is wrong.
+
+    """
+    if isinstance(amplitudes, str) or not isinstance(amplitudes, Sequence | np.ndarray) or not len(amplitudes):
+        raise TypeError(f"amplitudes must be a list of strain amplitudes, got {amplitudes!r}")
+    found = [positive("amplitudes", one) for one in amplitudes]
+    if len(set(found)) != len(found):
+        raise ValueError(f"amplitudes must name each amplitude once, got {amplitudes!r}")
+    return found
+
+
+@listed(Several)
+@honors("repulsion damping friction bonds gravity walls drag shapes")
+def amplitude_sweep(
+    scene: Scene,
+    *,
+    amplitudes: Sequence[float],
+    frequency: float | None = None,
+    relative_frequency: float | None = None,
+    pre_periods: float = 0.0,
+    periods: float = 4.0,
+    post_periods: float = 0.0,
+    axes: tuple[int, int] = (0, 1),
+    samples_per_period: int = 200,
+    **common: Unpack[Several],
+) -> AmplitudeSweep:
+    """Return G' and G'' at several amplitudes, each from the scene as it is, with the same time step.
+
+    Parameters
+    ----------
+    scene
+        The scene, without rigid links.
+    amplitudes
+        Of the strain, in any order [1].
+    frequency, relative_frequency, pre_periods, periods, post_periods, axes, dt, method, held_n
+        As in `oscillatory_shear`.
+    samples_per_period, frames
+        As in `oscillatory_shear`.
+    progress
+        Called now and then as progress(stage, figures), the stage naming the amplitude.
+    checkpoint
+        As in `oscillatory_shear`, one file for all amplitudes: those that were finished are not run again.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of its bounds.
+    NotConverged
+        If a time step is too long; its `.run` holds that run.
+    KeyboardInterrupt
+        Passed on with `.run` set to the sweep of the amplitudes that were finished, or None.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()), pm.BackgroundDamping(0.1)))
+    >>> sweep = pm.amplitude_sweep(scene, amplitudes=[1e-4, 1e-3], frequency=0.01, periods=2)
+    >>> sweep.storage_a.round(3).tolist()
+    [0.42, 0.42]
+
+    """
+    asked = check_amplitudes(amplitudes)
+    progress = common.get("progress")
+    if progress is not None:
+        function("progress", progress)
+    # one file for all of them
+    file = runs_file(common.get("checkpoint"))
+    runs: list[OscillatoryShear] = []
+    for amplitude in asked:
+        reported = None if progress is None else named(progress, amplitude)
+        given: Several = {**common, "progress": reported, "checkpoint": file}
+        try:
+            run = oscillatory_shear(
+                scene,
+                amplitude=amplitude,
+                frequency=frequency,
+                relative_frequency=relative_frequency,
+                pre_periods=pre_periods,
+                periods=periods,
+                post_periods=post_periods,
+                axes=axes,
+                samples_per_period=samples_per_period,
+                **given,
+            )
+        except KeyboardInterrupt as stop:
+            stop.run = _gathered(asked, runs) if runs else None  # type: ignore[attr-defined]
+            raise
+        runs.append(run)
+    return _gathered(asked, runs)
+
+
+def named(progress: Progress, amplitude: float) -> Callable[[str, dict[str, Any]], None]:
+    """Return a progress function that hears of the amplitude as well."""
+    return lambda stage, figures: progress(f"{stage} at amplitude {amplitude:g}", figures)
+
+
+def _gathered(amplitudes: list[float], runs: list[OscillatoryShear]) -> AmplitudeSweep:
+    moduli = [run.moduli for run in runs]
+    table = [
+        (np.nan,) * 4 if one is None else (one.storage, one.loss, one.storage_error, one.loss_error) for one in moduli
+    ]
+    storage, loss, storage_error, loss_error = np.array(table).T.copy()
+    return AmplitudeSweep(np.array(amplitudes[: len(runs)]), storage, loss, storage_error, loss_error, tuple(runs))

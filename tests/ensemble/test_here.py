@@ -1,0 +1,115 @@
+"""Members that run in the process that calls: any callable, the same bits, nothing lost."""
+
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.ensemble.folder import find, listed_members
+
+
+def values(ensemble):
+    """Return the results of the members to the last bit, by their names."""
+    return {one.id: json.dumps(find(ensemble.folder, one).result["values"], sort_keys=True) for one in ensemble.members}
+
+
+def test_the_results_are_to_the_last_bit_those_of_other_processes(tmp_path, called):
+    grid = {"packing.particles": 12, "drive.pressure": 1e-4, "seed": range(3)}
+    for job, asked in (("default", grid), (called("packed"), {"seed": range(3)})):
+        here = pm.run_ensemble(job, asked, tmp_path / f"{job} here", workers=0)
+        there = pm.run_ensemble(job, asked, tmp_path / f"{job} there", workers=2)
+        assert here.counts() == {"done": 3, "failed": 0, "missing": 0}
+        assert values(here) == values(there)
+        assert [here.packing(k) for k in range(3)] == [there.packing(k) for k in range(3)]
+        for k in range(3):
+            assert {name: value.tobytes() for name, value in here.arrays(k).items()} == {
+                name: value.tobytes() for name, value in there.arrays(k).items()
+            }
+
+
+def test_any_callable_is_a_job_and_no_process_is_started(tmp_path):
+    offset, ran = 3.0, []
+
+    def shifted(x, random_seed):
+        ran.append(x)
+        return {"value": x + offset, "process": os.getpid(), "drawn": random_seed}
+
+    class Doubled:
+        def __call__(self, x):
+            return 2 * x
+
+    found = pm.run_ensemble(shifted, {"x": [1.0, 2.0]}, tmp_path / "closure", workers=0)
+    assert found["value"].tolist() == [4.0, 5.0]
+    assert set(found["process"].tolist()) == {os.getpid()}
+    assert found["drawn"].tolist() == [one.random_seed for one in found.members]
+    more = pm.run_ensemble(shifted, {"x": [1.0, 2.0, 4.0]}, tmp_path / "closure", workers=0)
+    assert more["value"].tolist() == [4.0, 5.0, 7.0]
+    assert ran == [1.0, 2.0, 4.0]
+    assert pm.run_ensemble(Doubled(), {"x": 4}, tmp_path / "object", workers=0)["value"].tolist() == [8]
+    with pytest.raises(ValueError, match="another function"):
+        pm.run_ensemble(Doubled(), {"x": 4}, tmp_path / "closure", workers=0)
+
+
+def test_functions_that_measure_a_scene_may_be_any(tmp_path):
+    grid = {"packing.particles": 12, "seed": 0}
+    measures = ["contacts", lambda scene: {"largest": float(scene.packing.radius_n.max())}]
+    found = pm.run_ensemble("default", grid, tmp_path / "out", measures=measures, workers=0)
+    assert found["largest"][0] == found.packing(0).radius_n.max()
+    with pytest.raises(ValueError, match="different names"):
+        pm.run_ensemble("default", grid, tmp_path / "two", measures=measures * 2, workers=0)
+
+
+def test_ctrl_c_passes_on_and_finished_members_stay(tmp_path):
+    ran = []
+
+    def interrupted(seed):
+        ran.append(seed)
+        if ran == [0, 1, 2]:
+            signal.raise_signal(signal.SIGINT)
+        return float(np.random.default_rng(seed).normal())
+
+    grid = {"seed": range(5)}
+    with pytest.raises(KeyboardInterrupt):
+        pm.run_ensemble(interrupted, grid, tmp_path / "out", workers=0)
+    assert pm.read_ensemble(tmp_path / "out").counts() == {"done": 2, "failed": 0, "missing": 3}
+    found = pm.run_ensemble(interrupted, grid, tmp_path / "out", workers=0)
+    assert ran == [0, 1, 2, 2, 3, 4]
+    assert values(found) == values(pm.run_ensemble(interrupted, grid, tmp_path / "whole", workers=0))
+
+
+def test_failures_are_rows_and_run_again_only_when_that_is_asked_for(tmp_path):
+    broken = [True]
+
+    def fragile(seed):
+        if broken[0] and seed == 1:
+            raise ZeroDivisionError("the job divided by nothing")
+        return seed
+
+    grid, folder = {"seed": range(3)}, tmp_path / "out"
+    said = []
+    found = pm.run_ensemble(fragile, grid, folder, workers=0, progress=lambda stage, figures: said.append(figures))
+    assert found.counts() == {"done": 2, "failed": 1, "missing": 0}
+    assert found["reason"].tolist() == ["", "ZeroDivisionError", ""]
+    assert "fragile" in found["traceback"][1]
+    assert [one["done"] for one in said] == [0, 1, 1, 2]
+    broken.clear()
+    broken.append(False)
+    assert pm.run_ensemble(fragile, grid, folder, workers=0).counts()["failed"] == 1
+    assert pm.run_ensemble(fragile, grid, folder, workers=0, retry=True)["value"].tolist() == [0, 1, 2]
+
+
+def test_a_folder_goes_on_in_other_processes_if_its_function_has_a_name(tmp_path, called):
+    folder = tmp_path / "out"
+    pm.run_ensemble(called("square"), {"seed": range(2)}, folder, workers=0)
+    assert pm.run_ensemble(called("square"), {"seed": range(3)}, folder, workers=1)["square"].tolist() == [0, 1, 4]
+    (folder / "workspace" / listed_members(folder)[0].id / "result.json").unlink()
+    assert pm.resume_ensemble(folder, workers=0).counts()["done"] == 3
+    # the folder knows the name of a closure, and no place where it is
+    pm.run_ensemble(lambda seed: seed, {"seed": 0}, tmp_path / "closure", workers=0)
+    for (path,) in [list((tmp_path / "closure").glob("workspace/*/result.json"))]:
+        path.unlink()
+    found = pm.resume_ensemble(tmp_path / "closure", workers=0)
+    assert "goes on by the same call of run_ensemble" in found["message"][0]
