@@ -286,8 +286,8 @@ _PUBLIC = {
     "shear_stabilize": "packmech.protocols.shear_stabilize",
     "sweep_pressure": "packmech.protocols.sweep",
     "sweep_stress": "packmech.protocols.sweep",
-    "JammingScaling": "packmech.protocols.scaling",
-    "jamming_scaling": "packmech.protocols.scaling",
+    "JammingScaling": "packmech.ensemble.jamming_scaling",
+    "jamming_scaling": "packmech.ensemble.jamming_scaling",
     "at_packing_fraction": "packmech.protocols.protocol",
     # compiled functions of users
     "kernel": "packmech.jit.compiled",

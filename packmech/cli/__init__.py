@@ -25,7 +25,7 @@ VERBS = {
     "scenes": "List the scenes that ship inside the package.",
     "effects": "Say which call honors which effect of a scene.",
     "accuracy": "Measure what accuracy costs in time: tables and figures.",
-    "scaling": "Follow packings over pressure or the distance to jamming: how moduli, contacts and energy fall.",
+    "scaling": "Follow packings over pressure or the distance to jamming: how they soften; resumes.",
     "inertia": "Shear discs with friction: stress over the inertial number, at constant pressure and volume; resumes.",
     "silo": "Lower the floor of a silo of discs with friction: stress over depth, and Janssen's law; resumes.",
     "friction": "Press packings with more and more friction: packing fraction and coordination; resumes what it finds.",

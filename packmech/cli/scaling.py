@@ -9,10 +9,10 @@ import numpy as np
 from cyclopts import Parameter
 
 from packmech.cli.output import show, table, working
+from packmech.ensemble.drawing import FITTED, draw_scaling
+from packmech.ensemble.jamming_scaling import JammingScaling, jamming_scaling
 from packmech.protocols.jam import HardVertex
-from packmech.protocols.scaling import JammingScaling, jamming_scaling
 from packmech.scenes.scene_file import read_scene
-from packmech.view.figures import FITTED, draw_scaling
 
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 # quenches at a given packing fraction are decompressed to this pressure before the hard packing is looked for
@@ -31,8 +31,9 @@ def scaling(
     quenched_at: float | None = None,
     states: bool = False,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
-    """Follow packings over pressure or the distance to jamming: how moduli, contacts and energy fall.
+    """Follow packings over pressure or the distance to jamming: how moduli, contacts and energy fall; resumes.
 
     Parameters
     ----------
@@ -54,6 +55,8 @@ def scaling(
         count vibrational states, too, for the end of their plateau
     seed
         of the first packing
+    workers
+        processes on this machine (default: one for each core)
 
     """
     starts = [read_scene(scene, seed=seed + k) for k in range(packings)]
@@ -77,6 +80,8 @@ def scaling(
                 strain=strain,
                 method=method,
                 states=states,
+                folder=out / "members",
+                workers=workers,
                 progress=progress,
                 check=False,
             )

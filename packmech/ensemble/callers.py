@@ -147,14 +147,14 @@ def complete(
 
 
 def keep_scene(folder: Path, scene: Scene) -> str:
-    """Write a scene, without its drive, into the folder of an ensemble; return what parameters of members call it.
+    """Write a scene with its drive into the folder of an ensemble; return what parameters of members call it.
 
     The name is a hash of what the scene holds, so that each is kept once.
     """
     path = _place(folder, scene)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_scene(scene.replace(drive=None), path)
+        write_scene(scene, path)
     return path.stem
 
 
@@ -164,7 +164,7 @@ def has_scene(folder: Path, scene: Scene) -> bool:
 
 
 def _place(folder: Path, scene: Scene) -> Path:
-    return folder / SCENES / f"{fingerprint(sorted(scene_fingerprints(scene).items()))[:32]}.toml"
+    return folder / SCENES / f"{fingerprint([sorted(scene_fingerprints(scene).items()), scene.drive])[:32]}.toml"
 
 
 def scene_path(folder: Path, name: str) -> Path:

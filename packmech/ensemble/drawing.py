@@ -1,4 +1,4 @@
-"""The figure of an ensemble: how a result is spread, and its statistic over a parameter with errors."""
+"""Figures of ensembles: how a result is spread, its statistic over a parameter, and the scaling near jamming."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from packmech.ensemble.jamming_scaling import JammingScaling
 from packmech.ensemble.statistics import (
     GroupStatistics,
     PowerLawFit,
@@ -20,6 +21,17 @@ from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 # curves that can be distinguished
 _MOST = 8
+_INK = "#404040"
+# what falls towards the jamming point, and how it is called on its axis
+FITTED = {
+    "pressure": "pressure (energy / diameter$^d$)",
+    "distance": "packing fraction above jamming",
+    "energy_per_particle": "energy per particle",
+    "excess_coordination": "contacts in excess, $z - z_{iso}$",
+    "bulk_modulus": "bulk modulus (energy / diameter$^d$)",
+    "shear_modulus": "shear modulus (energy / diameter$^d$)",
+    "plateau_edge": r"end of the plateau of states, $\omega^*$",
+}
 
 
 def draw_ensemble(
@@ -93,3 +105,44 @@ def draw_ensemble(
         counts = ensemble.counts()
         figure.suptitle(f"{counts['done']} of {len(ensemble)} members", fontsize=10)
     return found
+
+
+def draw_scaling(found: JammingScaling, path: Path) -> None:
+    """Write the figure: what falls towards the jamming point, and the corrected power laws fitted to it."""
+    names = [name for name in FITTED if name in found.names and name != found.control]
+    with styled_figure(path, (12.6, 7.2)) as figure:
+        axes = figure.subplots(2, 3)
+        x, counted = found.level_p, found.counted_p
+        for number, (ax, name) in enumerate(zip(axes.flat, names, strict=False)):
+            mean, error, color = found.mean_p(name), found.error_p(name), COLORS[number]
+            shown = mean > 0.0
+            if not shown.any():
+                ax.set(xlabel=FITTED[found.control], ylabel=FITTED[name], title="nowhere positive")
+                continue
+            ax.errorbar(x[shown], mean[shown], error[shown], color=color, marker="o", capsize=2.0, linestyle="")
+            theory = found.theory(name, over=found.control)
+            try:
+                fit = found.fit(name, corrected=True)
+            except ValueError:
+                # too few levels, or one that is not positive
+                fit = None
+            if fit is not None:
+                ends = np.geomspace(x[counted].min(), x[counted].max(), 60)
+                correction = 1.0 + fit.correction * np.sqrt(ends)
+                label = rf"exponent ${fit.exponent:.3f} \pm {fit.error:.3f}$, corrected"
+                ax.plot(ends, fit.prefactor * ends**fit.exponent * correction, color=_INK, label=label)
+                ax.plot(*(ends, fit.prefactor * ends**theory), color=_INK, linestyle=":", label=f"slope {theory:.4g}")
+                ax.legend(loc="upper left", fontsize=7.5)
+            if not counted.all():
+                ax.axvspan(x.min() / 1.5, np.sqrt(x[counted].min() * x[~counted].max()), color="#f0f0f0", zorder=0)
+            ax.set(xscale="log", yscale="log", xlabel=FITTED[found.control], ylabel=FITTED[name])
+            ax.set_xlim(x.min() / 1.5, x.max() * 1.5)
+            ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
+        for ax in axes.flat[len(names) :]:
+            ax.set_visible(False)
+        figure.suptitle(
+            f"{found.packings} packings of N = {found.particles}, d = {found.dimension}, strain {found.strain}, energy "
+            f"~ overlap$^{{{found.law_exponent:g}}}$; means and standard errors\n"
+            "gray: the plateau that N sets, a handful of contacts too many or none; not fitted",
+            fontsize=10,
+        )

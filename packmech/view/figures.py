@@ -1,4 +1,4 @@
-"""All that is imported of matplotlib and the one style of figures; scaling and pictures of runs."""
+"""All that is imported of matplotlib and the one style of figures; pictures of runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
-from packmech.protocols.scaling import JammingScaling
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Spheroids
@@ -40,7 +39,6 @@ STYLE: dict[str, Any] = {
 SIZE, DOTS = (9.6, 6.4), 100
 FORMATS = ("png", "svg")
 PLOTS = ("strain", "stress", "pressure", "log10 energy")
-INK_OF_FITS = "#404040"
 PAPER, INK, NOW = "#0d111a", "#c8d0dc", "#ff6060"
 # in space what lies at the back is dimmed to this part
 DIM = 0.35
@@ -85,61 +83,6 @@ def label_settings(axes: Any, settings: Sequence[float]) -> None:
 def hollow_marker() -> Any:
     """Return the marker of the legend that stands for hollow points."""
     return _matplotlib().Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none")
-
-
-# what falls towards the jamming point, and how it is called on its axis
-FITTED = {
-    "pressure": "pressure (energy / diameter$^d$)",
-    "distance": "packing fraction above jamming",
-    "energy_per_particle": "energy per particle",
-    "excess_coordination": "contacts in excess, $z - z_{iso}$",
-    "bulk_modulus": "bulk modulus (energy / diameter$^d$)",
-    "shear_modulus": "shear modulus (energy / diameter$^d$)",
-    "plateau_edge": r"end of the plateau of states, $\omega^*$",
-}
-
-
-def draw_scaling(found: JammingScaling, path: Path) -> None:
-    """Write the figure: what falls towards the jamming point, and the corrected power laws fitted to it."""
-    names = [name for name in FITTED if name in found.names and name != found.control]
-    with styled_figure(path, (12.6, 7.2)) as figure:
-        axes = figure.subplots(2, 3)
-        x, counted = found.level_p, found.counted_p
-        for number, (ax, name) in enumerate(zip(axes.flat, names, strict=False)):
-            mean, error, color = found.mean_p(name), found.error_p(name), COLORS[number]
-            shown = mean > 0.0
-            if not shown.any():
-                ax.set(xlabel=FITTED[found.control], ylabel=FITTED[name], title="nowhere positive")
-                continue
-            ax.errorbar(x[shown], mean[shown], error[shown], color=color, marker="o", capsize=2.0, linestyle="")
-            theory = found.theory(name, over=found.control)
-            try:
-                fit = found.fit(name, corrected=True)
-            except ValueError:
-                # too few levels, or one that is not positive
-                fit = None
-            if fit is not None:
-                ends = np.geomspace(x[counted].min(), x[counted].max(), 60)
-                correction = 1.0 + fit.correction * np.sqrt(ends)
-                label = rf"exponent ${fit.exponent:.3f} \pm {fit.error:.3f}$, corrected"
-                ax.plot(ends, fit.prefactor * ends**fit.exponent * correction, color=INK_OF_FITS, label=label)
-                ax.plot(
-                    *(ends, fit.prefactor * ends**theory), color=INK_OF_FITS, linestyle=":", label=f"slope {theory:.4g}"
-                )
-                ax.legend(loc="upper left", fontsize=7.5)
-            if not counted.all():
-                ax.axvspan(x.min() / 1.5, np.sqrt(x[counted].min() * x[~counted].max()), color="#f0f0f0", zorder=0)
-            ax.set(xscale="log", yscale="log", xlabel=FITTED[found.control], ylabel=FITTED[name])
-            ax.set_xlim(x.min() / 1.5, x.max() * 1.5)
-            ax.set_ylim(mean[shown].min() / 3.0, mean[shown].max() * 3.0)
-        for ax in axes.flat[len(names) :]:
-            ax.set_visible(False)
-        figure.suptitle(
-            f"{found.packings} packings of N = {found.particles}, d = {found.dimension}, strain {found.strain}, energy "
-            f"~ overlap$^{{{found.law_exponent:g}}}$; means and standard errors\n"
-            "gray: the plateau that N sets, a handful of contacts too many or none; not fitted",
-            fontsize=10,
-        )
 
 
 def write_pictures(

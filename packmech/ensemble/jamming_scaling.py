@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -15,6 +17,7 @@ from scipy.optimize import least_squares
 
 from packmech.check import instance, one_of, positive
 from packmech.effects import pair_energy
+from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
 from packmech.honors import declare
 from packmech.loop.run_loop import Progress
 from packmech.measure.counting import packing_fraction
@@ -26,7 +29,7 @@ from packmech.protocols.jam import JamMethod, jam
 from packmech.protocols.protocol import sequence
 from packmech.protocols.sweep import sweep_pressure
 from packmech.result import Run
-from packmech.scene import Scene
+from packmech.scene import JamDrive, Scene
 
 PRESSURES = tuple(10.0 ** (-2.0 - 0.5 * k) for k in range(9))
 # what is measured of each packing at each pressure or distance, and its unit
@@ -271,6 +274,8 @@ def jamming_scaling(
     method: JamMethod | None = None,
     states: bool = False,
     time_limit: float | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int | None = 0,
     progress: Progress | None = None,
     check: bool = True,
 ) -> JammingScaling:
@@ -298,6 +303,12 @@ def jamming_scaling(
         `fit("plateau_edge")` gives omega*. About a hundred factorizations for each packing and level.
     time_limit
         CPU time for each packing [s].
+    folder
+        An ensemble with a member for each packing (`pm.read_ensemble`), and the scenes. Interrupted work goes on where
+        it was when called again, and more scenes may be asked for. None keeps nothing.
+    workers
+        How many processes share the packings, as in `run_ensemble`; 0: none, they are followed here. Scenes with laws
+        of your own need 0.
     progress
         Called as progress(stage, figures); figures holds "done", the number of packings that are finished.
     check
@@ -308,7 +319,7 @@ def jamming_scaling(
     TypeError, ValueError
         If an argument is not what it must be, or scenes differ in particles or axes.
     NotConverged
-        If a packing does not come to rest and `check` is set.
+        If a packing does not come to rest and `check` is set; a RuntimeError where other processes follow it.
     KeyboardInterrupt
         Passed on with `.scaling` set to what the finished packings give, None before the first.
 
@@ -324,7 +335,6 @@ def jamming_scaling(
     (2, True)
 
     """
-    started = time.process_time()
     if isinstance(scenes, str | Scene) or not isinstance(scenes, Iterable):
         raise TypeError(f"scenes must be a sequence of scenes, got {scenes!r}")
     given = tuple(scenes)
@@ -347,48 +357,91 @@ def jamming_scaling(
         goals = np.sort(sequence("distances", distances, "distance"))
     one_of("strain", strain, ("isotropic", "free"))
     instance("states", states, bool)
-    rows: list[NDArray[np.float64]] = []
-    counted: list[tuple[StateDensity, ...]] = []
+    instance("check", check, bool)
+    jam_drive = JamDrive(pressure=float(goals[0]) if distances is None else _JAMMED_AT, strain=strain, method=method)
+    if time_limit is not None:
+        positive("time_limit", time_limit)
+    finished: dict[int, Finished] = {}
 
     def gathered() -> JammingScaling:
-        table = np.stack(rows)
-        values = MappingProxyType({name: table[:, :, k] for k, name in enumerate(COLUMNS)})
+        members = [finished[k] for k in sorted(finished)]
+        arrays = [one.arrays() for one in members]
+        table = np.stack([one["value_pc"] for one in arrays])
         first = given[0].packing
-        seconds = time.process_time() - started
-        power = _law_exponent(given[0])
-        kept = tuple(counted) if states else ()
         return JammingScaling(
-            first.particles, first.dimension, strain, control, goals, values, power, seconds, kept
-        )  # fmt: skip
+            first.particles,
+            first.dimension,
+            strain,
+            control,
+            goals,
+            MappingProxyType({name: table[:, :, k] for k, name in enumerate(COLUMNS)}),
+            _law_exponent(given[0]),
+            sum(one.values["cost"] for one in members),
+            tuple(_densities(one) for one in arrays) if states else (),
+        )
 
-    def followed(scene: Scene) -> tuple[Run, ...]:
-        first = float(goals[0]) if distances is None else _JAMMED_AT
-        given: dict[str, Any] = {"strain": strain, "time_limit": time_limit, "progress": progress, "check": check}
-        jammed = jam(scene, pressure=first, method=method, **given)
-        if not jammed.outcome.ok:
-            return (jammed,)
-        here = scene.replace(packing=jammed.packing)
-        if distances is not None:
-            return compress(here, goals.tolist(), **given)
-        return (jammed, *(sweep_pressure(here, goals[1:].tolist(), **given) if len(goals) > 1 else ()))
+    def report(done: int, of: int, number: int, member: Finished) -> None:
+        finished[number] = member
+        if progress is not None:
+            progress("scaling", {"done": done})
 
-    try:
-        for scene in given:
-            runs = followed(scene)
-            rows.append(np.full((len(goals), len(COLUMNS)), math.nan))
-            counted.append(())
-            if len(runs) == len(goals) and all(run.outcome.ok for run in runs):
-                table = np.array([_measured(scene, run) for run in runs])
-                table[:, _DISTANCE] = table[:, _FRACTION] - _onset(runs, table, _law_exponent(scene))
-                rows[-1][:] = table
-                if states:
-                    counted[-1] = tuple(_states(scene, run) for run in runs)
-            if progress is not None:
-                progress("scaling", {"done": len(rows)})
-    except KeyboardInterrupt as stop:
-        stop.scaling = gathered() if rows else None  # type: ignore[attr-defined]
-        raise
-    return gathered()
+    with folder_of(folder) as place:
+        try:
+            wanted = [
+                {
+                    "scene": keep_scene(place, scene.replace(drive=jam_drive)),
+                    "control": control,
+                    "goals": goals.tolist(),
+                    "states": states,
+                    "time_limit": time_limit,
+                    "check": check,
+                }
+                for scene in given
+            ]
+            complete(followed, wanted, place, workers=workers, progress=report)
+        except KeyboardInterrupt as stop:
+            stop.scaling = gathered() if finished else None  # type: ignore[attr-defined]
+            raise
+        return gathered()
+
+
+def followed(
+    folder: Path, scene: str, control: str, goals: list[float], states: bool, time_limit: float | None, check: bool
+) -> dict[str, Any]:
+    """Return what a member is: one packing, jammed and followed over the goals, and what is measured of it at each.
+
+    A packing that does not come to rest at every goal has nan everywhere.
+    """
+    began = time.process_time()
+    start = scene_at(scene_path(folder, scene))
+    drive = start.drive
+    assert isinstance(drive, JamDrive)
+    common: dict[str, Any] = {"strain": drive.strain, "time_limit": time_limit, "check": check}
+    runs: tuple[Run, ...] = (jam(start, pressure=drive.pressure, method=drive.method, **common),)
+    if runs[0].outcome.ok:
+        here = start.replace(packing=runs[0].packing)
+        if control == "distance":
+            runs = compress(here, goals, **common)
+        elif len(goals) > 1:
+            runs = (*runs, *sweep_pressure(here, goals[1:], **common))
+    table = np.full((len(goals), len(COLUMNS)), math.nan)
+    found: tuple[StateDensity, ...] = ()
+    if len(runs) == len(goals) and all(run.outcome.ok for run in runs):
+        table = np.array([_measured(start, run) for run in runs])
+        table[:, _DISTANCE] = table[:, _FRACTION] - _onset(runs, table, _law_exponent(start))
+        found = tuple(_states(start, run) for run in runs) if states else ()
+    return {
+        "value_pc": table,
+        "count_pb": np.array([one.count_b for one in found], dtype=np.int64),
+        "modes_p": np.array([one.modes for one in found], dtype=np.int64),
+        "cost": time.process_time() - began,
+    }
+
+
+def _densities(arrays: Mapping[str, NDArray[Any]]) -> tuple[StateDensity, ...]:
+    """Return the states that a member counted at each goal."""
+    counts = zip(arrays["count_pb"], arrays["modes_p"].tolist(), strict=True)
+    return tuple(StateDensity(_FREQUENCIES, count, modes, math.nan) for count, modes in counts)
 
 
 def _law_exponent(scene: Scene) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.protocols.scaling import COLUMNS
+from packmech.ensemble.jamming_scaling import COLUMNS
 
 
 def starts(count, particles=64):
@@ -167,3 +167,35 @@ def test_a_stop_keeps_the_packings_that_were_finished():
     with pytest.raises(KeyboardInterrupt) as stop:
         pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], progress=progress)
     assert stop.value.scaling.packings == 1
+
+
+def test_what_was_stopped_goes_on_with_the_same_bits_here_and_in_other_processes(tmp_path):
+    """Interrupted after the first of two packings, finished by two processes: as followed at once, states and all."""
+    given = {"strain": "isotropic", "states": True, "method": pm.HardVertex(stop_pressure=1e-3)}
+
+    def progress(stage, figures):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], folder=tmp_path, progress=progress, **given)
+    assert pm.read_ensemble(tmp_path).counts()["done"] == 1
+    parts = pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], folder=tmp_path, workers=1, **given)
+    whole = pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], **given)
+    for name in COLUMNS:
+        assert (parts.value_sp[name] == whole.value_sp[name]).all(), name
+    for some, all_ in zip(parts.states_sp, whole.states_sp, strict=True):
+        for one, other in zip(some, all_, strict=True):
+            assert (one.count_b == other.count_b).all() and one.modes == other.modes
+
+
+def test_the_shear_modulus_of_a_packing_that_is_unstable_in_its_box_is_the_mean_over_directions():
+    """Half of e C e over pure shears e of all directions, unit tensors: stability does not matter to this mean."""
+    (scene,) = starts(1, 32)
+    jammed = pm.jam(scene, pressure=1e-5, strain="isotropic")
+    moduli = pm.elastic_moduli(scene.replace(packing=jammed.packing))
+    assert not moduli.stable
+    angle = np.linspace(0.0, np.pi, 8, endpoint=False)
+    shears = np.stack([np.cos(angle), -np.cos(angle), np.sqrt(2.0) * np.sin(angle)], axis=1) / np.sqrt(2.0)
+    mean = np.einsum("ka,ab,kb->k", shears, moduli.cauchy, shears).mean() / 2.0
+    found = pm.jamming_scaling([scene], [1e-5], strain="isotropic").value_sp["shear_modulus"][0, 0]
+    assert found == pytest.approx(mean / scene.pressure_unit, rel=1e-9)
