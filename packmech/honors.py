@@ -1,7 +1,7 @@
 """What each call does with what a scene holds: one declaration per public call, checked there, printed as a table.
 
 A call honors an effect, or the effect does nothing there (a dashpot at rest), or the call refuses it by name. Nothing
-is ignored in silence. `packmech effects` prints the table.
+is ignored in silence. `packmech effects` prints the table, and what calls honor but not both at once.
 """
 
 from __future__ import annotations
@@ -93,6 +93,8 @@ class Honors:
         Whether it takes a packing, which has no effects.
     rough, shaped
         The call that does the same with friction, and with shapes, where there is one.
+    apart
+        Pairs of columns of which it honors each, but refuses both in one scene.
 
     """
 
@@ -102,6 +104,7 @@ class Honors:
     packing_only: bool = False
     rough: str = ""
     shaped: str = ""
+    apart: tuple[tuple[str, str], ...] = ()
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
@@ -159,7 +162,14 @@ CALLS: dict[str, Honors] = {}
 
 
 def declare(
-    call: str, columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = "", shaped: str = ""
+    call: str,
+    columns: str,
+    *,
+    at_rest: bool = False,
+    packing_only: bool = False,
+    rough: str = "",
+    shaped: str = "",
+    apart: str = "",
 ) -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
@@ -171,18 +181,27 @@ def declare(
         Names of `COLUMNS` that it honors, with spaces between.
     at_rest, packing_only, rough, shaped
         As in `Honors`.
+    apart
+        What it honors, but not both at once: "friction+links friction+shapes".
 
     """
     named = tuple(columns.split())
-    unknown = [one for one in named if one not in COLUMNS]
+    pairs = tuple((one, other) for one, _, other in (pair.partition("+") for pair in apart.split()))
+    unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped)
+    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped, pairs)
     return CALLS[call]
 
 
 def honors(
-    columns: str, *, at_rest: bool = False, packing_only: bool = False, rough: str = "", shaped: str = ""
+    columns: str,
+    *,
+    at_rest: bool = False,
+    packing_only: bool = False,
+    rough: str = "",
+    shaped: str = "",
+    apart: str = "",
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
@@ -190,7 +209,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough, shaped
+    columns, at_rest, packing_only, rough, shaped, apart
         As in `declare`.
 
     """
@@ -200,7 +219,13 @@ def honors(
         place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
         name = names[place]
         declared = declare(
-            function.__name__, columns, at_rest=at_rest, packing_only=packing_only, rough=rough, shaped=shaped
+            function.__name__,
+            columns,
+            at_rest=at_rest,
+            packing_only=packing_only,
+            rough=rough,
+            shaped=shaped,
+            apart=apart,
         )
 
         @functools.wraps(function)

@@ -52,7 +52,7 @@ class _Masses:
         packing.__dict__["given_mass_n"] = mass_n
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Packing:
     """Discs (d = 2) or spheres (d = 3), or particles of other shapes, in a periodic box.
 
@@ -182,6 +182,19 @@ class Packing:
 
     def _given_masses(self) -> bytes | None:
         return None if self.given_mass_n is None else self.given_mass_n.tobytes()
+
+    def __repr__(self) -> str:
+        small, large = float(self.radius_n.min()), float(self.radius_n.max())
+        held = [f"{len(self.links)} rigid links" if self.links is not None else ""]
+        held.append(type(self.shapes).__name__ if self.shapes is not None else "")
+        held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
+        held.append("masses given" if self.given_mass_n is not None else "")
+        radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
+        volume = f"box of {'area' if self.dimension == 2 else 'volume'} {self.box.volume:.6g}"
+        return (
+            f"Packing of {self.particles} particle{'' if self.particles == 1 else 's'} in {self.dimension}D: "
+            + ", ".join([radii, volume, *filter(None, held)])
+        )
 
     @property
     def particles(self) -> int:

@@ -652,7 +652,8 @@ BAD = {
     "read_ensemble.folder": [3, 1.5, None],
     "resume_ensemble.folder": [3, 1.5, None],
     "run_ensemble.folder": [3, 1.5, None],
-    "job": [3, None, touching(), scene(), lambda seed: seed, "math:no_such_name", "no_such_module:run", "no_such.py:f"],
+    "job": [3, None, touching(), scene(), lambda seed: seed, "math:no_such_name", "no_such_module:run", "no_such.py:f",
+        "no-such-scene", "no_such.toml"],
     "grid": [
         3, "x", None, touching(), [], [3], [np.eye(2)], {}, {"y1": []}, {"y1": NAN}, {"y1": touching()}, {3: 1.0},
         {"a b": 1.0}, {"y": 1.0}, {"y1": 1}, {"y1": [1, 1], "y2": 2}, {"y1": 1, "y1.x": 2},

@@ -187,6 +187,50 @@ def test_links_are_refused_by_calls_that_would_ignore_them():
         refuses(call, subject, f"no links for pm.{call}, which would ignore them, got 1")
 
 
+# what a link or a shape may be beside in one scene
+BESIDE = {
+    "friction": (pm.Friction(0.5),),
+    "gravity": (pm.Walls(1, -9.0, 9.0), pm.Gravity(0.0, -0.01)),
+    "walls": (pm.Walls(1, -9.0, 9.0),),
+    "held": (pm.FixedParticles((3,)),),
+}
+
+
+def test_what_calls_at_rest_refuse_in_one_scene_is_declared():
+    """Calls that honor an effect and links or shapes take both together, unless they are declared not to."""
+    packing, wrong = at_rest(), []
+    first = pm.find_contacts(packing).select(np.arange(1))
+    links = pm.Links(first.i_c, first.j_c, first.image_cd, first.distance_c)
+    # whether these take their time is asked elsewhere: only what they refuse
+    slow = {"quench", "jam", "anneal_shape"}
+    calls = RESTING | {
+        "hessian": lambda scene: pm.hessian(scene, "none"),
+        "jam": lambda scene: pm.jam(scene, pressure=1e-4),
+        "perturbation_energy": lambda scene: pm.perturbation_energy(
+            scene, np.ones((9, 2 if scene.packing.shapes is None else 3))
+        ),
+    }
+    for name in RESTING:
+        for body in ("links", "shapes"):
+            for effect, given in BESIDE.items():
+                if not CALLS[name].answer(body) == CALLS[name].answer(effect) == HONORED:
+                    continue
+                scene = pm.Scene(packing.replace(links=links) if body == "links" else packing, (pm.Repulsion(), *given))
+                scene = with_shapes(scene) if body == "shapes" else scene
+                apart = {(body, effect), (effect, body)} & set(CALLS[name].apart)
+                if name in slow and not apart:
+                    continue
+                try:
+                    calls[name](scene)
+                except ValueError as refusal:
+                    if not apart:
+                        wrong.append(f"{name} refuses {body} with {effect}: {refusal}")
+                else:
+                    if apart:
+                        wrong.append(f"{name} takes {body} with {effect}")
+    assert not wrong, "\n".join(wrong)
+
+
 @pytest.mark.parametrize("call", sorted(MOVING))
 def test_every_effect_changes_a_call_that_honors_it(call):
     """A compiled loop of all effects, and the same with one of them of no strength: the answers differ."""

@@ -97,3 +97,12 @@ BOX = pm.Box.cubic(4.0, 2)
 def test_wrong_packing_is_refused_naming_argument_and_particle(arguments, message):
     with pytest.raises((TypeError, ValueError), match=message):
         pm.Packing(*arguments)
+
+
+def test_a_packing_says_what_it_is_in_one_line():
+    packing = pm.lattice_packing("triangular", repeats=(3, 3))
+    assert repr(packing) == "Packing of 9 particles in 2D: radius 0.5, box of area 7.79423"
+    shaped = pm.random_packing(50, dimension=3, packing_fraction=0.2, seed=1, shapes=pm.Ellipses(1.5))
+    linked = pm.cluster_packing(20, pm.Dimer(), dimension=2, packing_fraction=0.3, seed=1)
+    assert "Spheroids" in repr(shaped) and "box of volume" in repr(shaped) and "20 rigid links" in repr(linked)
+    assert all("\n" not in repr(one) and len(repr(one)) < 120 for one in (shaped, linked))

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from packmech.cli import FAILED, INTERRUPTED, OK
 from packmech.cli.output import Load, Switch, show, table, working
@@ -23,7 +23,6 @@ from packmech.ensemble.statistics import fit_power_law, group_statistics, varied
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.files.tables import write_table
 
-ACTIONS = ("status", "table", "plot", "resume", "retry")
 Texts = Annotated[list[str] | None, Parameter(consume_multiple=True)]
 # failures that status lists, and results that table shows unless they are named
 _LISTED, _COLUMNS = 10, 6
@@ -31,44 +30,55 @@ _LISTED, _COLUMNS = 10, 6
 _FIRST = ("jamming_packing_fraction", "packing_fraction", "contacts", "bulk_modulus", "shear_modulus", "pressure")
 
 
-def ensemble(
-    job: Annotated[
-        str,
-        Parameter(help="a scene file, a shipped scene, file.py:function; or status, table, plot, resume, retry"),
-    ],
+Folder = Annotated[Path, Parameter(help="where everything is kept: a signac project")]
+Of = Annotated[Texts, Parameter(help="results that it is about, named as in the table (default: numbers that vary)")]
+Workers = Annotated[int | None, Parameter(help="processes on this machine (default: one for each core); 0: the command's own, without limits")]
+Scheduler = Annotated[
+    str | None,
+    Parameter(
+        help="address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers see the folder at the same path"
+    ),
+]
+Part = Annotated[str | None, Parameter(help="K/N: only this part, for array jobs")]
+Members = Annotated[Texts, Parameter(help="only these, named by their folders")]
+Group = Annotated[int | None, Parameter(help="members that a scheduler, or a job of row, is given at once")]
+TimeLimit = Annotated[
+    float | None, Parameter(help="of each member, without compiling [s]; a member beyond it is ended and has failed")
+]
+MemoryLimit = Annotated[float | None, Parameter(help="of each member's process [MB]")]
+
+ensemble = App(
+    name="ensemble",
+    help="Run a scene or a function over seeds and parameters; the same command goes on with what is missing.",
+    help_format="plaintext",
+    default_parameter=Parameter(negative=()),
+)
+
+
+@ensemble.default
+def run_members(
+    job: Annotated[str, Parameter(help="a scene file, a shipped scene, or file.py:function")],
     /,
     *,
-    folder: Path = Path("ensemble"),
+    folder: Folder = Path("ensemble"),
     seeds: str | None = None,
     grid: Texts = None,
     measures: Texts = None,
     same_starts: Switch = False,
     no_packings: Switch = False,
     load: Load = (),
-    workers: int | None = None,
-    scheduler: str | None = None,
-    part: str | None = None,
-    members: Texts = None,
-    group: int | None = None,
-    time_limit: float | None = None,
-    memory_limit: float | None = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    part: Part = None,
+    group: Group = None,
+    time_limit: TimeLimit = None,
+    memory_limit: MemoryLimit = None,
     write_row: Switch = False,
-    out: Path | None = None,
-    of: Texts = None,
-    over: str | None = None,
-    statistic: str = "mean",
-    log: Switch = False,
-    fit: Switch = False,
 ) -> int:
     """Run a scene or a function over seeds and parameters; the same command goes on with what is missing.
 
-    status: what is done, and why members failed; table: means, and every member to a .parquet or .csv file; plot: a
-    result's spread and its statistic over a parameter; resume: run what is missing; retry: what failed, too.
-
     Parameters
     ----------
-    folder
-        where everything is kept: a signac project
     seeds
         of random starts, such as 0:1000
     grid
@@ -79,60 +89,10 @@ def ensemble(
         the same random starts for every value of the other parameters; else all members are independent
     no_packings
         do not keep packings
-    workers
-        processes on this machine (default: one for each core); 0: the command's own, without limits
-    scheduler
-        address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers see the folder under the same path
-    part
-        K/N: only this part, for array jobs
-    members
-        with resume: only these, named by their folders
-    group
-        members that a scheduler, or a job of row, is given at once
-    time_limit
-        of each member, without compiling [s]; a member beyond it is ended and has failed
-    memory_limit
-        of each member's process [MB]
     write_row
         write row's workflow.toml and the folders of all members; run nothing
-    out
-        file of table or plot (default: table.parquet, plot.png in the folder)
-    of
-        results that table or plot is about
-    over
-        parameter along the axis of plot
-    statistic
-        of plot: mean, width or median
-    log
-        logarithmic axes
-    fit
-        fit a power law to the statistic over the parameter
 
     """
-    if job in ("status", "table", "plot"):
-        found = read_ensemble(folder)
-        if job == "status":
-            return _status(found)
-        if job == "table":
-            return _table(found, folder / "table.parquet" if out is None else out, of)
-        return _plot(found, folder / "plot.png" if out is None else out, of, over, statistic, log, fit)
-    limits: dict[str, Any] = {
-        "time_limit": time_limit,
-        "memory_limit": None if memory_limit is None else memory_limit * 1e6,
-        "group": group,
-        "workers": workers,
-    }
-    if job in ("resume", "retry"):
-        _left_out(f"with {job}", seeds=seeds, grid=grid, measures=measures, write_row=write_row or None)
-        names = None if members is None else [Path(one).name for one in members]
-        return _carried_out(
-            folder,
-            scheduler,
-            lambda executor, say: resume_ensemble(
-                folder, executor, members=names, part=part, retry=job == "retry", progress=say, **limits
-            ),
-        )
-    _left_out("without resume", members=members)
     asked = _grid(seeds, grid)
     kept: dict[str, Any] = {
         "measures": measures,
@@ -154,6 +114,7 @@ def ensemble(
         path = write_workflow(folder, group=group or 100, seconds=time_limit or 60.0, options=" ".join(options))
         show(f"wrote {path} and {len(wanted)} members; in {folder}: row submit")
         return OK
+    limits = _limits(workers, group, time_limit, memory_limit)
     return _carried_out(
         folder,
         scheduler,
@@ -161,10 +122,112 @@ def ensemble(
     )
 
 
-def _left_out(where: str, **given: Any) -> None:
-    for name, value in given.items():
-        if value is not None:
-            raise ValueError(f"{name} must be left out {where}, got {value}")
+@ensemble.command
+def status(*, folder: Folder = Path("ensemble")) -> int:
+    """Say what is done, and why members failed; the exit code is 1 if any did."""
+    return _status(read_ensemble(folder))
+
+
+@ensemble.command(name="table")
+def table_of_members(*, folder: Folder = Path("ensemble"), out: Path | None = None, of: Of = None) -> int:
+    """Print means over seeds with bootstrap errors, and write every member to a .parquet or .csv file.
+
+    Parameters
+    ----------
+    out
+        the file (default: table.parquet in the folder)
+
+    """
+    return _table(read_ensemble(folder), folder / "table.parquet" if out is None else out, of)
+
+
+@ensemble.command
+def plot(
+    *,
+    folder: Folder = Path("ensemble"),
+    out: Path | None = None,
+    of: Of = None,
+    over: str | None = None,
+    statistic: str = "mean",
+    log: Switch = False,
+    fit: Switch = False,
+) -> int:
+    """Draw a result's spread and its statistic over a parameter, and print its values.
+
+    Parameters
+    ----------
+    out
+        the picture (default: plot.png in the folder)
+    over
+        parameter along the axis (default: the first that varies)
+    statistic
+        mean, width or median
+    log
+        logarithmic axes
+    fit
+        fit a power law to the statistic over the parameter
+
+    """
+    return _plot(read_ensemble(folder), folder / "plot.png" if out is None else out, of, over, statistic, log, fit)
+
+
+@ensemble.command
+def resume(
+    *,
+    folder: Folder = Path("ensemble"),
+    members: Members = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    part: Part = None,
+    group: Group = None,
+    time_limit: TimeLimit = None,
+    memory_limit: MemoryLimit = None,
+) -> int:
+    """Run what is missing of an ensemble, with the job and the parameters that its folder holds."""
+    return _resumed(folder, members, part, scheduler, False, _limits(workers, group, time_limit, memory_limit))
+
+
+@ensemble.command
+def retry(
+    *,
+    folder: Folder = Path("ensemble"),
+    members: Members = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    part: Part = None,
+    group: Group = None,
+    time_limit: TimeLimit = None,
+    memory_limit: MemoryLimit = None,
+) -> int:
+    """Run what is missing of an ensemble, and what failed again."""
+    return _resumed(folder, members, part, scheduler, True, _limits(workers, group, time_limit, memory_limit))
+
+
+def _limits(
+    workers: int | None, group: int | None, time_limit: float | None, memory_limit: float | None
+) -> dict[str, Any]:
+    """Return what bounds a run of members, as arguments of `run_ensemble`."""
+    memory = None if memory_limit is None else memory_limit * 1e6
+    return {"time_limit": time_limit, "memory_limit": memory, "group": group, "workers": workers}
+
+
+def _resumed(
+    folder: Path,
+    members: list[str] | None,
+    part: str | None,
+    scheduler: str | None,
+    retry: bool,
+    limits: dict[str, Any],
+) -> int:
+    """Go on with an ensemble; return the exit code."""
+    names = None if members is None else [Path(one).name for one in members]
+    return _carried_out(
+        folder,
+        scheduler,
+        lambda executor, say: resume_ensemble(
+            folder, executor, members=names, part=part, retry=retry, progress=say, **limits
+        ),
+    )
 
 
 def _grid(seeds: str | None, grid: list[str] | None) -> dict[str, Any]:

@@ -469,8 +469,8 @@ class ShearBatch:
     steps
         Time steps of a frame.
     dt
-        Time step. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and m / damping, in the
-        first scene.
+        Time step of all packings. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and
+        m / damping in any of the scenes; a packing alone moves by the same bits with the `dt` of its batch.
     switched_friction
         Whether its coefficient of friction is given for each frame, too, as the last number; scenes must have friction.
     axes
@@ -538,8 +538,8 @@ class ShearBatch:
         self.axes = two_axes("axes", axes, dimension=first.packing.dimension)
         self._direction_dd = strain_direction("shear", self.axes, first.packing.dimension)
         self._start_of_motion = start_of_motion(first.packing, velocity_nd, spin_nk, held_n)
-        longest = choose_time_step(first, method.fraction)
-        self.dt: float = longest if dt is None else positive("dt", dt)
+        smallest = min(choose_time_step(one, method.fraction) for one in self.scenes)
+        self.dt: float = smallest if dt is None else positive("dt", dt)
         d = first.packing.dimension
         self.steps: int = integer("steps", steps, at_least=1)
         self.controls = CONTROLS[control] + bool(switched_friction)

@@ -30,7 +30,7 @@ from packmech.scene import Scene
 from packmech.scenes import run as run_drive
 from packmech.scenes import takes_checkpoint
 from packmech.scenes.recipes import is_random
-from packmech.scenes.scene_file import read_scene_tables, scene_of_tables, write_scene
+from packmech.scenes.scene_file import list_scenes, read_scene_tables, scene_of_tables, write_scene
 from packmech.view.report import examine
 
 Functions = Mapping[str, Callable[..., Any]]
@@ -88,8 +88,14 @@ def job_table(
             tables, folder = read_scene_tables(Path(place) / "scene.toml")
         name = "scene"
     elif isinstance(job, str | os.PathLike):
-        tables, folder = read_scene_tables(job)
         name = os.fspath(job)
+        try:
+            tables, folder = read_scene_tables(job)
+        except FileNotFoundError:
+            raise ValueError(
+                f"job must be a scene file that exists, a shipped scene ({', '.join(list_scenes())}) or a function "
+                f"such as file.py:name, got {name!r}"
+            ) from None
     else:
         raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {brief(job)}")
     if "drive" not in tables:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive_array, real
 from packmech.ensemble.table import Ensemble
+from packmech.linalg.line import fit_line
 
 # what is taken of the values of a group
 STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
@@ -267,7 +268,7 @@ def fit_power_law(
         value = positive_array("value_g", value_g, shape=size.shape, what="group")
         # about the middle, where slope and height are least dependent
         middle = float(np.exp(np.log(size).mean()))
-        (slope, height), (slope_error, height_error), chi = _line(np.log(size / middle), np.log(value), error / value)
+        slope, height, slope_error, height_error, chi = fit_line(np.log(size / middle), np.log(value), error / value)
         prefactor = math.exp(height) * middle**-slope
         relative = math.hypot(height_error, math.log(middle) * slope_error)
         return PowerLawFit(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
@@ -275,20 +276,8 @@ def fit_power_law(
     if power == 0.0:
         raise ValueError(f"exponent must differ from zero, where the law is its limit alone, got {exponent!r}")
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
-    (slope, height), (slope_error, height_error), chi = _line(size**power, value, error)
+    slope, height, slope_error, height_error, chi = fit_line(size**power, value, error)
     return PowerLawFit(power, 0.0, slope, slope_error, height, height_error, chi)
-
-
-def _line(
-    x: NDArray[np.float64], y: NDArray[np.float64], error: NDArray[np.float64]
-) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Return slope and height of a weighted straight line, their errors, and chi^2 per degree of freedom."""
-    rows = np.column_stack([x, np.ones_like(x)]) / error[:, None]
-    covariance = np.linalg.inv(rows.T @ rows)
-    found = covariance @ (rows.T @ (y / error))
-    chi = float((((y - found[0] * x - found[1]) / error) ** 2).sum() / (len(x) - 2))
-    slope_error, height_error = np.sqrt(np.diag(covariance))
-    return (float(found[0]), float(found[1])), (float(slope_error), float(height_error)), chi
 
 
 def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.int64]]]:

@@ -229,7 +229,7 @@ def contact_forces(scene: Scene) -> ContactForces:
     return ContactForces(scene, contacts, -first, found.force_cd, found.at_limit_c)
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True)
+@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 

@@ -241,7 +241,7 @@ class ForceDistribution:
         )
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True)
+@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
 def force_distribution(scene: Scene, *, bins: int = 50, largest: float = 5.0) -> ForceDistribution:
     """Return the distribution of the sizes of the contact forces over their mean.
 
@@ -325,7 +325,7 @@ class ForceChains:
         )
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True)
+@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
 def force_chains(scene: Scene, *, angle: float = 45.0) -> ForceChains:
     """Return the force chains of a scene at rest.
 

@@ -50,7 +50,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
     return net
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
@@ -81,7 +81,7 @@ def energy(scene: Scene) -> float:
     return whole + float(np.add.reduce(single_terms(scene.effects, scene.packing).energy_n))
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
 def forces(scene: Scene) -> NDArray[np.float64]:
     """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
 
@@ -119,15 +119,19 @@ def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDAr
     return net
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
     sigma_ab = (1/V) (sum over contacts of u' r n_a n_b + sum over links of t r n_a n_b) with the link tensions t: the
     strain derivative of the relaxed energy over the volume (section 8 of the corrected specification). With friction
     contacts add their tangential force times the vector from center to center. Pushes of walls and other forces on
-    single particles have no part in it: it is the stress that contacts between particles carry. That of ellipses and
-    spheroids is symmetric only where torques balance.
+    single particles have no part in it: it is the stress that contacts between particles carry.
+
+    It is symmetric where contacts balance torques, as those of discs and spheres without friction always do. In general
+    V (sigma_yx - sigma_xy) is the sum of the torques of the contacts about the centers. Of a pile at rest that is what
+    its walls turn the other way, so that the stress of ellipses, rigid bodies, or discs with friction on a wall is not
+    symmetric, nor is any away from rest.
 
     Parameters
     ----------
@@ -199,7 +203,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
 def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 

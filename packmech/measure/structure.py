@@ -24,6 +24,8 @@ from packmech.packing import DISCRETE_SIZES, Packing
 _ON_EDGE = 1e-12
 # bins in which the minimum after the main peak is looked for end at this many times its distance
 _SEARCHED = 1.9
+# largest distance where none is asked for and the box allows it
+_REACH = 3.0
 
 
 @inlined
@@ -77,9 +79,10 @@ def _correlate(axes, row, sizes, frame, reach, value_nq, size_n, bins):
 
 def _searched(packing: Packing, r_max: Any, bins: Any) -> tuple[tuple[Any, ...], float, int]:
     """Return what the pair loops take, the largest distance and the number of bins, checked."""
-    reach, number = positive("r_max", r_max), integer("bins", bins, at_least=1)
+    number = integer("bins", bins, at_least=1)
     small, _ = packing.box.reduced()
     half = 0.5 * float(small.height_d.min())
+    reach = min(_REACH, half) if r_max is None else positive("r_max", r_max)
     if reach > half * (1.0 + _ON_EDGE):
         raise ValueError(
             f"r_max must be at most half the smallest width of the box ({half:.6g}), beyond which a pair is near in "
@@ -197,7 +200,7 @@ class PairDistribution:
 
 
 @honors("links shapes", packing_only=True)
-def pair_distribution(packing: Packing, r_max: float = 3.0, bins: int = 60) -> PairDistribution:
+def pair_distribution(packing: Packing, r_max: float | None = None, bins: int = 60) -> PairDistribution:
     """Return the pair distribution function of the centers, and the partial ones of a mixture.
 
     g(r) = V / N^2 times the ordered pairs in a bin over the area or volume of its shell (equation 2.28 of the chapter
@@ -208,7 +211,7 @@ def pair_distribution(packing: Packing, r_max: float = 3.0, bins: int = 60) -> P
     packing
         The packing; linked and touching pairs count as all others.
     r_max
-        Largest distance [length]: at most half the smallest width of the box.
+        Largest distance [length]: at most half the smallest width of the box. None: that, but no more than 3.
     bins
         Number of bins of equal width.
 
@@ -317,7 +320,9 @@ def _components(value_n: ArrayLike, particles: int) -> NDArray[np.float64]:
 
 
 @honors("links shapes", packing_only=True)
-def correlation_function(packing: Packing, value_n: ArrayLike, r_max: float = 3.0, bins: int = 60) -> Correlation:
+def correlation_function(
+    packing: Packing, value_n: ArrayLike, r_max: float | None = None, bins: int = 60
+) -> Correlation:
     """Return the correlation <v_i . conj(v_j)> of a quantity of the particles against the distance of their centers.
 
     Parameters
@@ -328,7 +333,7 @@ def correlation_function(packing: Packing, value_n: ArrayLike, r_max: float = 3.
         (N,) or (N, Q) real or complex values: psi_k or q_lm of `bond_orientational_order`, exp(2 i angle) of directors,
         displacements. Several components are multiplied one by one and summed.
     r_max
-        Largest distance [length]: at most half the smallest width of the box.
+        Largest distance [length]: at most half the smallest width of the box. None: that, but no more than 3.
     bins
         Number of bins of equal width.
 

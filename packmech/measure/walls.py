@@ -93,7 +93,7 @@ def _of_shapes(effects: tuple[Any, ...], packing: Packing, held_n: NDArray[np.bo
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True)
+@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
 

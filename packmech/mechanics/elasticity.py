@@ -507,7 +507,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion friction links shapes", at_rest=True)
+@honors("repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes")
 def elastic_moduli(
     scene: Scene,
     *,

@@ -304,7 +304,12 @@ def check_strain_of_box(scene: Scene, strain: str) -> None:
         )
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.stiffness_matrix")
+@honors(
+    "repulsion gravity walls held links shapes",
+    at_rest=True,
+    rough="pm.stiffness_matrix",
+    apart="links+gravity links+walls links+held",
+)
 def hessian(
     scene: Scene,
     strain: str = "free",
@@ -422,7 +427,12 @@ def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.stiffness_matrix")
+@honors(
+    "repulsion gravity walls held links shapes",
+    at_rest=True,
+    rough="pm.stiffness_matrix",
+    apart="links+gravity links+walls links+held",
+)
 def dynamical_matrix(
     scene: Scene,
     strain: str = "none",
@@ -492,7 +502,12 @@ def dynamical_matrix(
     return result
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.stiffness_matrix")
+@honors(
+    "repulsion gravity walls held links shapes",
+    at_rest=True,
+    rough="pm.stiffness_matrix",
+    apart="links+gravity links+walls links+held",
+)
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,

@@ -125,7 +125,12 @@ class Modes:
         return int(np.count_nonzero((self.eigenvalue_m < 0.0) & ~self.zero_m))
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.frictional_modes")
+@honors(
+    "repulsion gravity walls held links shapes",
+    at_rest=True,
+    rough="pm.frictional_modes",
+    apart="links+gravity links+walls links+held",
+)
 def normal_modes(
     scene: Scene,
     count: int | None = None,
@@ -462,8 +467,8 @@ class StateDensity:
 
     @property
     def density_b(self) -> NDArray[np.float64]:
-        """The (B,) density [time]: its integral over all frequencies is 1."""
-        return self.count_b / (np.diff(self.edge_b) * self.modes)
+        """The (B,) density [time]: its integral over all frequencies is 1; zeros where there is no mode."""
+        return self.count_b / (np.diff(self.edge_b) * max(self.modes, 1))
 
     @property
     def center_b(self) -> NDArray[np.float64]:
@@ -474,10 +479,10 @@ class StateDensity:
     def plateau(self) -> float:
         """Height of the plateau [time]: the mean density between the lowest tenth and the lowest three tenths of modes.
 
-        Harmonic packings near jamming, taken without their stress (kind="unstressed"), have one.
+        Harmonic packings near jamming, taken without their stress (kind="unstressed"), have one; nan without modes.
         """
         low, high = self._quantile(0.1), self._quantile(0.3)
-        return 0.2 / (high - low)
+        return 0.2 / (high - low) if self.modes else float("nan")
 
     @property
     def plateau_edge(self) -> float:
@@ -517,7 +522,12 @@ class StateDensity:
         )
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.frictional_modes")
+@honors(
+    "repulsion gravity walls held links shapes",
+    at_rest=True,
+    rough="pm.frictional_modes",
+    apart="links+gravity links+walls links+held",
+)
 def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,
@@ -573,7 +583,8 @@ def density_of_states(
     found = _position_part(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
     index, links = found.index_n, found.links
     if not len(index):
-        return StateDensity(_edges(bins, 0.0, 1.0), np.zeros(1, np.int64), 0, time.process_time() - start)
+        edge = _edges(bins, 0.0, 1.0)
+        return StateDensity(edge, np.zeros(len(edge) - 1, np.int64), 0, time.process_time() - start)
     with single_thread():
         matrix = found.matrix
         weight = np.repeat(1.0 / np.sqrt(source.packing.mass_n[index]), found.free_nq.sum(axis=1))

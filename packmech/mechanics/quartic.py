@@ -26,7 +26,7 @@ from packmech.scene import Scene
 _BASIS_BYTES = 3e9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class QuarticModes:
     """Null space of the stiffness of a packing with shapes, by what its contact forces make of it.
 
@@ -60,6 +60,15 @@ class QuarticModes:
 
     def __len__(self) -> int:
         return len(self.curvature_m)
+
+    def __repr__(self) -> str:
+        ends = [f"{self.curvature_m[k]:.4g}" for k in (0, -1)] if len(self) else []
+        curved = f", curvatures {' to '.join(ends)} [energy/length^2]" if ends else ""
+        return (
+            f"QuarticModes: {len(self)} of {self.displacement_mnd.shape[1]} particles{curved}, pressure "
+            f"{self.pressure:.4g} [energy/length^d], largest stretch of a contact {self.stretch:.1e}"
+            f"{'' if self.certain else ', number uncertain'}"
+        )
 
 
 @honors("repulsion shapes", at_rest=True)

@@ -50,7 +50,7 @@ def is_jammed(scene: Scene) -> bool:
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
 
-@honors("repulsion friction links shapes", at_rest=True)
+@honors("repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes")
 def jam(
     scene: Scene,
     *,

@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.check import function, integer, positive
+from packmech.linalg.line import fit_line
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
 
 
 @dataclass(frozen=True)
-class PowerLawFit:
+class OrderFit:
     """error = prefactor * setting**order, down to a floor; floor is 0 where none was reached."""
 
     order: float
@@ -53,7 +54,7 @@ class WorkPrecision:
             raise ValueError(f"method must be one of {list(self.methods)}, got {method!r}")
         return tuple(sorted((t for t in self.trials if t.method == method), key=lambda trial: -trial.setting))
 
-    def fit(self, method: str, *, quantity: str | None = None) -> PowerLawFit:
+    def fit(self, method: str, *, quantity: str | None = None) -> OrderFit:
         """Power law and floor fitted to one method's errors; failed trials are left out.
 
         Raises
@@ -128,7 +129,7 @@ class WorkPrecision:
         return quantity
 
 
-def fit_power_law(setting_t: list[float], error_t: list[float]) -> PowerLawFit:
+def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
     """Power law that the errors follow down to a floor.
 
     Least squares in the logarithms of C h^p for the coarse settings and of a constant for the fine ones, for every
@@ -147,20 +148,19 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> PowerLawFit:
         raise ValueError(f"an order must be fitted to at least two errors above zero, got {len(point_td)}")
     log_h_t, log_e_t = np.log(np.array(point_td).T)
     count = len(point_td)
-    best: tuple[float, PowerLawFit] | None = None
+    best: tuple[float, OrderFit] | None = None
     for bend in range(min(3, count), count + 1):
         if count - bend == 1:
             continue
-        design = np.stack([log_h_t[:bend], np.ones(bend)], axis=1)
-        (slope, offset), *_ = np.linalg.lstsq(design, log_e_t[:bend], rcond=None)
-        residual = float(np.sum((design @ (slope, offset) - log_e_t[:bend]) ** 2))
+        line = fit_line(log_h_t[:bend], log_e_t[:bend])
+        residual = float(np.sum((line.slope * log_h_t[:bend] + line.height - log_e_t[:bend]) ** 2))
         floor = 0.0
         if bend < count:
             level = float(np.mean(log_e_t[bend:]))
             residual += float(np.sum((log_e_t[bend:] - level) ** 2))
             floor = math.exp(level)
         if best is None or residual < best[0] * (1.0 - 1e-9) - 1e-24:
-            best = (residual, PowerLawFit(float(slope), math.exp(float(offset)), floor))
+            best = (residual, OrderFit(line.slope, math.exp(line.height), floor))
     assert best is not None
     return best[1]
 
@@ -170,7 +170,7 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.3g}"
 
 
-__all__ = ["Answer", "PowerLawFit", "Trial", "WorkPrecision", "fit_power_law", "work_precision"]
+__all__ = ["Answer", "OrderFit", "Trial", "WorkPrecision", "fit_power_law", "work_precision"]
 
 Solver = Callable[[float], Any]
 ErrorMeasure = Callable[[Any, Any], float | Mapping[str, float]]

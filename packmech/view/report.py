@@ -27,6 +27,7 @@ from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
 from packmech.mechanics.quartic import quartic_modes
 from packmech.mechanics.rattling import rattlers_in
+from packmech.mechanics.shaped import shaped_network
 from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
@@ -310,7 +311,7 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
 def _counts_of_shapes(scene: Scene, strain: str) -> dict[str, Any]:
     packing, unit = scene.packing, scene.pressure_unit
     largest, mean = force_balance(scene)
-    counted = shaped_count(packing, strain)
+    counted = _counts_on_walls(scene) if acts_on_single(scene.effects) else shaped_count(packing, strain)
     return {
         "particles": packing.particles,
         "dimension": packing.dimension,
@@ -322,6 +323,17 @@ def _counts_of_shapes(scene: Scene, strain: str) -> dict[str, Any]:
         **{name: value for name, value in counted.items() if name not in ("particles", "excess_contacts")},
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
+    }
+
+
+def _counts_on_walls(scene: Scene) -> dict[str, Any]:
+    """Return the counts of a packing with shapes that walls, weights or held particles hold, too."""
+    network = shaped_network(scene.packing, second=False, effects=scene.effects)
+    return {
+        "rattlers": scene.packing.particles - len(network.index_n),
+        "contacts": len(network.contacts),
+        "isostatic_contacts": None,
+        "wall_contacts": len(wall_contacts(scene)),
     }
 
 
@@ -390,13 +402,13 @@ def _stability(report: Report) -> None:
     scene = report.scene
     if report.numbers["rattlers"] == report.numbers["particles"]:
         raise ValueError("no particle is held")
-    quartic = quartic_modes(scene, strain="none" if report.numbers["strain"] == "isotropic" else "isochoric")
     lowest = normal_modes(scene, 1)
     numbers = report.numbers
+    numbers["local_minimum"] = lowest.negative == 0
+    quartic = quartic_modes(scene, strain="none" if numbers["strain"] == "isotropic" else "isochoric")
     numbers["quartic_modes"] = len(quartic)
     if len(quartic) and quartic.pressure > 0.0:
         numbers["least_quartic_curvature"] = float(quartic.curvature_m[0]) / quartic.pressure
-    numbers["local_minimum"] = lowest.negative == 0
     report.stages.append(Stage("quartic modes", quartic.stretch, seconds=quartic.seconds + lowest.seconds))
 
 
@@ -458,7 +470,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
     if "collective" in numbers:
         rows += verdict_rows(numbers)
-    if "quartic_modes" in numbers:
+    if "local_minimum" in numbers:
         rows += _stability_rows(numbers)
     if "bulk_modulus" in numbers:
         rows += _moduli_rows(numbers, unit)
@@ -530,10 +542,8 @@ def _stability_rows(numbers: Mapping[str, Any]) -> list[Row]:
     if "least_quartic_curvature" in numbers:
         held += f"; least curvature {numbers['least_quartic_curvature']:.3g} of the pressure"
     asked = "by the Hessian, forces and turns included; as hard particles pm.classify_jamming judges it"
-    return [
-        ("quartic modes", str(numbers["quartic_modes"]), held),
-        ("local minimum", "yes" if numbers["local_minimum"] else "NO", asked),
-    ]
+    rows = [("local minimum", "yes" if numbers["local_minimum"] else "NO", asked)]
+    return [("quartic modes", str(numbers["quartic_modes"]), held), *rows] if "quartic_modes" in numbers else rows
 
 
 def _moduli_rows(numbers: Mapping[str, Any], unit: str) -> list[Row]:

@@ -218,6 +218,15 @@ def test_what_a_batch_is_told_must_be_numbers_of_its_shape():
         assert np.array_equal(batch.figure_bk, before)
 
 
+def test_the_time_step_of_a_batch_is_the_smallest_of_its_scenes_in_whatever_order():
+    light = plain(0)
+    light = light.replace(packing=light.packing.replace(mass_n=0.25 * light.packing.mass_n))
+    alone = pm.ShearBatch([light]).dt
+    assert alone == pytest.approx(0.5 * pm.ShearBatch([plain(0)]).dt, rel=1e-12)
+    assert pm.ShearBatch([plain(1), light]).dt == pm.ShearBatch([light, plain(1)]).dt == alone
+    assert pm.ShearBatch([plain(1), light], dt=0.1).dt == 0.1
+
+
 def test_scenes_of_a_batch_must_be_alike():
     with pytest.raises(ValueError, match=r"scenes\[1\] must have the kinds of effects of the first scene"):
         pm.ShearBatch([plain(0), frictional(0)])

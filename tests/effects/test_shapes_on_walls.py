@@ -9,6 +9,7 @@ import pytest
 
 import packmech as pm
 from packmech.minimize.program import build_program
+from packmech.view.report import examine
 
 KINDS = {
     "ellipses": (2, pm.Ellipses(aspect=1.7)),
@@ -268,3 +269,33 @@ def test_walls_of_ones_own_are_refused_by_name():
     for call in (pm.energy, pm.wall_contacts, lambda one: pm.simulate(one, steps=1, dt=0.1)):
         with pytest.raises(ValueError, match="must hold no .*Slope for Spheroids, which it would take for discs"):
             call(scene)
+
+
+def piled(shapes):
+    """Return a few particles that came to rest on a floor between side walls."""
+    start = pm.random_packing(8, dimension=2, packing_fraction=0.3, shapes=shapes, seed=2)
+    side = start.box.lattice_dd[0, 0]
+    effects = (pm.Repulsion(), pm.Walls(1, 0.2, 9.0 * side), pm.Walls(0, 0.2, side - 0.2), pm.Gravity(0.0, -0.01))
+    scene = pm.Scene(start, effects)
+    return scene.replace(packing=pm.quench(scene, force_tolerance=1e-9).packing)
+
+
+@pytest.mark.parametrize("shapes", [pm.Ellipses(aspect=1.7), pm.Dimer(0.8)], ids=["ellipses", "dimers"])
+def test_a_pile_is_counted_with_its_walls_and_its_stress_is_not_symmetric_by_what_they_turn(shapes):
+    scene = piled(shapes)
+    report = examine(scene, modes=0)
+    numbers = report.numbers
+    found = pm.find_shape_contacts(scene.packing)
+    touching = found.count_n() + np.bincount(pm.wall_contacts(scene).particle_w, minlength=scene.packing.particles)
+    assert numbers["rattlers"] == (touching == 0).sum() < 8
+    assert numbers["contacts"] == len(found) > 0 and numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 1
+    assert numbers["local_minimum"] is True
+    text = str(report.summary())
+    assert f"and {numbers['wall_contacts']} with walls" in text and "local minimum" in text
+    # V (sigma_yx - sigma_xy) is the sum of the torques of contacts, which walls balance
+    stress, volume = pm.stress_tensor(scene), scene.packing.box.volume
+    by_contacts = pm.torques(scene.without(pm.Walls)).sum()
+    by_walls = pm.torques(scene).sum() - by_contacts
+    skew = volume * (stress[1, 0] - stress[0, 1])
+    assert skew == pytest.approx(by_contacts, rel=1e-10)
+    assert skew == pytest.approx(-by_walls, rel=1e-5) and abs(skew) > 1e-6

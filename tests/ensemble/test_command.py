@@ -1,6 +1,7 @@
 """`packmech ensemble`: what its actions print and write."""
 
 import pytest
+from cyclopts import CycloptsError
 
 import packmech as pm
 from packmech.cli import FAILED, OK, execute
@@ -48,9 +49,10 @@ def test_failures_are_listed_and_make_the_exit_code(tmp_path, job, capsys):
         (["default", "--grid", "a"], "NAME=VALUES"),
         (["default", "--grid", "packing.particles=8", "packing.particles=9"], "each name once"),
         (["default", "--seeds", "5"], None),
-        (["resume", "--seeds", "0:2"], "left out"),
-        (["default", "--seeds", "0:2", "--members", "x"], "left out"),
+        (["resume", "--seeds", "0:2"], "Unknown option"),
+        (["default", "--seeds", "0:2", "--members", "x"], "Unknown option"),
         (["status"], "that of an ensemble"),
+        (["no-such-scene", "--seeds", "0:2"], "job must be a scene file .*a shipped scene .*kagome.*'no-such-scene'"),
     ],
 )
 def test_wrong_words_are_refused(tmp_path, words, message):
@@ -59,5 +61,5 @@ def test_wrong_words_are_refused(tmp_path, words, message):
         assert execute(["ensemble", "default", "--seeds", "5", "--grid", "packing.particles=8", "--write-row",
                         "--folder", str(tmp_path / "out")]) == OK  # fmt: skip
         return
-    with pytest.raises((ValueError, FileNotFoundError), match=message):
+    with pytest.raises((ValueError, FileNotFoundError, CycloptsError), match=message):
         execute(["ensemble", *words, "--folder", str(tmp_path / "out")])

@@ -151,3 +151,13 @@ def test_noise_on_a_wave_has_no_maxima_of_its_own_where_they_are_to_stand_apart(
     found = pm.correlation_length(r, wave, np.full(626, 10**6), separation=0.4)
     assert len(loose.r_m) > 40 and found.r_m == pytest.approx(np.arange(1, 13), abs=0.06)
     assert found.length == pytest.approx(3.0, rel=0.01) and loose.error > 5.0 * found.error
+
+
+def test_without_a_distance_it_is_what_the_box_allows_and_three_at_most():
+    for repeats, expected in (((2, 2), 0.5 * np.sqrt(3.0)), ((3, 3), 0.75 * np.sqrt(3.0)), ((12, 12), 3.0)):
+        packing = pm.lattice_packing("triangular", repeats=repeats)
+        pairs = pm.pair_distribution(packing)
+        values = pm.correlation_function(packing, np.ones(packing.particles))
+        assert pairs.edge_b[-1] == pytest.approx(expected, rel=1e-12)
+        assert values.edge_b[-1] == pytest.approx(expected, rel=1e-12)
+        assert f"up to {expected:.6g}" in repr(pairs)

@@ -253,3 +253,12 @@ def test_participation_is_one_where_all_move_alike_and_sums_weights_of_particles
     pair = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
     stretch = pm.normal_modes(pm.Scene(pair, (pm.Repulsion(),)), rattlers="keep").participation_m[-1]
     assert stretch == pytest.approx(1.0)
+
+
+def test_where_no_mode_is_left_there_are_no_states_and_nothing_is_divided_by_zero():
+    apart = pm.Packing([[0.5, 0.5], [2.5, 2.5]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    for bins in (7, [0.0, 0.5, 2.0]):
+        states = pm.density_of_states(pm.Scene(apart, (pm.Repulsion(),)), bins)
+        assert states.modes == 0 and len(states.count_b) == len(states.edge_b) - 1
+        assert not states.count_b.any() and not states.density_b.any()
+        assert np.isnan(states.plateau) and np.isnan(states.plateau_edge)

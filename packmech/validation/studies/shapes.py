@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 import packmech as pm
+from packmech.linalg.line import fit_line
 from packmech.validation.studies.rows import Progress, columns_of, complete_rows, kept_of
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
@@ -237,8 +238,8 @@ def exponent(found: Sequence[Sheared], aspect: float, low: float, high: float) -
                 weight.append(mean / error if error > 0.0 else 1.0)
     if len(x) < 3:
         return math.nan, math.nan
-    (slope, _), covariance = np.polyfit(x, y, 1, w=weight, cov="unscaled")
-    return float(slope), float(math.sqrt(covariance[0, 0]))
+    line = fit_line(np.array(x), np.array(y), 1.0 / np.array(weight))
+    return line.slope, line.slope_error
 
 
 def crossover(found: Sequence[Sheared], aspect: float) -> tuple[float, float]:
