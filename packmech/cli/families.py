@@ -35,6 +35,7 @@ def families(
     applied_strain: float = 0.5,
     step: float = 2e-3,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Shear packings at zero pressure along their families, or up to their first change of contacts; resumes.
 
@@ -53,6 +54,8 @@ def families(
         of the map
     seed
         of the first packing
+    workers
+        processes that share slopes and first changes (default: one for each core); 0: the command's own
 
     """
     integer("packings", packings, at_least=1)
@@ -60,6 +63,8 @@ def families(
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + packings)
     if study == "map":
+        if workers is not None:
+            raise ValueError(f"workers must be left out for the map, got {workers}")
         counts = [10] if particles is None else particles
         with working("families") as say:
             for count in counts:
@@ -70,12 +75,12 @@ def families(
             pieces = draw_map(out, count, out / f"map-{count}.png")
             show(f"wrote map-{count}-*.csv, changes-{count}-*.csv and map-{count}.png in {out}: {pieces} pieces")
     elif study == "slopes":
-        _slopes(out, seed)
+        _slopes(out, seed, workers)
     else:
-        _first_changes(out, [32, 128] if particles is None else particles, seeds)
+        _first_changes(out, [32, 128] if particles is None else particles, seeds, workers)
 
 
-def _slopes(out: Path, seed: int) -> None:
+def _slopes(out: Path, seed: int, workers: int | None) -> None:
     """Compare slopes, and print the largest differences."""
     wanted = [(count, 1.0, seed + k, strain) for count, many, strain in SLOPES for k in range(many)]
     wanted += [(ELLIPSES[0], 1.5, seed + k, ELLIPSES[2]) for k in range(ELLIPSES[1])]
@@ -85,7 +90,7 @@ def _slopes(out: Path, seed: int) -> None:
             note = "" if last is None else f"; off by {last.largest_error:.1e}"
             say(f"families: slopes of {done} of {of} packings{note}")
 
-        found = compare_slopes(out, wanted, show_progress)
+        found = compare_slopes(out, wanted, show_progress, workers)
     rows = []
     for count, aspect in sorted({(one.particles, one.aspect) for one in found}):
         part = [one for one in found if (one.particles, one.aspect) == (count, aspect)]
@@ -97,7 +102,7 @@ def _slopes(out: Path, seed: int) -> None:
     show(f"wrote slopes.csv in {out}")
 
 
-def _first_changes(out: Path, counts: list[int], seeds: range) -> None:
+def _first_changes(out: Path, counts: list[int], seeds: range, workers: int | None) -> None:
     """Find first changes, draw them, and print medians."""
     with working("families") as say:
 
@@ -105,7 +110,9 @@ def _first_changes(out: Path, counts: list[int], seeds: range) -> None:
             note = "" if last is None else f"; N = {last.particles}, P = {last.pressure:.1e}: {last.strain:.3e}"
             say(f"families: {done} of {of} first changes{note}")
 
-        found = first_changes(out, particles=counts, pressures=PRESSURES, seeds=seeds, progress=show_progress)
+        found = first_changes(
+            out, particles=counts, pressures=PRESSURES, seeds=seeds, progress=show_progress, workers=workers
+        )
     draw_first_changes(found, out / "first-change.png")
     rows = []
     for count in counts:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from packmech.cli.output import show, table, working
-from packmech.packing import Packing
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.validation.studies.structure import (
     DIMERS,
@@ -22,7 +21,7 @@ from packmech.validation.studies.structure import (
     draw_spectrum,
     jam_all,
     measure_spectrum,
-    spectral_packing,
+    spectral_packings,
 )
 
 
@@ -37,6 +36,7 @@ def structure(
     k_min: float = 0.2,
     k_max: float = 2.0,
     seed: int = 0,
+    workers: int | None = None,
 ) -> None:
     """Measure order and correlation lengths against disorder, or the spectral density of packings; resumes.
 
@@ -61,6 +61,8 @@ def structure(
         its upper end
     seed
         of the first packing
+    workers
+        processes that share the work (default: one for each core); 0: the command's own
 
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -69,16 +71,20 @@ def structure(
     if study == "spectrum":
         many = 16384 if particles is None else particles
         with working("structure") as say:
-            made: list[Packing] = []
-            for one in seeds:
-                say(f"structure: {len(made)} of {count} packings")
-                made.append(spectral_packing(out, many, one, SPECTRAL_PRESSURE if pressure is None else pressure))
+            made = spectral_packings(
+                out,
+                many,
+                seeds,
+                SPECTRAL_PRESSURE if pressure is None else pressure,
+                lambda done, of: say(f"structure: {done} of {of} packings"),
+                workers,
+            )
         found = measure_spectrum(made)
         fit = found.filled.power_law(k_min, k_max)
         (out / "spectrum.csv").write_text(found.to_csv(), encoding="utf-8")
         draw_spectrum(found, fit, out / "spectrum.png")
         show(f"N = {many}: exponent {fit.exponent:.4f} +- {fit.exponent_error:.4f} for k d from {k_min:g} to {k_max:g}")
-        show(f"wrote spectrum.csv, packings, and spectrum.png in {out}")
+        show(f"wrote spectrum.csv and spectrum.png in {out}")
         return
     many, pressure = 1024 if particles is None else particles, PRESSURE if pressure is None else pressure
     with working("structure") as say:
@@ -87,14 +93,18 @@ def structure(
             note = "" if last is None else f"; {KINDS[last.kind]} {last.disorder:g} gave {last.global_order:.3f}"
             say(f"structure: {done} of {of} packings{note}")
 
-        ordered = jam_all(out, particles=many, kinds=(DISCS,), seeds=seeds, pressure=pressure, progress=show_progress)
+        given: dict[str, Any] = {
+            "seeds": seeds,
+            "pressure": pressure,
+            "progress": show_progress,
+            "workers": workers,
+        }
+        ordered = jam_all(out, particles=many, kinds=(DISCS,), **given)
         if shaped:
-            ordered += jam_all(
-                out, particles=shaped, kinds=(ELLIPSES, DIMERS), seeds=seeds, pressure=pressure, progress=show_progress
-            )
+            ordered += jam_all(out, particles=shaped, kinds=(ELLIPSES, DIMERS), **given)
     at_rest = [one for one in ordered if one.kind == DISCS and one.converged]
-    chosen = {ratio: [one.seed for one in at_rest if one.disorder == ratio] for ratio in SHOWN}
-    correlated = [correlate(out, many, ratio, mine) for ratio, mine in chosen.items() if mine]
+    chosen = [[one for one in at_rest if one.disorder == ratio] for ratio in SHOWN]
+    correlated = [correlate(out, mine) for mine in chosen if mine]
     draw_order(ordered, correlated, out, out / "order.png")
     rows = []
     for kind, disorder in sorted({(one.kind, one.disorder) for one in ordered}):
@@ -110,4 +120,4 @@ def structure(
         for one in correlated
     ]
     show(table("correlation lengths", ("size ratio", "of psi_6", "of g - 1"), lengths, right=(0, 1, 2)))
-    show(f"wrote order.csv, its packings, and order.png in {out}")
+    show(f"wrote order.csv and order.png in {out}")

@@ -8,4 +8,8 @@ anywhere, so that any process may end at any time: what is there stays, what is 
 `members` names and numbers them, `folder` reads and writes, `jobs` says what a member runs, `worker` runs members in a
 process of its own under limits, `run` hands them to an executor or runs them here, `table` and `statistics` read what
 came of them.
+
+`callers` is what calls that make many runs share: all members finished, failures that pass on, scenes kept once beside
+the members. `shear_series` and `cementing_curve` are two of them, `cementing_tables` writes and draws the latter; the
+studies of packmech.validation are others.
 """

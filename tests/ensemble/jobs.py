@@ -87,3 +87,9 @@ def waits_for(seed, flag):
     if not pathlib.Path(flag).exists():
         raise RuntimeError("not yet")
     return {"value": seed}
+
+
+def nested(seed, folder):
+    """Return the sum of what an ensemble of its own returns, which runs in the same process."""
+    found = pm.run_ensemble(lambda x: x + seed, {"x": range(3)}, pathlib.Path(folder) / "own", workers=0)
+    return {"total": int(found["value"].sum())}

@@ -101,6 +101,10 @@ def test_failures_are_rows_and_run_again_only_when_that_is_asked_for(tmp_path):
     assert pm.run_ensemble(fragile, grid, folder, workers=0, retry=True)["value"].tolist() == [0, 1, 2]
 
 
+def test_a_member_may_run_an_ensemble_of_its_own_in_its_process(tmp_path, called):
+    assert pm.run_ensemble(called("nested"), {"seed": range(2)}, tmp_path, workers=1)["total"].tolist() == [3, 6]
+
+
 def test_a_folder_goes_on_in_other_processes_if_its_function_has_a_name(tmp_path, called):
     folder = tmp_path / "out"
     pm.run_ensemble(called("square"), {"seed": range(2)}, folder, workers=0)

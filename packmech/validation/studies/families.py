@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -149,10 +150,13 @@ def draw_map(folder: Path, particles: int, path: Path) -> int:
 
 
 def compare_slopes(
-    folder: Path, wanted: Sequence[tuple[int, float, int, float]], progress: Callable[[int, int, Slope | None], None]
+    folder: Path,
+    wanted: Sequence[tuple[int, float, int, float]],
+    progress: Callable[[int, int, Slope | None], None],
+    workers: int | None = None,
 ) -> list[Slope]:
-    """Return how well the identity holds for (particles, aspect, seed, strain); each is written once it is there."""
-    return complete_rows(folder / "slopes.csv", Slope, wanted, _slope, progress)
+    """Return how well the identity holds for (particles, aspect, seed, strain), each a member."""
+    return complete_rows(folder / "slopes.csv", Slope, wanted, _slope, progress, workers)
 
 
 def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
@@ -200,27 +204,28 @@ def first_changes(
     pressures: Sequence[float],
     seeds: Sequence[int],
     progress: Callable[[int, int, FirstChange | None], None],
+    workers: int | None = None,
 ) -> list[FirstChange]:
     """Return the first changes of shear-stabilized packings of all sizes, pressures and seeds; resumes."""
-    jammed: dict[tuple[int, int], dict[float, pm.Scene]] = {}
+    wanted = [(n, p, s, sorted(pressures, reverse=True)) for n, s, p in itertools.product(particles, seeds, pressures)]
+    return complete_rows(folder / "first-change.csv", FirstChange, wanted, first_change_at, progress, workers)
 
-    def make(particles: int, pressure: float, seed: int) -> FirstChange:
-        if (particles, seed) not in jammed:
-            jammed.clear()
-            scene = jammed_discs(particles, seed, pressure=max(pressures), strain="free")
-            goals = sorted(pressures, reverse=True)
-            runs = pm.sweep_pressure(scene, goals, strain="free", check=False)
-            jammed[particles, seed] = {
-                goal: scene.replace(packing=run.packing) for goal, run in zip(goals, runs, strict=False) if run.ok
-            }
-        scene_there = jammed[particles, seed].get(pressure)
-        nothing = (math.nan, math.nan, math.nan, 0, math.nan, math.nan, 0, math.nan)
-        if scene_there is None:
-            return FirstChange(particles, pressure, seed, *nothing)
-        return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
 
-    wanted = [(n, p, s) for n, s, p in itertools.product(particles, seeds, pressures)]
-    return complete_rows(folder / "first-change.csv", FirstChange, wanted, make, progress, workers=0)
+@functools.lru_cache(maxsize=1)
+def _swept(particles: int, seed: int, pressures: tuple[float, ...]) -> dict[float, pm.Scene]:
+    """Return a packing at falling pressures, as far as it comes; rows of one packing follow each other."""
+    scene = jammed_discs(particles, seed, pressure=max(pressures), strain="free")
+    runs = pm.sweep_pressure(scene, pressures, strain="free", check=False)
+    return {goal: scene.replace(packing=run.packing) for goal, run in zip(pressures, runs, strict=False) if run.ok}
+
+
+def first_change_at(particles: int, pressure: float, seed: int, pressures: Sequence[float]) -> FirstChange:
+    """Return the first change of a packing at one of the falling pressures that it goes through; nan where none is."""
+    scene_there = _swept(particles, seed, tuple(pressures)).get(pressure)
+    nothing = (math.nan, math.nan, math.nan, 0, math.nan, math.nan, 0, math.nan)
+    if scene_there is None:
+        return FirstChange(particles, pressure, seed, *nothing)
+    return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
 
 
 def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -> FirstChange | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
+from packmech.ensemble.callers import complete
 from packmech.measure.scattering import average_shells
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import MEMBERS, Progress, complete_rows, kept_of
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
+ORDER = "order.csv"
 # kinds of disorder: sizes of discs (largest over smallest), aspects of ellipses and of dimers
 DISCS, ELLIPSES, DIMERS = 0, 1, 2
 KINDS = {DISCS: "discs, sizes", ELLIPSES: "ellipses, aspect", DIMERS: "dimers, aspect"}
@@ -59,9 +61,36 @@ class Ordered:
         return tuple(getattr(self, one.name) for one in fields(self)[:5])
 
 
-def packing_path(folder: Path, kind: int, particles: int, disorder: float, seed: int) -> Path:
-    """Return where a packing is kept."""
-    return folder / "packings" / f"{('discs', 'ellipses', 'dimers')[kind]}-{particles}-{disorder:g}-{seed}.npz"
+def packing_of(folder: Path, row: Ordered) -> pm.Packing:
+    """Return the packing of a row."""
+    return kept_of(folder / ORDER, row).packing()
+
+
+def jam_disordered(kind: int, particles: int, disorder: float, pressure: float, seed: int) -> dict[str, Any]:
+    """Return the row of a packing of one kind and degree of disorder in a square box, and the packing."""
+    given: dict[str, Any] = {"dimension": 2, "seed": seed, "packing_fraction": 0.9 if kind == DISCS else _START}
+    given["sizes"] = pm.Uniform(disorder) if kind == DISCS else pm.Monodisperse()
+    if kind == ELLIPSES:
+        given["shapes"] = pm.Ellipses(disorder)
+    elif kind == DIMERS:
+        # length over width is 1 + distance of the beads / width
+        given["shapes"] = pm.Dimer(disorder - 1.0)
+    scene = pm.Scene(pm.random_packing(particles, **given), (pm.Repulsion(),))
+    run = pm.jam(scene, pressure=pressure, strain="isotropic", check=False)
+    bonds = pm.bond_orientational_order(run.packing, 6)
+    report = run.report
+    row = Ordered(
+        *(kind, particles, disorder, pressure, seed),
+        report["packing_fraction"],
+        2.0 * report["contacts"] / max(particles - report["rattlers"], 1),
+        report["rattlers"],
+        bonds.global_order,
+        bonds.local_order,
+        math.nan if kind == DISCS else float(pm.nematic_order(run.packing)),
+        int(run.ok),
+        run.seconds,
+    )
+    return asdict(row) | {"packing": run.packing}
 
 
 def jam_all(
@@ -71,42 +100,16 @@ def jam_all(
     kinds: Sequence[int],
     seeds: Sequence[int],
     pressure: float,
-    progress: Callable[[int, int, Ordered | None], None],
+    progress: Progress[Ordered],
+    workers: int | None = None,
 ) -> list[Ordered]:
-    """Return jammed packings of all kinds of disorder in square boxes; each is kept once it is there."""
-    (folder / "packings").mkdir(parents=True, exist_ok=True)
-
-    def make(kind: int, particles: int, disorder: float, pressure: float, seed: int) -> Ordered:
-        given: dict[str, Any] = {"dimension": 2, "seed": seed, "packing_fraction": 0.9 if kind == DISCS else _START}
-        given["sizes"] = pm.Uniform(disorder) if kind == DISCS else pm.Monodisperse()
-        if kind == ELLIPSES:
-            given["shapes"] = pm.Ellipses(disorder)
-        elif kind == DIMERS:
-            # length over width is 1 + distance of the beads / width
-            given["shapes"] = pm.Dimer(disorder - 1.0)
-        scene = pm.Scene(pm.random_packing(particles, **given), (pm.Repulsion(),))
-        run = pm.jam(scene, pressure=pressure, strain="isotropic", check=False)
-        pm.write_packing(run.packing, packing_path(folder, kind, particles, disorder, seed))
-        bonds = pm.bond_orientational_order(run.packing, 6)
-        report = run.report
-        return Ordered(
-            *(kind, particles, disorder, pressure, seed),
-            report["packing_fraction"],
-            2.0 * report["contacts"] / max(particles - report["rattlers"], 1),
-            report["rattlers"],
-            bonds.global_order,
-            bonds.local_order,
-            math.nan if kind == DISCS else float(pm.nematic_order(run.packing)),
-            int(run.ok),
-            run.seconds,
-        )
-
+    """Return jammed packings of all kinds of disorder in square boxes, each a member with its packing."""
     wanted = [
         (kind, particles, disorder, pressure, seed)
         for kind in kinds
         for seed, disorder in itertools.product(seeds, RATIOS if kind == DISCS else ASPECTS)
     ]
-    return complete_rows(folder / "order.csv", Ordered, wanted, make, progress, workers=0)
+    return complete_rows(folder / ORDER, Ordered, wanted, jam_disordered, progress, workers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,10 +125,10 @@ class Correlated:
     pair_length: pm.CorrelationLength
 
 
-def correlate(folder: Path, particles: int, ratio: float, seeds: Sequence[int]) -> Correlated:
-    """Return the correlations of all packings of discs of a size ratio, pooled; distances in mean diameters."""
+def correlate(folder: Path, rows: Sequence[Ordered]) -> Correlated:
+    """Return the correlations of the packings of discs of a size ratio, pooled; distances in mean diameters."""
     value, connected, count, pairs = 0.0, 0.0, 0.0, 0.0
-    packings = [pm.read_packing(packing_path(folder, DISCS, particles, ratio, seed)) for seed in seeds]
+    packings = [packing_of(folder, one) for one in rows]
     # up to half the smallest box
     half = min(0.5 * float(packing.box.reduced()[0].height_d.min()) for packing in packings)
     bins = math.floor(min(_REACH, half) / _WIDTH)
@@ -138,10 +141,10 @@ def correlate(folder: Path, particles: int, ratio: float, seeds: Sequence[int]) 
         count = count + one.count_b
         pairs = pairs + pm.pair_distribution(packing, r_max=reach, bins=bins).g_b
     many = np.maximum(np.asarray(count), 1)
-    excess = np.asarray(pairs) / len(seeds) - 1.0
+    excess = np.asarray(pairs) / len(rows) - 1.0
     return Correlated(
-        ratio,
-        len(seeds),
+        rows[0].disorder,
+        len(rows),
         one.r_b,
         np.abs(np.asarray(value) / many),
         excess,
@@ -200,8 +203,7 @@ def _draw_numbers(ax: Any, found: Sequence[Ordered], folder: Path) -> None:
     total = np.zeros(16)
     for one in found:
         if one.kind == DISCS and one.disorder == 1.4:
-            packing = pm.read_packing(packing_path(folder, DISCS, one.particles, one.disorder, one.seed))
-            count = pm.contact_statistics(packing).count_z
+            count = pm.contact_statistics(packing_of(folder, one)).count_z
             total[: len(count)] += count
     if total.any():
         top = int(np.flatnonzero(total)[-1])
@@ -209,16 +211,12 @@ def _draw_numbers(ax: Any, found: Sequence[Ordered], folder: Path) -> None:
     ax.set(xlabel="contacts of a disc, ratio 1.4, rattlers left out", ylabel="share", xlim=(1.5, 7.5))
 
 
-def spectral_packing(folder: Path, particles: int, seed: int, pressure: float) -> pm.Packing:
-    """Return a jammed packing of discs 1:1.4 in halves, rattlers included, in a square box; it is kept.
+def spectral_packing(particles: int, seed: int, pressure: float) -> pm.Packing:
+    """Return a jammed packing of discs 1:1.4 in halves, rattlers included, in a square box.
 
     Quenched at packing fractions .9 and .88, and from there on where a line through the last two pressures leads, down
     to the pressure within a tenth: the exact hard packing of so many is out of reach, and not asked for.
     """
-    path = folder / "packings" / f"bidisperse-{particles}-{pressure:g}-{seed}.npz"
-    if path.exists():
-        return pm.read_packing(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     fraction = _SPECTRAL_START
     packing = pm.random_packing(
         particles, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=fraction, seed=seed
@@ -229,13 +227,31 @@ def spectral_packing(folder: Path, particles: int, seed: int, pressure: float) -
         packing = pm.quench(scene, force_tolerance=_SPECTRAL_TOLERANCE).packing
         reached = pm.pressure(scene.replace(packing=packing))
         if abs(reached - pressure) < 0.1 * pressure:
-            pm.write_packing(packing, path)
             return packing
         further = fraction - 0.02
         if before is not None and before[1] != reached:
             further = fraction - (reached - pressure) * (before[0] - fraction) / (before[1] - reached)
         before, fraction = (fraction, reached), further
     raise RuntimeError(f"{particles} discs from seed {seed} do not come to the pressure {pressure:g}, got {reached:g}")
+
+
+def spectral_packings(
+    folder: Path,
+    particles: int,
+    seeds: Sequence[int],
+    pressure: float,
+    progress: Callable[[int, int], None],
+    workers: int | None = None,
+) -> list[pm.Packing]:
+    """Return packings of several seeds (`spectral_packing`), each a member."""
+    found = complete(
+        spectral_packing,
+        [{"particles": particles, "seed": one, "pressure": pressure} for one in seeds],
+        folder / MEMBERS / "spectrum",
+        workers=workers,
+        progress=lambda done, of, number, member: progress(done, of),
+    )
+    return [one.packing() for one in found]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,9 @@ from packmech.validation.studies.structure import (
     draw_spectrum,
     jam_all,
     measure_spectrum,
-    packing_path,
+    packing_of,
     spectral_packing,
+    spectral_packings,
 )
 
 
@@ -46,23 +47,26 @@ def test_order_and_correlations_of_a_few_discs_are_drawn(tmp_path, monkeypatch):
 
     monkeypatch.setattr(structure, "RATIOS", (1.2, 1.4))
     monkeypatch.setattr(structure, "ASPECTS", (1.3,))
-    settings = {"seeds": (0,), "pressure": 1e-4, "progress": silent}
+    settings = {"seeds": (0,), "pressure": 1e-4, "progress": silent, "workers": 0}
     found = jam_all(tmp_path, particles=64, kinds=(DISCS,), **settings)
     found += jam_all(tmp_path, particles=16, kinds=(ELLIPSES,), **settings)
     assert [one.disorder for one in found] == [1.2, 1.4, 1.3] and all(one.converged for one in found)
-    packing = pm.read_packing(packing_path(tmp_path, DISCS, 64, 1.4, 0))
+    packing = packing_of(tmp_path, found[1])
     assert found[1].global_order == pm.bond_orientational_order(packing).global_order
     found += jam_all(tmp_path, particles=64, kinds=(DISCS,), **(settings | {"seeds": (1,)}))
     # boxes of two sizes
-    correlated = [correlate(tmp_path, 64, ratio, (0, 1)) for ratio in (1.2, 1.4)]
+    correlated = [correlate(tmp_path, [one for one in found if one.disorder == ratio]) for ratio in (1.2, 1.4)]
     draw_order(found, correlated, tmp_path, tmp_path / "order.png")
     assert (tmp_path / "order.png").stat().st_size > 10_000
 
 
 def test_a_spectrum_is_that_of_a_packing_at_the_pressure(tmp_path):
-    packing = spectral_packing(tmp_path, 64, 1, 3e-3)
+    packing = spectral_packing(64, 1, 3e-3)
     assert pm.pressure(pm.Scene(packing, (pm.Repulsion(),))) == pytest.approx(3e-3, rel=0.1)
-    assert spectral_packing(tmp_path, 64, 1, 3e-3) == packing
+    said = []
+    given = (tmp_path, 64, (1,), 3e-3, lambda *one: said.append(one))
+    assert [spectral_packings(*given, workers=0) for _ in range(2)] == [[packing]] * 2
+    assert said == [(1, 1)] * 2
     found = measure_spectrum([packing], width=0.5)
     index = pm.wave_indices(packing.box, 12.0 / found.diameter, half=True)
     value = pm.spectral_density(packing, index) / found.diameter**2
