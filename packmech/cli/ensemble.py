@@ -32,7 +32,10 @@ _FIRST = ("jamming_packing_fraction", "packing_fraction", "contacts", "bulk_modu
 
 Folder = Annotated[Path, Parameter(help="where everything is kept: a signac project")]
 Of = Annotated[Texts, Parameter(help="results that it is about, named as in the table (default: numbers that vary)")]
-Workers = Annotated[int | None, Parameter(help="processes on this machine (default: one for each core); 0: the command's own, without limits")]
+Workers = Annotated[
+    int | None,
+    Parameter(help="processes on this machine (default: one for each core); 0: the command's own, without limits"),
+]
 Scheduler = Annotated[
     str | None,
     Parameter(
