@@ -19,6 +19,7 @@ from packmech.check import instance, one_of, positive
 from packmech.effects import pair_energy
 from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
 from packmech.honors import declare
+from packmech.linalg.line import fit_line
 from packmech.loop.run_loop import Progress
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import energy
@@ -251,9 +252,9 @@ def _jackknife(left_s: NDArray[np.float64]) -> NDArray[np.float64]:
 def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) -> tuple[float, float, float]:
     """Return exponent, prefactor and correction of y = prefactor x^exponent (1 + correction sqrt(x))."""
     log_x, log_y, root = np.log(x), np.log(y), np.sqrt(x)
-    slope, offset = np.polyfit(log_x, log_y, 1)
+    line = fit_line(log_x, log_y)
     if not corrected:
-        return float(slope), math.exp(offset), 0.0
+        return line.slope, math.exp(line.height), 0.0
     # log(1 + c sqrt(x)) exists above this
     least = -0.999 / root.max()
 
@@ -261,7 +262,7 @@ def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) 
         return np.asarray(guess[0] + guess[1] * log_x + np.log1p(guess[2] * root) - log_y)
 
     bounds = ([-np.inf, -np.inf, least], np.inf)
-    found = least_squares(miss, (offset, slope, 0.0), bounds=bounds, x_scale=(1.0, 1.0, 1.0 / root.max()), xtol=1e-12)
+    found = least_squares(miss, (line.height, line.slope, 0.0), bounds=bounds, x_scale=(1.0, 1.0, 1.0 / root.max()), xtol=1e-12)
     return float(found.x[1]), math.exp(found.x[0]), float(found.x[2])
 
 
