@@ -262,7 +262,9 @@ def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) 
         return np.asarray(guess[0] + guess[1] * log_x + np.log1p(guess[2] * root) - log_y)
 
     bounds = ([-np.inf, -np.inf, least], np.inf)
-    found = least_squares(miss, (line.height, line.slope, 0.0), bounds=bounds, x_scale=(1.0, 1.0, 1.0 / root.max()), xtol=1e-12)
+    found = least_squares(
+        miss, (line.height, line.slope, 0.0), bounds=bounds, x_scale=(1.0, 1.0, 1.0 / root.max()), xtol=1e-12
+    )
     return float(found.x[1]), math.exp(found.x[0]), float(found.x[2])
 
 
