@@ -185,7 +185,8 @@ class Packing:
 
     def __repr__(self) -> str:
         small, large = float(self.radius_n.min()), float(self.radius_n.max())
-        held = [f"{len(self.links)} rigid links" if self.links is not None else ""]
+        links = 0 if self.links is None else len(self.links)
+        held = [f"{links} rigid link{'' if links == 1 else 's'}" if links else ""]
         held.append(type(self.shapes).__name__ if self.shapes is not None else "")
         held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")

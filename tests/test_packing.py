@@ -102,7 +102,8 @@ def test_wrong_packing_is_refused_naming_argument_and_particle(arguments, messag
 def test_a_packing_says_what_it_is_in_one_line():
     packing = pm.lattice_packing("triangular", repeats=(3, 3))
     assert repr(packing) == "Packing of 9 particles in 2D: radius 0.5, box of area 7.79423"
-    shaped = pm.random_packing(50, dimension=3, packing_fraction=0.2, seed=1, shapes=pm.Ellipses(1.5))
-    linked = pm.cluster_packing(20, pm.Dimer(), dimension=2, packing_fraction=0.3, seed=1)
-    assert "Spheroids" in repr(shaped) and "box of volume" in repr(shaped) and "20 rigid links" in repr(linked)
-    assert all("\n" not in repr(one) and len(repr(one)) < 120 for one in (shaped, linked))
+    place, box = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], pm.Box.cubic(3.0, 3)
+    shaped = pm.Packing(place, [0.5, 0.4], box, shapes=pm.Spheroids([2.0, 0.5], [[1.0, 0.0, 0.0]] * 2))
+    linked = pm.Packing(place, [0.5, 0.5], box, pm.Links([0], [1], [[0, 0, 0]], [1.0]), mass_n=[1.0, 2.0])
+    assert repr(shaped) == "Packing of 2 particles in 3D: radii 0.4 to 0.5, box of volume 27, Spheroids"
+    assert repr(linked) == "Packing of 2 particles in 3D: radius 0.5, box of volume 27, 1 rigid link, masses given"

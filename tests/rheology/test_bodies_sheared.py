@@ -31,7 +31,7 @@ CALLS = {
     ).runs[0],
     "creep": lambda scene: pm.creep(scene, stress=3e-3, duration=6.0, dt=0.05),
     "amplitude_sweep": lambda scene: pm.amplitude_sweep(
-        scene, amplitudes=[0.01, 0.03], frequency=0.1, periods=1.0, skip_periods=0.0, dt=0.05
+        scene, amplitudes=[0.01, 0.03], frequency=0.1, periods=1.0, dt=0.05
     ).runs[1],
     "equilibrate": lambda scene: (
         pm.equilibrate(scene, amplitude=0.01, frequency=0.1, expected_stress=1e-3, dt=0.05).baseline
@@ -87,7 +87,7 @@ def test_bodies_in_equilibrium_stay_at_rest_and_their_modulus_at_small_amplitude
     rest = pm.equilibrate(dimers, amplitude=1e-4, frequency=0.02)
     assert rest.ratio < 1e-6
     assert np.abs(rest.packing.position_nd - dimers.packing.position_nd).max() < 1e-6
-    sweep = pm.amplitude_sweep(dimers, amplitudes=[1e-5, 2e-5], frequency=2e-3, periods=1.5, skip_periods=0.5)
+    sweep = pm.amplitude_sweep(dimers, amplitudes=[1e-5, 2e-5], frequency=2e-3, pre_periods=0.5, periods=1.0)
     modulus = pm.elastic_moduli(dimers.replace(effects=REST)).shear_modulus
     assert np.abs(sweep.storage_a / modulus - 1.0).max() < 0.03
     assert abs(sweep.storage_a[1] / sweep.storage_a[0] - 1.0) < 1e-3
