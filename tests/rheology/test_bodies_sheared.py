@@ -52,21 +52,22 @@ def test_bodies_of_one_bead_are_sheared_as_discs_are(call, discs):
 
 def taken(run):
     """Return what the shear has done less what became energy, and what it has done [energy]."""
-    # peculiar velocities cross the planes of shear with their momentum: the kinetic stress does its part of the work
-    stress = run.shear_stress_t + run.stress["kinetic"][:, 0, 1]
+    # forces work along their branches, torques have no part in it; peculiar velocities carry momentum across the planes
+    stress = run.stress["contact"][:, 0, 1] + run.stress["kinetic"][:, 0, 1]
     work = run.packing.box.volume * np.trapezoid(stress, run.strain_t)
     energy = run.potential_t + run.kinetic_t + run.rotational_t
     return work - (energy[-1] - energy[0]), work
 
 
-def test_what_shear_does_on_bodies_becomes_their_energy_to_second_order_of_the_step_or_is_taken_by_dashpots(dimers):
-    def shear(damping, dt):
-        given = {"rates": [0.1], "applied_strain": 0.2, "skip_strain": 0.0, "blocks": 2, "samples": 2000}
-        return pm.steady_shear(dimers.replace(effects=effects(damping)), dt=dt, **given).runs[0]
+def test_what_shear_does_on_bodies_becomes_their_energy_the_better_the_shorter_the_step_or_is_taken_by_dashpots(dimers):
+    def shear(damping, samples):
+        given = {"rates": [0.1], "applied_strain": 0.2, "skip_strain": 0.0, "blocks": 2, "dt": 2.0 / samples}
+        return pm.steady_shear(dimers.replace(effects=effects(damping)), samples=samples, **given).runs[0]
 
-    (coarse, _), (fine, work) = taken(shear(0.0, 0.04)), taken(shear(0.0, 0.02))
-    assert abs(fine) < 2e-3 * work and abs(fine) < 0.4 * abs(coarse)
-    lost, work = taken(shear(0.3, 0.02))
+    (coarse, _), (fine, work) = taken(shear(0.0, 50)), taken(shear(0.0, 200))
+    # contacts that open and close on the way spoil the clean factor of 16
+    assert abs(fine) < 2e-5 * work and abs(fine) < 0.15 * abs(coarse)
+    lost, work = taken(shear(0.3, 100))
     assert 0.1 * work < lost < work
 
 
