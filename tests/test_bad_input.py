@@ -829,6 +829,8 @@ def good(name, folder):
         "wave_indices": {"box": pm.Box.cubic(2.0, 2), "k_max": 4.0},
         "wave_vectors": {"box": pm.Box.cubic(2.0, 2), "index_kd": [[1, 0], [0, 1]]},
         "anneal_shape": {"scene": pressed(), "aspects": [1.05], "seed": 1, "pressure": 1e-3},
+        "cyclic_shear": {"scene": pressed(), "amplitude": 1e-3},
+        "tap": {"scene": pressed(), "amplitude": 1e-3, "seed": 1, "pressure": 1e-3},
         "quasistatic_shear": {"scene": pressed(), "applied_strain": 1e-3},
         "shear_families": {"packing": hard_packing(), "applied_strain": 1e-3},
         "bootstrap": {"value_r": [1.0, 2.0], "draws": 10},
