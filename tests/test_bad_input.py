@@ -630,6 +630,9 @@ BAD = {
             "axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
         }.items()
     },
+    "cyclic_shear.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
+    "cycles": [0, -1, 2.5, "2", None, True],
+    "taps": [0, -1, 2.5, "2", None, True],
     "shear_families.packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2), lone_particle()],
     "keep": [3, "0", None, [NAN], [-0.1], [0.2], ["0"], [[0.0]]],
     "locate": CHOICE,

@@ -388,7 +388,7 @@ def cyclic_shear(
     number = integer("cycles", cycles, at_least=1)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
     steps = max(1, math.ceil(largest / size - 1e-9))
-    up = largest * np.arange(1, steps + 1) / steps
+    up = np.linspace(0.0, largest, steps + 1)[1:]
     quarter = np.concatenate([up[:-1][::-1], [0.0]])
     goals = np.concatenate([up, quarter, -up, -quarter])
     # the last goal without its sign
