@@ -253,15 +253,17 @@ def draw_dimers(found: Sequence[Ordered], folder: Path, path: Path) -> None:
     """Write the figure: one packing of dimers at each of six aspects, figure 2.26 of Schreck and O'Hern."""
     first = {one.disorder: one for one in reversed(found) if one.kind == DIMERS and one.converged}
     chosen = [first[aspect] for aspect in sorted(first) if aspect in PICTURED]
-    with styled_figure(path, (9.6, 6.8)) as figure:
+    with styled_figure(path, (6.6, 4.8)) as figure:
         for ax, one in zip(figure.subplots(2, 3).ravel(), chosen, strict=False):
             packing = pm.read_packing(packing_path(folder, DIMERS, one.particles, one.disorder, one.seed))
             # bodies alone, without lines between those that touch
             none = pm.find_shape_contacts(packing, gap_tolerance=-0.9)
-            ax.imshow(pm.draw_frame(packing, contacts=none, rattler_n=pm.find_rattlers(packing), size=(480, 480)))
+            ax.imshow(pm.draw_frame(packing, contacts=none, rattler_n=pm.find_rattlers(packing), size=(300, 300)))
             ax.set_axis_off()
-            ax.set_title(f"aspect {one.disorder:g}, global |psi_6| = {one.global_order:.2f}", fontsize=9)
-        figure.suptitle(f"Jammed packings of {chosen[0].particles} equal dimers, pressure {chosen[0].pressure:g}")
+            ax.set_title(f"aspect {one.disorder:g}, global |psi_6| = {one.global_order:.2f}", fontsize=8)
+        figure.suptitle(
+            f"Jammed packings of {chosen[0].particles} equal dimers, pressure {chosen[0].pressure:g}", fontsize=10
+        )
 
 
 def spectral_packing(folder: Path, particles: int, seed: int, pressure: float) -> pm.Packing:
