@@ -350,7 +350,8 @@ def draw_stress(found: Sequence[Stressed], path: Path) -> None:
                     continue
                 strain, stress = np.array([(one.strain, one.shear_stress) for one in mine]).T
                 color, modulus, change = COLORS[number], mine[0].modulus, mine[-1].first_change
-                up = stress > 0.0
+                # what unjammed bears no stress
+                up = (stress > 0.0) & np.array([one.contacts > 0 for one in mine])
                 ax.plot(
                     strain[up], stress[up], MARKERS[number], color=color, markersize=3.0,
                     label=f"{distance:g} above jamming",
