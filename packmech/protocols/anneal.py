@@ -209,9 +209,9 @@ def tap(
     At every tap all particles are displaced, and turned if they have shapes, at random and independently; then they
     relax where they stand by FIRE, are compressed in small steps (0.3 % of the packing fraction) until they press, and
     are followed down to the pressure. Vibration without inertia: a tap is a jump to another place in the landscape of
-    energies and the way down from there. Loose packings mostly grow denser from tap to tap; amplitudes near the
-    diameter make random packings anew. To go on, call again with the packing of the last run and the same `rng`: the
-    taps are those of one call.
+    energies and the way down from there. Weak kicks lead back to the same packing, kicks of some tenths of the diameter
+    make loose packings denser, and those near the diameter make random packings anew. To go on, call again with the
+    packing of the last run and the same `rng`: the taps are those of one call.
 
     Parameters
     ----------

@@ -325,10 +325,10 @@ def cyclic_shear(
 ) -> tuple[QuasistaticShear, ...]:
     """Return one run for each cycle of shear of a jammed packing: to the amplitude, to its negative, and back to zero.
 
-    Each cycle is sheared quasistatically, as by `quasistatic_shear`. At constant pressure a packing mostly grows denser
-    from cycle to cycle; at constant volume its pressure falls, or it unjams. Small cycles come back to where they began
-    (`displacement` 0): without a change of contacts to rounding. To go on, call again with the packing of the last run:
-    the cycles are those of one call.
+    Each cycle is sheared quasistatically, as by `quasistatic_shear`. At constant pressure loose packings grow denser
+    over the first cycles, until small ones come to a limit cycle; at constant volume the pressure falls, or they unjam.
+    A cycle without a change of contacts comes back to where it began, to rounding (`displacement` 0). To go on, call
+    again with the packing of the last run: the cycles are those of one call.
 
     Parameters
     ----------
