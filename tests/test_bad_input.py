@@ -635,6 +635,9 @@ BAD = {
             "axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
         }.items()
     },
+    "cyclic_shear.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"],
+    "cycles": [0, -1, 2.5, "2", None, True],
+    "taps": [0, -1, 2.5, "2", None, True],
     "shear_families.packing": [None, "packing", 3, np.zeros((2, 2)), pm.Box.cubic(1.0, 2), lone_particle()],
     "keep": [3, "0", None, [NAN], [-0.1], [0.2], ["0"], [[0.0]]],
     "locate": CHOICE,
@@ -835,6 +838,8 @@ def good(name, folder):
         "wave_indices": {"box": pm.Box.cubic(2.0, 2), "k_max": 4.0},
         "wave_vectors": {"box": pm.Box.cubic(2.0, 2), "index_kd": [[1, 0], [0, 1]]},
         "anneal_shape": {"scene": pressed(), "aspects": [1.05], "seed": 1, "pressure": 1e-3},
+        "cyclic_shear": {"scene": pressed(), "amplitude": 1e-3},
+        "tap": {"scene": pressed(), "amplitude": 1e-3, "seed": 1, "pressure": 1e-3},
         "quasistatic_shear": {"scene": pressed(), "applied_strain": 1e-3},
         "shear_families": {"packing": hard_packing(), "applied_strain": 1e-3},
         "bootstrap": {"value_r": [1.0, 2.0], "draws": 10},

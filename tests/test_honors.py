@@ -122,6 +122,8 @@ RESTING = {
     "wall_contacts": lambda scene: pm.wall_contacts(scene).force_w,
     "force_distribution": lambda scene: [pm.force_distribution(scene).mean],
     "force_chains": lambda scene: pm.force_chains(scene).stress_n,
+    "cyclic_shear": lambda scene: pm.cyclic_shear(scene, 1e-4, step=1e-4)[0].packing.position_nd,
+    "tap": lambda scene: pm.tap(scene, 1e-2, seed=1, pressure=1e-3, check=False)[0].packing.position_nd,
     "anneal_shape": lambda scene: pm.anneal_shape(scene, [1.1], seed=1, check=False)[0].packing.position_nd,
     "classify_jamming": lambda scene: [len(pm.classify_jamming(scene).strict)],
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,16 +11,20 @@ from cyclopts import Parameter
 
 from packmech.check import integer, positive
 from packmech.cli.output import show, table, working
+from packmech.result import csv_text
 from packmech.validation.studies.families import (
     ELLIPSES,
     PRESSURES,
     SLOPES,
     FirstChange,
     Slope,
+    Stressed,
     compare_slopes,
     draw_first_changes,
     draw_map,
+    draw_stress,
     first_changes,
+    stress_over_strain,
     walk_both_ways,
 )
 
@@ -27,7 +32,7 @@ Counts = Annotated[list[int] | None, Parameter(consume_multiple=True)]
 
 
 def families(
-    study: Literal["map", "slopes", "first-change"] = "map",
+    study: Literal["map", "slopes", "first-change", "stress"] = "map",
     *,
     out: Path = Path("families"),
     particles: Counts = None,
@@ -43,11 +48,12 @@ def families(
     ----------
     study
         map: packing fraction at jamming over strain, each packing sheared up and back; slopes: how well d ln(phi_J) /
-        d(strain) = -Sigma/P holds for discs and ellipses; first-change: its strain over pressure and number of discs
+        d(strain) = -Sigma/P holds for discs and ellipses; first-change: its strain over pressure and number of discs;
+        stress: shear stress over strain at distances above jamming
     out
         folder to write to
     particles
-        numbers of discs (default: 10 for the map, 32 128 for the first change)
+        numbers of discs (default: 10 for the map, 32 128 for the first change, 64 for the stress)
     packings
         of each, from seeds that follow each other
     applied_strain, step
@@ -76,6 +82,9 @@ def families(
             show(f"wrote map-{count}-*.csv, changes-{count}-*.csv and map-{count}.png in {out}: {pieces} pieces")
     elif study == "slopes":
         _slopes(out, seed, workers)
+    elif study == "stress":
+        for count in [64] if particles is None else particles:
+            _stress(out, count, seeds)
     else:
         _first_changes(out, [32, 128] if particles is None else particles, seeds, workers)
 
@@ -152,3 +161,28 @@ def _first_changes(out: Path, counts: list[int], seeds: range, workers: int | No
     )
     show(table("first change of contacts, medians", head, rows, right=tuple(range(len(head)))))
     show(f"wrote first-change.csv and first-change.png in {out}")
+
+
+def _stress(out: Path, particles: int, seeds: range) -> None:
+    """Follow stress over strain, draw it, and print where it stops being linear."""
+    found: list[Stressed] = []
+    with working("families") as say:
+        for seed in seeds:
+
+            def show_progress(distance: float, seed: int = seed) -> None:
+                say(f"families: packing {seed} at {distance:g} above jamming")
+
+            found += stress_over_strain(particles, seed, "free", show_progress)
+    rows = [astuple(one) for one in found]
+    names = [one.name for one in fields(Stressed)]
+    (out / f"stress-{particles}.csv").write_text(csv_text(names, rows), encoding="utf-8")
+    draw_stress(found, out / f"stress-{particles}.png")
+    lines = []
+    for seed, distance in sorted({(one.seed, one.distance) for one in found}):
+        part = [one for one in found if (one.seed, one.distance) == (seed, distance)]
+        off = [one.strain for one in part if abs(one.shear_stress / (one.modulus * one.strain) - 1.0) > 0.05]
+        change, least = part[-1].first_change, min(off, default=float("inf"))
+        lines.append((f"{seed}", f"{distance:g}", f"{part[0].modulus:.3e}", f"{change:.3e}", f"{least:.1e}"))
+    head = ("packing", "above jamming", "modulus", "first change", "not linear from")
+    show(table(f"{particles} discs", head, lines, right=tuple(range(len(head)))))
+    show(f"wrote stress-{particles}.csv and stress-{particles}.png in {out}")

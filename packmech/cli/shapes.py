@@ -14,6 +14,14 @@ from packmech.validation.studies.annealing import ASPECTS as ANNEALED_ASPECTS
 from packmech.validation.studies.annealing import PRESSURE as ANNEALED_PRESSURE
 from packmech.validation.studies.annealing import STEPS, Annealed, anneal_all, draw_annealed, words_of
 from packmech.validation.studies.bodies import JammedBodies, draw_bodies, jam_bodies
+from packmech.validation.studies.preparations import (
+    CYCLES,
+    Prepared,
+    draw_prepared,
+    groups_of,
+    prepare_all,
+)
+from packmech.validation.studies.preparations import PRESSURE as PREPARED_PRESSURE
 from packmech.validation.studies.shapes import (
     ASPECTS,
     MODULUS_ASPECTS,
@@ -50,17 +58,17 @@ _STARTS = 40
 # which studies know an option
 _HONORED = {
     "aspects": ("jammed", "moduli", "annealing"),
-    "pressure": ("jammed", "bodies", "annealing"),
+    "pressure": ("jammed", "bodies", "annealing", "preparations"),
     "scatter": ("bodies",),
     "steps": ("annealing",),
-    "workers": ("jammed", "moduli", "bodies"),
+    "workers": ("jammed", "moduli", "bodies", "preparations"),
 }
 _PHI = "jamming_packing_fraction"
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 
 
 def shapes(
-    study: Literal["jammed", "moduli", "bodies", "stability", "annealing"] = "jammed",
+    study: Literal["jammed", "moduli", "bodies", "stability", "annealing", "preparations"] = "jammed",
     *,
     out: Path = Path("shapes"),
     dimension: int = 2,
@@ -82,20 +90,21 @@ def shapes(
         distance above jamming; "bodies", dimers over their asymmetry and trimers over their bend, every strain free;
         "stability", equal discs in a square, mechanically stable beside only locally stable, moved along their lowest
         mode; "annealing", discs that become ellipses in small steps of the aspect, beside ellipses quenched from random
-        places. All but stability go on from what they find in the folder.
+        places; "preparations", ellipses of aspect 1.5 quenched, sheared to and fro, tapped, and annealed. All but
+        stability go on from what they find in the folder.
     out
         folder to write to
     dimension
         2: ellipses; 3: spheroids; sizes 1:1.4 in halves
     particles
-        number of particles (default: 128 ellipses, 64 spheroids, bodies or annealed ellipses; for moduli 256; for
-        stability 7)
+        number of particles (default: 128 ellipses, 64 spheroids, bodies, or ellipses annealed or prepared; for moduli
+        256; for stability 7)
     packings
         of each shape, from seeds that follow each other (default: 3); for stability, starts of both searches (40)
     aspects
         axis along the director over that across it
     pressure
-        of jammed packings and bodies [energy scale / diameter^d] (default: 1e-7, for annealing 1e-6)
+        of jammed packings and bodies [energy scale / diameter^d] (default: 1e-7, for annealing and preparations 1e-6)
     scatter
         of bodies: by which part of them the radii of beads may be larger or smaller [1]
     steps
@@ -131,6 +140,10 @@ def shapes(
             ANNEALED_PRESSURE if pressure is None else pressure,
             seeds,
         )
+        return
+    if study == "preparations":
+        many = 64 if particles is None else particles
+        _prepare(out, many, PREPARED_PRESSURE if pressure is None else pressure, seeds, workers)
         return
     pressure = PRESSURE if pressure is None else pressure
     if study == "jammed":
@@ -221,6 +234,36 @@ def _anneal(
     head = ("made", "aspect", "packing fraction", "z", "nematic", "psi_6 local", "global", "at rest")
     show(table(f"N = {particles}, pressure {pressure:g}", head, rows, right=tuple(range(1, len(head)))))
     show(f"wrote annealed-*.csv, their packings, and annealing.png in {out}")
+
+
+def _prepare(out: Path, particles: int, pressure: float, seeds: range, workers: int | None) -> None:
+    """Prepare ellipses in all ways, and print and draw what came of each."""
+    with working("shapes") as say:
+
+        def show_progress(done: int, of: int, last: Prepared | None) -> None:
+            note = "" if last is None else f"; {last.cycles} cycles gave {last.packing_fraction:.4f}"
+            say(f"shapes: {done} of {of} packings{note}")
+
+        found = prepare_all(
+            out,
+            particles=particles,
+            cycles=CYCLES,
+            pressure=pressure,
+            seeds=seeds,
+            progress=show_progress,
+            workers=workers,
+        )
+    draw_prepared(found, out / "preparations.png")
+    names = (_PHI, "coordination_number", "nematic_order", "local_order", "global_order")
+    rows = []
+    for words, done, part in groups_of(found):
+        cells = [mean_and_error([getattr(one, name) for one in part]) for name in names]
+        seconds = mean_and_error([one.seconds for one in part])[0]
+        texts = [f"{mean:.4f} +- {error:.4f}" for mean, error in cells]
+        rows.append((words, f"{done}", *texts, f"{len(part)} of {len(seeds)}", f"{seconds:.1f}"))
+    head = ("prepared", "cycles", "packing fraction", "z", "nematic", "psi_6 local", "global", "at rest", "CPU s")
+    show(table(f"N = {particles}, pressure {pressure:g}", head, rows, right=tuple(range(1, len(head)))))
+    show(f"wrote preparations.csv and preparations.png in {out}")
 
 
 def _jam_bodies(

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
+from packmech.check import integer
 from packmech.cli.output import show, table, working
+from packmech.result import csv_text
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.validation.studies.structure import (
     DIMERS,
@@ -16,7 +18,10 @@ from packmech.validation.studies.structure import (
     SHOWN,
     SPECTRAL_PRESSURE,
     Ordered,
+    contact_numbers,
     correlate,
+    draw_contact_numbers,
+    draw_dimers,
     draw_order,
     draw_spectrum,
     jam_all,
@@ -26,7 +31,7 @@ from packmech.validation.studies.structure import (
 
 
 def structure(
-    study: Literal["order", "spectrum"] = "order",
+    study: Literal["order", "spectrum", "contacts"] = "order",
     *,
     out: Path = Path("structure"),
     particles: int | None = None,
@@ -44,15 +49,16 @@ def structure(
     ----------
     study
         order: six-fold order over sizes and aspects, correlation lengths over sizes, numbers of contacts; spectrum: the
-        spectral density of discs of two sizes, and its power law between two wave numbers
+        spectral density of discs of two sizes, and its power law between two wave numbers; contacts: how many discs
+        of two sizes have how many contacts
     out
         folder to write to
     particles
-        number of discs (default: 1024, for the spectrum 16384)
+        number of discs (default: 1024, for the spectrum 16384, for contacts 128)
     shaped
         number of ellipses and of dimers, for order; 0 leaves them out
     packings
-        of each kind, from seeds that follow each other (default: 4, for the spectrum 1)
+        of each kind, from seeds that follow each other (default: 4, for the spectrum 1, for contacts 20)
     pressure
         of the jammed packings [energy scale / diameter^d] (default: 1e-6, for the spectrum 1e-3)
     k_min
@@ -66,8 +72,11 @@ def structure(
 
     """
     out.mkdir(parents=True, exist_ok=True)
-    count = packings if packings is not None else {"order": 4, "spectrum": 1}[study]
+    count = packings if packings is not None else {"order": 4, "spectrum": 1, "contacts": 20}[study]
     seeds = range(seed, seed + count)
+    if study == "contacts":
+        _count_contacts(out, 128 if particles is None else integer("particles", particles, at_least=2), seeds, workers)
+        return
     if study == "spectrum":
         many = 16384 if particles is None else particles
         with working("structure") as say:
@@ -106,6 +115,8 @@ def structure(
     chosen = [[one for one in at_rest if one.disorder == ratio] for ratio in SHOWN]
     correlated = [correlate(out, mine) for mine in chosen if mine]
     draw_order(ordered, correlated, out, out / "order.png")
+    if any(one.kind == DIMERS and one.converged for one in ordered):
+        draw_dimers(ordered, out, out / "dimers.png")
     rows = []
     for kind, disorder in sorted({(one.kind, one.disorder) for one in ordered}):
         part = [one for one in ordered if (one.kind, one.disorder) == (kind, disorder)]
@@ -121,3 +132,19 @@ def structure(
     ]
     show(table("correlation lengths", ("size ratio", "of psi_6", "of g - 1"), lengths, right=(0, 1, 2)))
     show(f"wrote order.csv and order.png in {out}")
+
+
+def _count_contacts(out: Path, particles: int, seeds: range, workers: int | None) -> None:
+    """Count contacts of discs of jammed packings, and print and draw how many have how many."""
+    with working("structure") as say:
+
+        def show_progress(done: int, of: int) -> None:
+            say(f"structure: {done} of {of} packings")
+
+        count = contact_numbers(out, particles=particles, seeds=seeds, progress=show_progress, workers=workers)
+    shares = [(z, int(one), float(one / count.sum())) for z, one in enumerate(count)]
+    (out / "contacts.csv").write_text(csv_text(("contacts", "discs", "share"), shares), encoding="utf-8")
+    draw_contact_numbers(count, particles, out / "contacts.png")
+    rows = [(f"{z}" if z else "rattlers", f"{one}", f"{share:.4f}") for z, one, share in shares]
+    show(table(f"{len(seeds)} packings of {particles} discs", ("contacts", "discs", "share"), rows, right=(0, 1, 2)))
+    show(f"wrote contacts.csv and contacts.png in {out}")

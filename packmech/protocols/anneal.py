@@ -1,11 +1,11 @@
-"""`anneal_shape`: jammed discs or spheres that become ellipses, spheroids or rows of beads, a little at a time."""
+"""Preparations of jammed packings a little at a time: `anneal_shape` changes shapes, `tap` shakes particles."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,20 @@ from packmech.generate.cluster_shapes import LinearCluster
 from packmech.generate.random import generator_of
 from packmech.generate.rigid import beads_of, body_of
 from packmech.honors import honors
-from packmech.loop.run_loop import Progress, run_settings
-from packmech.packing import Packing
-from packmech.protocols.jam import is_jammed, jam
-from packmech.protocols.protocol import sequence
+from packmech.jit.blas import single_thread
+from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.packing import Packing, no_own_images
+from packmech.protocols.hard_vertex import HardVertex
+from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
+from packmech.protocols.protocol import Protocol, finish, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
+
+# growth of the packing fraction in each step of compression, net force over mean contact force at which FIRE stops in
+# each box, and its maximum number of steps
+_DENSER, _QUENCHED, _QUENCH_STEPS = 1.003, 1e-4, 1_000_000
 
 
 def _spheroids(packing: Packing, aspect: float, rng: np.random.Generator | None) -> Spheroids:
@@ -61,11 +68,11 @@ def anneal_shape(
 ) -> tuple[Run, ...]:
     """Return one run for each aspect: a jammed packing whose particles change their shape, jammed again each time.
 
-    At every step all particles take the next aspect at the area or volume that they have, relax where they stand, are
-    compressed in small steps if nothing presses then, and are followed down to the pressure: the shape annealing of the
-    chapter on jammed systems. Directors are drawn at random, uniform over all directions, when discs or spheres get
-    them; from then on they are those that the step before ended with. The smaller the steps, the more of them:
-    `numpy.arange(1.05, 1.501, 0.05)` gives those of .05 up to 1.5.
+    At every step all particles take the next aspect at the area or volume that they have, relax where they stand by
+    FIRE, are compressed in small steps (0.3 % of the packing fraction) until they press, and are followed down to the
+    pressure: the shape annealing of the chapter on jammed systems. Directors are drawn at random, uniform over all
+    directions, when discs or spheres get them; from then on they are those that the step before ended with. The smaller
+    the steps, the more of them: `numpy.arange(1.05, 1.501, 0.05)` gives those of .05 up to 1.5.
 
     Parameters
     ----------
@@ -143,24 +150,180 @@ def anneal_shape(
         )
     runs: list[Run] = []
     ends = time.process_time() + settings.time_limit
+    asked: dict[str, Any] = dict(
+        pressure=pressure, strain=strain, force_tolerance=force_tolerance, method="anneal_shape"
+    )
     for aspect in goals.tolist():
         shapes: Shapes = _spheroids(packing, aspect, rng) if beads is None else _rows(packing, aspect, beads, rng)
         try:
-            run = jam(
-                scene.replace(packing=packing.replace(shapes=shapes)),
-                pressure=pressure,
-                strain=strain,
-                force_tolerance=force_tolerance,
-                time_limit=None if math.isinf(ends) else max(ends - time.process_time(), 1e-9),
-                progress=progress,
-                check=check,
-            )
+            run = _jammed_again(scene.replace(packing=packing.replace(shapes=shapes)), settings, ends, **asked)
         except KeyboardInterrupt as stop:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
-        report = {"aspect": aspect, **run.report, "method": "anneal_shape", "start": "continued"}
-        runs.append(dataclasses.replace(run, report=report))
+        runs.append(dataclasses.replace(run, report={"aspect": aspect, **run.report}))
         if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
             break
         packing = run.packing
     return tuple(runs)
+
+
+def kicked(packing: Packing, amplitude: float, rng: np.random.Generator) -> Packing:
+    """Return the packing with every particle displaced and turned at random.
+
+    Parameters
+    ----------
+    packing
+        The packing, without links.
+    amplitude
+        Standard deviation of each coordinate, of turns times radii of gyration, too [length].
+    rng
+        Where random numbers come from.
+
+    """
+    position = packing.position_nd + amplitude * rng.standard_normal(packing.position_nd.shape)
+    shapes = packing.shapes
+    if shapes is not None:
+        basis = shapes.turn_basis(packing.radius_n)
+        turns = amplitude * rng.standard_normal(basis.shape[:2])
+        shapes = shapes.turned((turns[:, :, None] * basis).sum(axis=1))
+    return packing.replace(position_nd=position, shapes=shapes, tangential=None)
+
+
+@honors("repulsion shapes", at_rest=True)
+def tap(
+    scene: Scene,
+    amplitude: float,
+    taps: int = 1,
+    *,
+    seed: int | None = None,
+    rng: np.random.Generator | None = None,
+    pressure: float = 1e-6,
+    strain: str = "isotropic",
+    force_tolerance: float = 1e-5,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> tuple[Run, ...]:
+    """Return one run for each tap of a jammed packing: particles are kicked at random, then the packing jams again.
+
+    At every tap all particles are displaced, and turned if they have shapes, at random and independently; then they
+    relax where they stand by FIRE, are compressed in small steps (0.3 % of the packing fraction) until they press, and
+    are followed down to the pressure. Vibration without inertia: a tap is a jump to another place in the landscape of
+    energies and the way down from there. Weak kicks lead back to the same packing, kicks of some tenths of the diameter
+    make loose packings denser, and those near the diameter make random packings anew. To go on, call again with the
+    packing of the last run and the same `rng`: the taps are those of one call.
+
+    Parameters
+    ----------
+    scene
+        The scene of a jammed packing.
+    amplitude
+        Standard deviation of every component of the displacements, and of angles times radii of gyration, over the mean
+        diameter [1].
+    taps
+        How many.
+    seed, rng
+        Of the kicks: exactly one of them.
+    pressure
+        At which each packing ends [energy_scale / diameter^d].
+    strain
+        "isotropic": the box keeps its shape. "free": strains relax, so that the stress is isotropic.
+    force_tolerance
+        Largest net force over mean contact force that counts as balance [1].
+    time_limit
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+    progress
+        Called as progress(stage, figures), and as progress("tap", figures) after each tap, with "tap", "packing" and
+        "packing_fraction".
+    check
+        Raise NotConverged when a packing is not jammed or not balanced; otherwise a run that is not jammed is the last.
+
+    Returns
+    -------
+    tuple of Run
+        `report` as for `jam`, and tap (1 for the first) and amplitude.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If a packing does not come to rest at the pressure and `check` is set.
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(),))
+    >>> scene = scene.replace(packing=pm.jam(scene, pressure=1e-5, strain="isotropic").packing)
+    >>> runs = pm.tap(scene, 0.05, 3, seed=1, pressure=1e-5)
+    >>> [run.report["tap"] for run in runs], round(runs[-1].report["pressure"], 9)
+    ([1, 2, 3], 1e-05)
+
+    """
+    instance("scene", scene, Scene)
+    no_own_images("scene.packing", scene.packing)
+    kick = positive("amplitude", amplitude) * float(scene.packing.diameter_n.mean())
+    number = integer("taps", taps, at_least=1)
+    rng = generator_of(seed, rng)
+    one_of("strain", strain, ("isotropic", "free"))
+    positive("pressure", pressure)
+    positive("force_tolerance", force_tolerance)
+    settings = run_settings(time_limit=time_limit, progress=progress, check=check)
+    if not is_jammed(scene):
+        raise ValueError(
+            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
+        )
+    runs: list[Run] = []
+    ends = time.process_time() + settings.time_limit
+    asked: dict[str, Any] = dict(pressure=pressure, strain=strain, force_tolerance=force_tolerance, method="tap")
+    for count in range(1, number + 1):
+        shaken = scene.replace(packing=kicked(scene.packing, kick, rng))
+        try:
+            run = _jammed_again(shaken, settings, ends, **asked)
+        except KeyboardInterrupt as stop:
+            stop.runs = tuple(runs)  # type: ignore[attr-defined]
+            raise
+        report = {"tap": count, "amplitude": float(amplitude), **run.report}
+        runs.append(dataclasses.replace(run, report=report))
+        if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+            break
+        if progress is not None:
+            progress("tap", {"tap": count, "packing": run.packing, "packing_fraction": report["packing_fraction"]})
+        scene = scene.replace(packing=run.packing)
+    return tuple(runs)
+
+
+def _jammed_again(
+    scene: Scene,
+    settings: RunSettings,
+    ends: float,
+    *,
+    pressure: float,
+    strain: str,
+    force_tolerance: float,
+    method: str,
+) -> Run:
+    """Return the run of a packing that was changed: relaxed, compressed where it stands, then down to the pressure."""
+    began = time.process_time()
+    loop = RunLoop(dataclasses.replace(settings, time_limit=max(ends - began, 1e-9)))
+    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, force_tolerance, loop)
+    protocol.continues = True
+    protocol.report["start"] = "continued"
+
+    def work() -> Outcome:
+        until = max(PRESSED, pressure)
+        protocol.last, now = compress_linked(protocol, protocol.scene.packing, until, _QUENCHED, _QUENCH_STEPS, _DENSER)
+        if now < until:
+            return Outcome.NOT_JAMMED
+        protocol.scene = protocol.scene.replace(packing=protocol.last)
+        if scene.packing.plain:
+            protocol.last, outcome = HardVertex().follow(protocol, pressure)
+        else:
+            protocol.last, outcome = follow_pressure(protocol, protocol.last, now, pressure)
+        return outcome
+
+    with single_thread():
+        return loop.run(work, lambda outcome: finish(protocol, protocol.last, outcome, pressure, method, began))

@@ -134,7 +134,7 @@ def decompress_linked(
 
 
 def compress_linked(
-    protocol: Protocol, packing: Packing, until: float, tolerance: float, steps: int
+    protocol: Protocol, packing: Packing, until: float, tolerance: float, steps: int, denser: float = _DENSER
 ) -> tuple[Packing, float]:
     """Return the packing relaxed and compressed in turn until it presses as hard as asked for, and the pressure.
 
@@ -148,6 +148,8 @@ def compress_linked(
         The pressure to press with [energy_scale / diameter^d]; less comes back where the packing never does.
     tolerance, steps
         Where FIRE stops in each box.
+    denser
+        What each step multiplies the packing fraction by.
 
     """
     with protocol.stage("compression") as figures:
@@ -166,7 +168,7 @@ def compress_linked(
                 break
             taken += 1
             protocol.loop.report("compression", packing_fraction=fraction, packing=packing)
-            packing = at_packing_fraction(packing, fraction * _DENSER)
+            packing = at_packing_fraction(packing, fraction * denser)
         figures.note = f"FIRE after each of {taken} steps to packing fraction {fraction:.6f}, pressure {now:.2e}"
     return packing, now
 

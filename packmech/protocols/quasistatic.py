@@ -1,7 +1,8 @@
-"""`quasistatic_shear`: small steps of shear strain, each followed to equilibrium, at constant volume or pressure."""
+"""`quasistatic_shear`, `cyclic_shear`: small steps of strain, each followed to equilibrium, one way or to and fro."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from dataclasses import dataclass
@@ -10,16 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive, real, two_axes
+from packmech.check import instance, integer, one_of, positive, real, two_axes
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.measure.counting import packing_fraction
+from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.measure.counting import find_rattlers, packing_fraction
 from packmech.observables import Table, make_table
-from packmech.packing import no_own_images
+from packmech.packing import Packing, no_own_images
 from packmech.protocols.jam import free_strains, is_jammed
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol
+from packmech.protocols.protocol import Protocol, finish, pairs_of
 from packmech.protocols.strain_path import Located, Sheared, StrainPath, work_between
 from packmech.result import Outcome, Row, Run, Stage, csv_text
 from packmech.scene import Scene
@@ -296,37 +298,184 @@ def quasistatic_shear(
     (True, True)
 
     """
-    instance("scene", scene, Scene)
-    no_own_images("scene.packing", scene.packing)
+    pair, asked, tolerance = _checked(scene, axes, pressure, force_tolerance)
     end = real("applied_strain", applied_strain)
     size = positive("step", step)
+    one_of("locate", locate, ("first", "all", "none"))
+    settings = run_settings(time_limit=time_limit, progress=progress, check=check)
+    steps = max(1, math.ceil(abs(end) / size - 1e-9))
+    goals = np.linspace(0.0, end, steps + 1)[1:]
+    shear = _Shear(_protocol(scene, asked, tolerance, settings), pair, asked, locate)
+    return shear.run(goals)
+
+
+@honors("repulsion links shapes", at_rest=True)
+def cyclic_shear(
+    scene: Scene,
+    amplitude: float,
+    cycles: int = 1,
+    *,
+    step: float = 1e-3,
+    axes: tuple[int, int] = (0, 1),
+    pressure: float | None = None,
+    force_tolerance: float = 1e-9,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+    check: bool = True,
+) -> tuple[QuasistaticShear, ...]:
+    """Return one run for each cycle of shear of a jammed packing: to the amplitude, to its negative, and back to zero.
+
+    Each cycle is sheared quasistatically, as by `quasistatic_shear`. At constant pressure loose packings grow denser
+    over the first cycles, until small ones come to a limit cycle; at constant volume the pressure falls, or they unjam.
+    A cycle without a change of contacts comes back to where it began, to rounding (`displacement` 0). To go on, call
+    again with the packing of the last run: the cycles are those of one call.
+
+    Parameters
+    ----------
+    scene
+        The scene of a jammed packing, at rest under pressure.
+    amplitude
+        Largest shear strain either way [1].
+    cycles
+        How many.
+    step
+        Step of strain, at the end of each of which there is a row [1].
+    axes
+        Direction of the flow, and of its gradient.
+    pressure
+        Pressure to hold [energy_scale / diameter^d]; the packing goes there first. None holds the volume.
+    force_tolerance
+        Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
+    time_limit
+        Stop after so much CPU time in all [s]; the cycle in hand ends with Outcome.INTERRUPTED.
+    progress
+        Called as progress("shear", figures) after each step, and as progress("cycle", figures) after each cycle, with
+        "cycle", "packing", "packing_fraction" and "displacement".
+    check
+        Raise NotConverged when the packing does not come to rest; otherwise such a cycle is the last.
+
+    Returns
+    -------
+    tuple of QuasistaticShear
+        `strain_t` begins and ends at 0 in each. `report` as for `jam`, and cycle (1 for the first), amplitude; of whole
+        cycles also displacement (root mean square of the particles that are no rattlers since the cycle began, over the
+        mean diameter, what all do and the growth of the box left out), contacts_opened and contacts_closed since then,
+        and work (of the shear stress over the cycle [energy_scale]). A packing that unjams at constant volume ends with
+        Outcome.UNJAMMED, a success, and is the last.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or the packing is not jammed.
+    NotConverged
+        If the packing does not come to rest and `check` is set; its `.run` holds what was reached.
+    KeyboardInterrupt
+        Passed on with `.runs` set to the cycles that were finished, `.run` to the one in hand.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=1)
+    >>> scene = pm.Scene(start, (pm.Repulsion(),))
+    >>> scene = scene.replace(packing=pm.jam(scene, pressure=1e-3).packing)
+    >>> small, = pm.cyclic_shear(scene, 1e-4, step=1e-4, pressure=1e-3)
+    >>> small.report["displacement"] < 1e-10, small.report["contacts_opened"]
+    (True, 0)
+
+    """
+    pair, asked, tolerance = _checked(scene, axes, pressure, force_tolerance)
+    largest, size = positive("amplitude", amplitude), positive("step", step)
+    number = integer("cycles", cycles, at_least=1)
+    settings = run_settings(time_limit=time_limit, progress=progress, check=check)
+    steps = max(1, math.ceil(largest / size - 1e-9))
+    up = np.linspace(0.0, largest, steps + 1)[1:]
+    quarter = np.concatenate([up[:-1][::-1], [0.0]])
+    goals = np.concatenate([up, quarter, -up, -quarter])
+    # the last goal without its sign
+    goals[-1] = 0.0
+    runs: list[QuasistaticShear] = []
+    began = time.process_time()
+    for cycle in range(1, number + 1):
+        left = max(settings.time_limit - (time.process_time() - began), 1e-9)
+        started = time.process_time()
+        protocol = _protocol(scene, asked, tolerance, dataclasses.replace(settings, time_limit=left))
+        try:
+            run = _Shear(protocol, pair, asked, "none").run(goals)
+        except KeyboardInterrupt as stop:
+            stop.runs = tuple(runs)  # type: ignore[attr-defined]
+            raise
+        report = {"cycle": cycle, "amplitude": largest, **_report(protocol, run, asked, started)}
+        if run.outcome is Outcome.FINISHED:
+            report |= {**_changed(scene.packing, run.packing), "work": float(run.work_t[-1])}
+        runs.append(dataclasses.replace(run, report=report, seconds=time.process_time() - started))
+        if run.outcome is not Outcome.FINISHED:
+            break
+        figures = {name: report[name] for name in ("cycle", "packing_fraction", "displacement")}
+        protocol.loop.report("cycle", packing=run.packing, **figures)
+        scene = scene.replace(packing=run.packing)
+    return tuple(runs)
+
+
+def _checked(
+    scene: Scene, axes: tuple[int, int], pressure: float | None, force_tolerance: float
+) -> tuple[tuple[int, int], float | None, float]:
+    """Return axes, pressure and tolerance, checked, for a scene that can be sheared."""
+    instance("scene", scene, Scene)
+    no_own_images("scene.packing", scene.packing)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     asked = None if pressure is None else positive("pressure", pressure)
-    one_of("locate", locate, ("first", "all", "none"))
     tolerance = positive("force_tolerance", force_tolerance)
     if not is_jammed(scene):
         raise ValueError(
             "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
         )
-    began = time.process_time()
-    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    return pair, asked, tolerance
+
+
+def _protocol(scene: Scene, pressure: float | None, tolerance: float, settings: RunSettings) -> Protocol:
+    """Return the protocol of a packing whose box keeps its volume, or grows and shrinks at a pressure."""
     d = scene.packing.dimension
-    basis = np.zeros((0, d, d)) if asked is None else free_strains("isotropic", d)
-    protocol = Protocol(scene, basis, "none" if asked is None else "isotropic", tolerance, loop)
-    shear = _Shear(protocol, pair, asked, locate, began)
-    steps = max(1, math.ceil(abs(end) / size - 1e-9))
-    goals = np.linspace(0.0, end, steps + 1)[1:]
-    with single_thread():
-        return loop.run(lambda: shear.through(goals), shear.finish)
+    basis = np.zeros((0, d, d)) if pressure is None else free_strains("isotropic", d)
+    return Protocol(scene, basis, "none" if pressure is None else "isotropic", tolerance, RunLoop(settings))
+
+
+def _report(protocol: Protocol, run: QuasistaticShear, pressure: float | None, began: float) -> dict[str, Any]:
+    """Return the report of a cycle, as `jam` makes it; contacts are counted for a box whose shape is given."""
+    d = run.packing.dimension
+    counted = Protocol(
+        protocol.scene, free_strains("isotropic", d), "isotropic", protocol.force_tolerance, protocol.loop
+    )
+    report = finish(counted, run.packing, run.outcome, pressure, "cyclic_shear", began).report
+    return {**report, "strain": protocol.strain}
+
+
+def _changed(before: Packing, after: Packing) -> dict[str, Any]:
+    """Return how far particles of a whole cycle moved, and how many contacts opened and closed."""
+    box = after.box
+    size = (box.volume / before.box.volume) ** (1.0 / after.dimension)
+    start_nd = size * before.position_nd
+    moved_nd = after.position_nd - start_nd
+    moved_nd -= np.rint(moved_nd @ box.inverse_dd.T) @ box.lattice_dd.T
+    # both in one box with the same images
+    was, now = (
+        pairs_of(touching_pairs(one))
+        for one in (before.replace(box=before.box.reduced()[0]), after.replace(position_nd=start_nd + moved_nd))
+    )
+    held = ~(find_rattlers(before) | find_rattlers(after))
+    moved_nd = moved_nd[held] - moved_nd[held].mean(axis=0)
+    return {
+        "displacement": float(np.sqrt((moved_nd**2).sum(axis=1).mean()) / after.diameter_n.mean()),
+        "contacts_opened": len(was - now),
+        "contacts_closed": len(now - was),
+    }
 
 
 class _Shear:
     """A packing on its way, and the rows that it leaves."""
 
-    def __init__(
-        self, protocol: Protocol, axes: tuple[int, int], pressure: float | None, locate: str, began: float
-    ) -> None:
-        self.protocol, self.axes, self.asked, self.locate, self.began = protocol, axes, pressure, locate, began
+    def __init__(self, protocol: Protocol, axes: tuple[int, int], pressure: float | None, locate: str) -> None:
+        self.protocol, self.axes, self.asked, self.locate = protocol, axes, pressure, locate
+        self.began = time.process_time()
         self.rows: list[tuple[float, ...]] = []
         self.changes: list[ContactChange] = []
         self.avalanches: list[Avalanche] = []
@@ -335,6 +484,11 @@ class _Shear:
         # whether contacts have changed, located or not
         self.changed = False
         self.path: StrainPath | None = None
+
+    def run(self, goals: NDArray[np.float64]) -> QuasistaticShear:
+        """Return the run through all strains."""
+        with single_thread():
+            return self.protocol.loop.run(lambda: self.through(goals), self.finish)
 
     def through(self, goals: NDArray[np.float64]) -> Outcome:
         """Go to the pressure, then through all strains."""

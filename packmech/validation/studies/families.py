@@ -25,6 +25,11 @@ _ASPECT = 1.5
 # half a step of the difference of packing fractions, of discs and of ellipses
 _STEP, _SOFT_STEP = 1e-5, 1e-4
 _FAMILIES = 4
+# distances above jamming at which stress is followed over strain, as in figures 2.31 and 2.32 of the source, decades of
+# the strain, and steps within each
+DISTANCES = (6e-5, 3e-4, 1e-3, 4e-3, 2e-2)
+DECADES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+_WITHIN = 8
 
 
 @dataclass(frozen=True)
@@ -276,3 +281,95 @@ def draw_first_changes(found: Sequence[FirstChange], path: Path) -> None:
         middle.set(xscale="log", yscale="log", xlabel="$N^2 P$", ylabel="strain / pressure")
         right.set(xscale="log", xlabel="$N^2 P$", ylabel="fraction of openings", ylim=(-0.03, 1.03))
         left.set_title("medians and quartiles of packings", fontsize=8.0)
+
+
+# stress over strain, as figures 2.31 and 2.32 of the source
+
+
+@dataclass(frozen=True)
+class Stressed:
+    """Shear stress of a packing at one strain; `first_change` is the strain of the first change of contacts."""
+
+    particles: int
+    distance: float
+    seed: int
+    strain: float
+    shear_stress: float
+    modulus: float
+    pressure: float
+    contacts: int
+    first_change: float
+    residual: float
+
+
+def stress_over_strain(particles: int, seed: int, strain: str, progress: Callable[[float], None]) -> list[Stressed]:
+    """Return shear stresses, less that at the start, over five decades of strain and at all distances above jamming.
+
+    Parameters
+    ----------
+    particles, seed
+        Of the discs.
+    strain
+        Of `jam` and `compress`: "isotropic" as in the source, "free" for shear-stabilized packings.
+    progress
+        Called with each distance before it is followed.
+
+    """
+    found = []
+    start = jammed_discs(particles, seed, strain=strain)
+    for run in pm.compress(start, DISTANCES, strain=strain, check=False):
+        distance = run.report["distance"]
+        progress(distance)
+        scene = start.replace(packing=run.packing)
+        change = math.nan
+        for end in DECADES:
+            # from the start in each decade, so that none inherits the steps of another; the first change once
+            sheared = pm.quasistatic_shear(
+                scene, end, step=end / _WITHIN, locate="none" if math.isfinite(change) else "first", check=False
+            )
+            if sheared.first_change is not None:
+                change = sheared.first_change.strain
+            stress_t = sheared.shear_stress_t - sheared.shear_stress_t[0]
+            found += [
+                Stressed(
+                    particles, distance, seed, float(sheared.strain_t[k]), float(stress_t[k]),
+                    float(sheared.modulus_t[0]), float(sheared.pressure_t[k]), int(sheared.contacts_t[k]), change,
+                    float(sheared.residual_t[k]),
+                )
+                for k in range(len(stress_t))
+                if sheared.strain_t[k] > 0.1 * end
+            ]  # fmt: skip
+    return found
+
+
+def draw_stress(found: Sequence[Stressed], path: Path) -> None:
+    """Write the figure: shear stress over strain, one panel for each packing, and where contacts change first."""
+    seeds = sorted({one.seed for one in found})
+    with styled_figure(path, (4.2 * len(seeds), 4.2)) as figure:
+        for ax, seed in zip(figure.subplots(1, len(seeds), sharey=True, squeeze=False).ravel(), seeds, strict=True):
+            for number, distance in enumerate(sorted({one.distance for one in found})):
+                mine = sorted(
+                    (one for one in found if (one.seed, one.distance) == (seed, distance)), key=lambda x: x.strain
+                )
+                if not mine:
+                    continue
+                strain, stress = np.array([(one.strain, one.shear_stress) for one in mine]).T
+                color, modulus, change = COLORS[number], mine[0].modulus, mine[-1].first_change
+                # what unjammed bears no stress
+                up = (stress > 0.0) & np.array([one.contacts > 0 for one in mine])
+                ax.plot(
+                    strain[up], stress[up], MARKERS[number], color=color, markersize=3.0,
+                    label=f"{distance:g} above jamming",
+                )  # fmt: skip
+                if modulus > 0.0:
+                    ax.plot(strain, modulus * strain, color=color, linewidth=0.8)
+                    if math.isfinite(change):
+                        ax.plot([change], [modulus * change], "|", color=color, markersize=14.0)
+            ax.set(xscale="log", yscale="log", xlabel="shear strain")
+            ax.set_title(f"packing {seed}", fontsize=9)
+        figure.axes[0].set(ylabel="shear stress, less that at the start")
+        figure.axes[0].legend(fontsize=7.0)
+        figure.suptitle(
+            f"{found[0].particles} discs 1:1.4; lines: modulus times strain; bars across: first change of contacts",
+            fontsize=10,
+        )

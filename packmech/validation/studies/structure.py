@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import packmech as pm
 from packmech.ensemble.callers import complete
 from packmech.measure.scattering import average_shells
+from packmech.validation.studies.families import jammed_discs
 from packmech.validation.studies.rows import MEMBERS, Progress, complete_rows, kept_of
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.view.figures import COLORS, MARKERS, styled_figure
@@ -27,6 +28,8 @@ RATIOS = (1.02, 1.05, 1.1, 1.15, 1.2, 1.3, 1.4, 1.5)
 ASPECTS = (1.02, 1.05, 1.1, 1.2, 1.3, 1.4, 1.6)
 # of these correlations are drawn
 SHOWN = (1.1, 1.2, 1.3, 1.4, 1.5)
+# of these packings of dimers are drawn
+PICTURED = (1.05, 1.1, 1.2, 1.3, 1.4, 1.6)
 PRESSURE = 1e-6
 # dilute starts of shapes, which are compressed
 _START = 0.6
@@ -209,6 +212,72 @@ def _draw_numbers(ax: Any, found: Sequence[Ordered], folder: Path) -> None:
         top = int(np.flatnonzero(total)[-1])
         ax.bar(np.arange(top + 1), total[: top + 1] / total.sum(), color=COLORS[0])
     ax.set(xlabel="contacts of a disc, ratio 1.4, rattlers left out", ylabel="share", xlim=(1.5, 7.5))
+
+
+def bidisperse_packing(particles: int, seed: int) -> pm.Packing:
+    """Return a jammed packing of discs 1:1.4 in halves."""
+    return jammed_discs(particles, seed).packing
+
+
+def contact_numbers(
+    folder: Path,
+    *,
+    particles: int,
+    seeds: Sequence[int],
+    progress: Callable[[int, int], None],
+    workers: int | None = None,
+) -> NDArray[np.int64]:
+    """Return how many discs of jammed packings, each a member, have 0, 1, 2, ... contacts.
+
+    Rattlers have none, and contacts of the others with them do not count.
+    """
+    members = complete(
+        bidisperse_packing,
+        [{"particles": particles, "seed": one} for one in seeds],
+        folder / MEMBERS / "contacts",
+        workers=workers,
+        progress=lambda done, of, number, member: progress(done, of),
+    )
+    total = np.zeros(16, dtype=np.int64)
+    for one in members:
+        found = pm.contact_statistics(one.packing())
+        total[: len(found.count_z)] += found.count_z
+        total[0] += particles - int(found.count_z.sum())
+    return total[: int(np.flatnonzero(total)[-1]) + 1]
+
+
+def draw_contact_numbers(count_z: NDArray[np.int64], particles: int, path: Path) -> None:
+    """Write the figure: shares of discs with so many contacts, figure 2.20 of Schreck and O'Hern."""
+    with styled_figure(path, (5.4, 3.8)) as figure:
+        ax = figure.subplots()
+        share = count_z / count_z.sum()
+        number = np.arange(len(count_z))
+        ax.set_axisbelow(True)
+        ax.bar(number, share, color=["#b0b0b0" if one == 0 else COLORS[0] for one in number])
+        ax.errorbar(number, share, np.sqrt(share * (1.0 - share) / count_z.sum()), fmt="none", color="#404040")
+        mean = float((number * count_z)[1:].sum() / count_z[1:].sum())
+        ax.set(xlabel="contacts of a disc (gray: rattlers)", ylabel="share of the discs")
+        ax.set_title(
+            f"{count_z.sum() // particles} packings of {particles} discs 1:1.4; mean without rattlers {mean:.3f}",
+            fontsize=9,
+        )
+
+
+def draw_dimers(found: Sequence[Ordered], folder: Path, path: Path) -> None:
+    """Write the figure: one packing of dimers at each of six aspects, figure 2.26 of Schreck and O'Hern."""
+    first = {one.disorder: one for one in reversed(found) if one.kind == DIMERS and one.converged}
+    chosen = [first[aspect] for aspect in sorted(first) if aspect in PICTURED]
+    with styled_figure(path, (6.6, 4.8)) as figure:
+        for ax, one in zip(figure.subplots(2, 3).ravel(), chosen, strict=False):
+            packing = packing_of(folder, one)
+            # bodies alone, without lines between those that touch
+            none = pm.find_shape_contacts(packing, gap_tolerance=-0.9)
+            ax.imshow(pm.draw_frame(packing, contacts=none, rattler_n=pm.find_rattlers(packing), size=(300, 300)))
+            ax.set_axis_off()
+            ax.set_title(f"aspect {one.disorder:g}, global |psi_6| = {one.global_order:.2f}", fontsize=8)
+        figure.suptitle(
+            f"Jammed packings of {chosen[0].particles} equal dimers, pressure {chosen[0].pressure:g}", fontsize=10
+        )
 
 
 def spectral_packing(particles: int, seed: int, pressure: float) -> pm.Packing:

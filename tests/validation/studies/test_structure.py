@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.validation.studies import families, preparations
 from packmech.validation.studies.annealing import anneal_all, draw_annealed, steps_between
 from packmech.validation.studies.structure import (
     DISCS,
     ELLIPSES,
+    contact_numbers,
     correlate,
+    draw_contact_numbers,
     draw_order,
     draw_spectrum,
     jam_all,
@@ -77,3 +80,42 @@ def test_a_spectrum_is_that_of_a_packing_at_the_pressure(tmp_path):
     draw_spectrum(found, fit, tmp_path / "spectrum.png")
     assert math.isfinite(fit.exponent) and (tmp_path / "spectrum.png").stat().st_size > 10_000
     assert np.isfinite(found.centers.value_b).all()
+
+
+def test_packings_tapped_and_sheared_on_are_those_of_one_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        preparations,
+        "AMPLITUDES",
+        {preparations.SHEARED: (0.02,), preparations.TAPPED: (0.1,), preparations.ANNEALED: (0.25,)},
+    )
+    settings = {"particles": 12, "pressure": 1e-4, "seeds": (1,), "progress": silent, "workers": 0}
+    first = preparations.prepare_all(tmp_path, cycles=(1,), **settings)
+    both = preparations.prepare_all(tmp_path, cycles=(1, 2), **settings)
+    assert [(one.preparation, one.cycles) for one in both] == [(0, 0), (1, 1), (1, 2), (2, 1), (2, 2), (3, 0)]
+    assert [one.settings for one in first] == [one.settings for one in both if one.cycles < 2]
+    assert [one.packing_fraction for one in first] == [one.packing_fraction for one in both if one.cycles < 2]
+    assert all(one.converged and one.states_of_self_stress >= 1 for one in both)
+    preparations.draw_prepared(both, tmp_path / "preparations.png")
+    assert (tmp_path / "preparations.png").stat().st_size > 10_000
+
+
+def test_discs_of_hard_packings_have_three_contacts_or_more_unless_they_rattle(tmp_path):
+    count = contact_numbers(tmp_path, particles=32, seeds=(0, 1), progress=lambda done, of: None, workers=0)
+    assert count.sum() == 64 and count[1] == count[2] == 0 and count[3] > 0
+    held = count[1:].sum()
+    # one state of self stress each
+    assert (np.arange(len(count)) * count).sum() / 2 == 2 * held - 2
+    draw_contact_numbers(count, 32, tmp_path / "contacts.png")
+    assert (tmp_path / "contacts.png").stat().st_size > 5_000
+
+
+def test_stress_is_the_modulus_times_the_strain_up_to_the_first_change_of_contacts(tmp_path, monkeypatch):
+    monkeypatch.setattr(families, "DISTANCES", (1e-3, 4e-3))
+    monkeypatch.setattr(families, "DECADES", (1e-6, 1e-5, 1e-4))
+    found = families.stress_over_strain(16, 1, "free", lambda distance: None)
+    assert {one.distance for one in found} == {1e-3, 4e-3} and all(one.modulus > 0.0 for one in found)
+    for one in found:
+        if one.strain < 1e-5:
+            assert one.shear_stress == pytest.approx(one.modulus * one.strain, rel=1e-2)
+    families.draw_stress(found, tmp_path / "stress.png")
+    assert (tmp_path / "stress.png").stat().st_size > 10_000
