@@ -16,7 +16,9 @@ import packmech as pm
 from packmech.validation.studies.rows import complete_rows
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
-PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -7.25, -0.5))
+PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -8.25, -0.5))
+# N^2 P up to which first changes are at a strain in proportion to P, and from which to sqrt(P) / N
+SMALL, LARGE = 0.1, 10.0
 # number of discs, packings of each, and strain over which slopes are compared; and of ellipses of aspect 1.5
 SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.002))
 ELLIPSES = (16, 4, 0.01)
@@ -56,8 +58,8 @@ class Slope:
 class FirstChange:
     """The first change of contacts of one shear-stabilized packing at constant volume.
 
-    `one_shot` is the prediction of linear response at the start, `work_error` the relative difference of the energy's
-    growth from the work done up to the change.
+    `one_shot` is the prediction of linear response at the start, `falls` whether the packing falls at the change, and
+    `work_error` the relative difference of the energy's growth from the work done up to it.
     """
 
     particles: int
@@ -67,6 +69,7 @@ class FirstChange:
     strain_from_above: float
     one_shot: float
     opened: int
+    falls: int
     shear_modulus: float
     work_error: float
     contacts: int
@@ -214,7 +217,7 @@ def first_changes(
                 goal: scene.replace(packing=run.packing) for goal, run in zip(goals, runs, strict=False) if run.ok
             }
         scene_there = jammed[particles, seed].get(pressure)
-        nothing = (math.nan, math.nan, math.nan, 0, math.nan, math.nan, 0, math.nan)
+        nothing = (math.nan, math.nan, math.nan, 0, 0, math.nan, math.nan, 0, math.nan)
         if scene_there is None:
             return FirstChange(particles, pressure, seed, *nothing)
         return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
@@ -232,7 +235,7 @@ def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -
         if first is not None:
             return FirstChange(
                 particles, pressure, seed, first.strain, first.strain_from_above, guess, int(first.opened),
-                float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]),
+                int(first.falls), float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]),
                 run.seconds,
             )  # fmt: skip
     return None
