@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from packmech.check import integer, positive
 from packmech.cli.output import show, table, working
 from packmech.validation.studies.families import (
+    ASPECT,
     ELLIPSES,
     PRESSURES,
     SLOPES,
@@ -78,7 +79,7 @@ def families(
 def _slopes(out: Path, seed: int) -> None:
     """Compare slopes, and print the largest differences."""
     wanted = [(count, 1.0, seed + k, strain) for count, many, strain in SLOPES for k in range(many)]
-    wanted += [(ELLIPSES[0], 1.5, seed + k, ELLIPSES[2]) for k in range(ELLIPSES[1])]
+    wanted += [(count, ASPECT, seed + k, strain) for count, many, strain in ELLIPSES for k in range(many)]
     with working("families") as say:
 
         def show_progress(done: int, of: int, last: Slope | None) -> None:

@@ -224,7 +224,7 @@ class HardPath:
             key = key * 401 + column + 200
         return key
 
-    def identity(self, contacts: Contacts) -> frozenset[tuple[int, ...]]:
+    def identity(self, contacts: Contacts | ShapeContacts) -> frozenset[tuple[int, ...]]:
         """Return the pairs (i, j, image), with the images that they had in the box and the cell of the start."""
         return self.lattice.identity(contacts, contacts.i_c, contacts.j_c)
 
@@ -293,17 +293,9 @@ class HardPath:
         last, later = self._gap_rates(end, there)
         step = end.strain - start.strain
         both = start.live_n[near.i_c] & start.live_n[near.j_c]
-        turns = both & (then * step < 0.0) & (later * step > 0.0)
-        for c in np.flatnonzero(turns):
-            place = np.linspace(0.0, 1.0, 33)
-            gap = (
-                first[c] * (1 + 2 * place) * (1 - place) ** 2
-                + last[c] * place**2 * (3 - 2 * place)
-                + step * (then[c] * place * (1 - place) ** 2 - later[c] * place**2 * (1 - place))
-            )
-            if float(gap.min()) < -_AT_ONCE * size[c]:
-                return True
-        return False
+        return dips(
+            first[both] / size[both], then[both] / size[both], last[both] / size[both], later[both] / size[both], step
+        )
 
     def _gap_rates(self, vertex: Vertex, near: Contacts) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         rates = vertex.rates
@@ -459,6 +451,26 @@ class HardPath:
         return self._vertex(
             vertex.strain, packing, pair_contacts(packing, *pairs), vertex.force_c[order], vertex.gap_error
         )
+
+
+def dips(
+    first_c: NDArray[np.float64],
+    then_c: NDArray[np.float64],
+    last_c: NDArray[np.float64],
+    later_c: NDArray[np.float64],
+    step: float,
+) -> bool:
+    """Return whether a gap closes and opens again on the way, by cubics through gaps and their rates at both ends."""
+    for c in np.flatnonzero((then_c * step < 0.0) & (later_c * step > 0.0)):
+        place = np.linspace(0.0, 1.0, 33)
+        gap = (
+            first_c[c] * (1 + 2 * place) * (1 - place) ** 2
+            + last_c[c] * place**2 * (3 - 2 * place)
+            + step * (then_c[c] * place * (1 - place) ** 2 - later_c[c] * place**2 * (1 - place))
+        )
+        if float(gap.min()) < -_AT_ONCE:
+            return True
+    return False
 
 
 def make_room(

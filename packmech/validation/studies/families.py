@@ -19,12 +19,12 @@ from packmech.view.figures import COLORS, MARKERS, styled_figure
 PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -8.25, -0.5))
 # N^2 P up to which first changes are at a strain in proportion to P, and from which to sqrt(P) / N
 SMALL, LARGE = 0.1, 10.0
-# number of discs, packings of each, and strain over which slopes are compared; and of ellipses of aspect 1.5
+# number of discs, packings of each, and strain over which slopes are compared; and of ellipses of an aspect
 SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.002))
-ELLIPSES = (16, 4, 0.01)
-_ASPECT = 1.5
-# half a step of the difference of packing fractions, of discs and of ellipses
-_STEP, _SOFT_STEP = 1e-5, 1e-4
+ELLIPSES = ((10, 10, 0.02), (32, 10, 0.01))
+ASPECT = 1.5
+# half a step of the difference of packing fractions
+_STEP = 1e-5
 _FAMILIES = 4
 
 
@@ -160,7 +160,7 @@ def compare_slopes(
 
 def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
     if aspect == 1.0:
-        packing, step, size = jammed_discs(particles, seed).packing, _STEP, strain / 20.0
+        packing, size = jammed_discs(particles, seed).packing, strain / 20.0
     else:
         start = pm.random_packing(
             particles,
@@ -171,7 +171,8 @@ def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
             shapes=pm.Ellipses(aspect),
         )
         packing = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic").packing
-        step, size = _SOFT_STEP, strain / 5.0
+        size = strain / 5.0
+    step = _STEP
     run = pm.shear_families(packing, strain, step=size)
     breaks = np.flatnonzero(np.diff(run.family_t) != 0) + 1
     ends = [run.strain_t[piece[[0, -1]]] for piece in np.split(np.arange(len(run.strain_t)), breaks)]
@@ -235,8 +236,8 @@ def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -
         if first is not None:
             return FirstChange(
                 particles, pressure, seed, first.strain, first.strain_from_above, guess, int(first.opened),
-                int(first.falls), float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]),
-                run.seconds,
+                int(first.falls), float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0),
+                int(run.contacts_t[0]), run.seconds,
             )  # fmt: skip
     return None
 
