@@ -13,6 +13,7 @@ from packmech.cli.output import show, table, working
 from packmech.validation.studies.families import (
     ASPECT,
     ELLIPSES,
+    LARGE,
     PRESSURES,
     SLOPES,
     FirstChange,
@@ -21,6 +22,7 @@ from packmech.validation.studies.families import (
     draw_first_changes,
     draw_map,
     first_changes,
+    fit_first_changes,
     walk_both_ways,
 )
 
@@ -144,5 +146,11 @@ def _first_changes(out: Path, counts: list[int], seeds: range) -> None:
         "sides apart",
         "one shot",
     )
+    for large, law in ((False, "small"), (True, "large")):
+        if len(counts) < 2 or not any((one.particles**2 * one.pressure > LARGE) == large for one in found):
+            continue
+        fit, error, packings = fit_first_changes(found, large=large)
+        powers = ", ".join(f"{name}^{x:.3f}({e:.3f})" for name, x, e in zip("PN", fit[1:], error[1:], strict=True))
+        show(f"N^2 P {law}: strain = {np.exp(fit[0]):.3g} {powers}, from {packings} packings")
     show(table("first change of contacts, medians", head, rows, right=tuple(range(len(head)))))
     show(f"wrote first-change.csv and first-change.png in {out}")

@@ -355,7 +355,9 @@ class HardShapePath:
                 if margins[cause] <= -_TOUCH:
                     change = self._change(start, trial, cause)
                     self.vertex = self._relabeled(change.after)
-                    return self.vertex, change
+                    # what rounding took for a change is none
+                    same = not change.jumps and change.identities[0] == change.identities[1]
+                    return self.vertex, None if same else change
                 if not self._dips(start, trial):
                     self._stride = step if halved else 3.0 * step
                     self.vertex = self._relabeled(trial)

@@ -173,14 +173,16 @@ def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
         packing = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic").packing
         size = strain / 5.0
     step = _STEP
-    run = pm.shear_families(packing, strain, step=size)
+    # where a packing is lost after a fall, up to there
+    run = pm.shear_families(packing, strain, step=size, check=False)
     breaks = np.flatnonzero(np.diff(run.family_t) != 0) + 1
     ends = [run.strain_t[piece[[0, -1]]] for piece in np.split(np.arange(len(run.strain_t)), breaks)]
     middles = sorted(
         float(0.5 * (low + high)) for low, high in sorted(ends, key=lambda e: e[0] - e[1]) if high - low > 8.0 * step
     )[:_FAMILIES]
     errors, slopes = [], []
-    for packing_there in pm.shear_families(packing, strain, step=size, keep=middles).packings if middles else ():
+    kept = pm.shear_families(packing, strain, step=size, keep=middles, check=False).packings if middles else ()
+    for packing_there in kept:
         both = [pm.shear_families(packing_there, sign * 2.0 * step, step=step) for sign in (1.0, -1.0)]
         if any(one.changes for one in both):
             continue
@@ -231,7 +233,7 @@ def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -
     tiny = 1e-3 * pressure
     guess = float(pm.quasistatic_shear(scene, tiny, step=tiny, check=False).predicted_change_t[0])
     for factor in (1.1, 1.6, 3.0, 8.0):
-        run = pm.quasistatic_shear(scene, factor * guess, step=guess / 6.0, check=False)
+        run = pm.quasistatic_shear(scene, factor * guess, step=guess / 12.0, check=False)
         first = run.first_change
         if first is not None:
             return FirstChange(
@@ -240,6 +242,32 @@ def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -
                 int(run.contacts_t[0]), run.seconds,
             )  # fmt: skip
     return None
+
+
+def fit_first_changes(
+    found: Sequence[FirstChange], *, large: bool, draws: int = 400
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Return the fit ln(strain) = a + b ln(P) + c ln(N) where N^2 P is small, or large, its errors, and packings.
+
+    By least squares; errors by drawing packings, all pressures of one together, with replacement.
+    """
+    part = [one for one in found if math.isfinite(one.strain)]
+    if large:
+        part = [one for one in part if one.particles**2 * one.pressure >= LARGE]
+    else:
+        part = [one for one in part if one.particles**2 * one.pressure <= SMALL]
+    packings = sorted({(one.particles, one.seed) for one in part})
+    rows = {key: [one for one in part if (one.particles, one.seed) == key] for key in packings}
+    rng = np.random.default_rng(0)
+
+    def fitted(keys: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+        chosen = [one for key in keys for one in rows[key]]
+        x = np.array([[1.0, math.log(one.pressure), math.log(one.particles)] for one in chosen])
+        y = np.log(np.array([one.strain for one in chosen]))
+        return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0])
+
+    drawn = [fitted([packings[k] for k in rng.integers(len(packings), size=len(packings))]) for _ in range(draws)]
+    return fitted(packings), np.std(drawn, axis=0), len(packings)
 
 
 def draw_first_changes(found: Sequence[FirstChange], path: Path) -> None:
