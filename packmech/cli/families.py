@@ -13,7 +13,9 @@ from packmech.check import integer, positive
 from packmech.cli.output import show, table, working
 from packmech.result import csv_text
 from packmech.validation.studies.families import (
+    ASPECT,
     ELLIPSES,
+    LARGE,
     PRESSURES,
     SLOPES,
     FirstChange,
@@ -24,6 +26,7 @@ from packmech.validation.studies.families import (
     draw_map,
     draw_stress,
     first_changes,
+    fit_first_changes,
     stress_over_strain,
     walk_both_ways,
 )
@@ -92,7 +95,7 @@ def families(
 def _slopes(out: Path, seed: int, workers: int | None) -> None:
     """Compare slopes, and print the largest differences."""
     wanted = [(count, 1.0, seed + k, strain) for count, many, strain in SLOPES for k in range(many)]
-    wanted += [(ELLIPSES[0], 1.5, seed + k, ELLIPSES[2]) for k in range(ELLIPSES[1])]
+    wanted += [(count, ASPECT, seed + k, strain) for count, many, strain in ELLIPSES for k in range(many)]
     with working("families") as say:
 
         def show_progress(done: int, of: int, last: Slope | None) -> None:
@@ -159,6 +162,12 @@ def _first_changes(out: Path, counts: list[int], seeds: range, workers: int | No
         "sides apart",
         "one shot",
     )
+    for large, law in ((False, "small"), (True, "large")):
+        if len(counts) < 2 or not any((one.particles**2 * one.pressure > LARGE) == large for one in found):
+            continue
+        fit, error, packings = fit_first_changes(found, large=large)
+        powers = ", ".join(f"{name}^{x:.3f}({e:.3f})" for name, x, e in zip("PN", fit[1:], error[1:], strict=True))
+        show(f"N^2 P {law}: strain = {np.exp(fit[0]):.3g} {powers}, from {packings} packings")
     show(table("first change of contacts, medians", head, rows, right=tuple(range(len(head)))))
     show(f"wrote first-change.csv and first-change.png in {out}")
 

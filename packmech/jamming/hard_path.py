@@ -26,6 +26,7 @@ from scipy.optimize import brentq
 
 from packmech.box import Box
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
+from packmech.contacts.shape_contacts import ShapeContacts, shape_contacts, slopes_of_ends
 from packmech.jamming.hard_packing import (
     REACH,
     ContactSystem,
@@ -38,6 +39,7 @@ from packmech.jamming.hard_packing import (
     kicked,
     start_state,
 )
+from packmech.jamming.sheared_lattice import ShearedLattice
 from packmech.linalg.linear_programs import LinearProgram, solve_highs
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -49,6 +51,8 @@ _AT_ONCE = 1e-9
 _NEAR = 0.1
 # room that is enough for a rattler, trust radius of its programs, and their number [diameter]
 _ROOM, _TRUST, _PROGRAMS = 0.01, 0.1, 30
+# trust radius at which other shapes have straight distances
+_STRAIGHT = 1e-7
 # force that counts as none, over the mean
 _NO_FORCE = 1e-7
 # strain beyond an opening at which the next packing is looked for, and slack that it begins with [diameter]
@@ -59,8 +63,6 @@ _KICKS, _ITERATIONS = 3, 400
 _CORRECTED, _ROUNDED = 0.25, 1e-9
 # the shortest step of strain that is tried
 _SHORTEST = 1e-9
-# positions this many lattice vectors away are wrapped
-_FAR = 2.0
 
 
 class Rates(NamedTuple):
@@ -166,14 +168,10 @@ class HardPath:
     def __init__(self, hard: HardPacking, axes: tuple[int, int]) -> None:
         d = hard.packing.dimension
         self.axes = axes
-        self.shear_dd = np.zeros((d, d))
-        self.shear_dd[axes] = 1.0
+        self.lattice = ShearedLattice(hard.packing, axes)
+        self.shear_dd = self.lattice.shear_dd
         self.isotropic_kdd = np.eye(d)[None] / math.sqrt(d)
         self.radius_n = hard.packing.radius_n
-        # lattice of the shape at strain zero, as it is labeled now, and what labels have done to images since the start
-        self._unsheared_dd = hard.packing.box.lattice_dd
-        self._change_dd = np.eye(d, dtype=np.int64)
-        self._wrapped_nd = np.zeros((hard.packing.particles, d), dtype=np.int64)
         self.factorizations = 0
         self.vertex = self._vertex(0.0, hard.packing, hard.contacts, hard.force_c, hard.gap_error)
 
@@ -203,8 +201,7 @@ class HardPath:
 
     def _lattice(self, strain: float, like: Packing) -> Box:
         """Return the box of the shape that belongs to a strain, at the volume of a packing."""
-        sheared = (np.eye(like.dimension) + strain * self.shear_dd) @ self._unsheared_dd
-        return Box(sheared * (like.box.volume / abs(np.linalg.det(sheared))) ** (1.0 / like.dimension))
+        return self.lattice.box(strain, like.box.volume)
 
     def _ahead(self, start: Vertex, strain: float) -> Packing:
         """Return the packing at another strain, along the rates."""
@@ -227,11 +224,9 @@ class HardPath:
             key = key * 401 + column + 200
         return key
 
-    def identity(self, contacts: Contacts) -> frozenset[tuple[int, ...]]:
+    def identity(self, contacts: Contacts | ShapeContacts) -> frozenset[tuple[int, ...]]:
         """Return the pairs (i, j, image), with the images that they had in the box and the cell of the start."""
-        moved = contacts.image_cd - self._wrapped_nd[contacts.j_c] + self._wrapped_nd[contacts.i_c]
-        image = moved @ self._change_dd.T
-        return frozenset(map(tuple, np.column_stack([contacts.i_c, contacts.j_c, image]).tolist()))
+        return self.lattice.identity(contacts, contacts.i_c, contacts.j_c)
 
     def _try(self, start: Vertex, strain: float) -> _Trial:
         """Return what the network of a vertex gives at another strain; nothing where it cannot be brought there."""
@@ -298,17 +293,9 @@ class HardPath:
         last, later = self._gap_rates(end, there)
         step = end.strain - start.strain
         both = start.live_n[near.i_c] & start.live_n[near.j_c]
-        turns = both & (then * step < 0.0) & (later * step > 0.0)
-        for c in np.flatnonzero(turns):
-            place = np.linspace(0.0, 1.0, 33)
-            gap = (
-                first[c] * (1 + 2 * place) * (1 - place) ** 2
-                + last[c] * place**2 * (3 - 2 * place)
-                + step * (then[c] * place * (1 - place) ** 2 - later[c] * place**2 * (1 - place))
-            )
-            if float(gap.min()) < -_AT_ONCE * size[c]:
-                return True
-        return False
+        return dips(
+            first[both] / size[both], then[both] / size[both], last[both] / size[both], later[both] / size[both], step
+        )
 
     def _gap_rates(self, vertex: Vertex, near: Contacts) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         rates = vertex.rates
@@ -365,7 +352,7 @@ class HardPath:
         packing, contacts, error = bring_to_contact(vertex.packing, chosen, both)
         if error > _TOUCH:
             return None
-        relative = packing.box.lattice_dd @ np.linalg.inv(self._unsheared_dd)
+        relative = packing.box.lattice_dd @ np.linalg.inv(self.lattice.unsheared_dd)
         strain = float(relative[self.axes] / relative[self.axes[0], self.axes[0]])
         if abs(strain - vertex.strain) > 1e-9:
             return None
@@ -454,34 +441,45 @@ class HardPath:
 
     def _relabeled(self, vertex: Vertex) -> Vertex:
         """Return the vertex with short lattice vectors and particles in the cell, where they have gone far."""
-        packing = vertex.packing
-        fraction = packing.position_nd @ packing.box.inverse_dd.T
-        small, change = packing.box.reduced()
-        if np.abs(fraction).max() < _FAR and np.abs(change - np.eye(packing.dimension)).max() == 0:
-            return vertex
-        position, image = small.wrap(packing.position_nd)
-        back = np.rint(np.linalg.inv(change)).astype(np.int64)
-        self._unsheared_dd = self._unsheared_dd @ change
-        # x = wrapped + lattice @ image, by the new vectors
-        self._wrapped_nd = self._wrapped_nd @ back.T + image
-        self._change_dd = self._change_dd @ change
         contacts = vertex.contacts
-        moved = contacts.image_cd @ back.T + image[contacts.j_c] - image[contacts.i_c]
+        renewed = self.lattice.renewed(vertex.packing, contacts)
+        if renewed is None:
+            return vertex
+        packing, moved = renewed
         order = np.lexsort((*moved.T[::-1], contacts.j_c, contacts.i_c))
         pairs = Candidates(contacts.i_c[order], contacts.j_c[order], np.ascontiguousarray(moved[order]))
-        packing = packing.replace(position_nd=position, box=small)
         return self._vertex(
             vertex.strain, packing, pair_contacts(packing, *pairs), vertex.force_c[order], vertex.gap_error
         )
 
 
+def dips(
+    first_c: NDArray[np.float64],
+    then_c: NDArray[np.float64],
+    last_c: NDArray[np.float64],
+    later_c: NDArray[np.float64],
+    step: float,
+) -> bool:
+    """Return whether a gap closes and opens again on the way, by cubics through gaps and their rates at both ends."""
+    for c in np.flatnonzero((then_c * step < 0.0) & (later_c * step > 0.0)):
+        place = np.linspace(0.0, 1.0, 33)
+        gap = (
+            first_c[c] * (1 + 2 * place) * (1 - place) ** 2
+            + last_c[c] * place**2 * (3 - 2 * place)
+            + step * (then_c[c] * place * (1 - place) ** 2 - later_c[c] * place**2 * (1 - place))
+        )
+        if float(gap.min()) < -_AT_ONCE:
+            return True
+    return False
+
+
 def make_room(
-    packing: Packing, near: Contacts, rattling_n: NDArray[np.bool_]
+    packing: Packing, near: Contacts | ShapeContacts, rattling_n: NDArray[np.bool_]
 ) -> tuple[Packing, float, NDArray[np.bool_]]:
     """Return the packing with its rattlers as far from everything as they can be, the room left, and who limits it.
 
-    Each program maximizes the smallest relative gap to first order in their displacements; distances are convex, so
-    that the true gaps are no smaller. Room of a hundredth is enough.
+    Each program maximizes the smallest relative gap to first order in their displacements, turns among them; distances
+    of discs and spheres are convex, so that the true gaps are no smaller. Room of a hundredth is enough.
 
     Parameters
     ----------
@@ -504,55 +502,85 @@ def make_room(
     if not len(with_one):
         return packing, _NEAR, active
     number = np.where(rattling_n, np.cumsum(rattling_n) - 1, -1)
-    count, d = int(rattling_n.sum()), packing.dimension
+    here = near.select(np.isin(np.arange(len(near)), with_one))
+    count, ends = int(rattling_n.sum()), _slopes_of_ends(packing, here)
+    q = ends.shape[2]
     trust = _TRUST
-    pairs = Candidates(near.i_c[with_one], near.j_c[with_one], near.image_cd[with_one])
-    here = pair_contacts(packing, *pairs)
     room = float((here.gap_c / here.contact_distance_c).min())
     if room > _ROOM:
         return packing, room, active
     for _ in range(_PROGRAMS):
         unit = here.contact_distance_c
         row, column, value = [], [], []
-        for end, sign in ((here.i_c, -1.0), (here.j_c, 1.0)):
+        for end, slope_cq in zip((here.i_c, here.j_c), ends, strict=True):
             one = np.flatnonzero(rattling_n[end])
-            row.append(np.repeat(one, d))
-            column.append((number[end[one]][:, None] * d + np.arange(d)).ravel())
-            value.append((-sign * here.normal_cd[one]).ravel())
+            row.append(np.repeat(one, q))
+            column.append((number[end[one]][:, None] * q + np.arange(q)).ravel())
+            value.append(-slope_cq[one].ravel())
         lines = np.arange(len(here))
         below = sp.coo_array(
             (
                 np.concatenate([*value, unit]),
-                (np.concatenate([*row, lines]), np.concatenate([*column, np.full(len(here), count * d)])),
+                (np.concatenate([*row, lines]), np.concatenate([*column, np.full(len(here), count * q)])),
             ),
-            shape=(len(here), count * d + 1),
+            shape=(len(here), count * q + 1),
         ).tocsr()
-        cost = np.zeros(count * d + 1)
+        cost = np.zeros(count * q + 1)
         cost[-1] = -1.0
-        bound = np.full(count * d + 1, trust)
+        bound = np.full(count * q + 1, trust)
         bound[-1] = _NEAR
         program = LinearProgram(
             cost=cost, equal=sp.csr_array((0, len(cost))), equal_to=np.zeros(0), below=below, below_to=here.gap_c,
-            lower=np.where(np.arange(len(cost)) < count * d, -bound, -np.inf), upper=bound, dimension=d,
+            lower=np.where(np.arange(len(cost)) < count * q, -bound, -np.inf), upper=bound, dimension=q,
         )  # fmt: skip
         solution = solve_highs(program, 1e-10)
         if solution.solve.outcome is not Outcome.CONVERGED:
             break
-        u_nd = np.zeros_like(packing.position_nd)
-        u_nd[rattling_n] = solution.x[:-1].reshape(count, d)
-        moved = packing.replace(position_nd=packing.position_nd + u_nd)
-        now = pair_contacts(moved, *pairs)
+        u_nq = np.zeros((packing.particles, q))
+        u_nq[rattling_n] = solution.x[:-1].reshape(count, q)
+        moved = displaced(packing, u_nq)
+        now = _same_pairs(moved, here)
         reached = float((now.gap_c / now.contact_distance_c).min())
         limits = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max()), 1e-300)
         active[:] = False
         active[with_one[limits]] = True
         if reached <= room + 1e-15:
-            break
+            # distances of other shapes bend both ways: nearer by they are straight
+            if packing.shapes is None or trust < _STRAIGHT:
+                break
+            trust *= 0.25
+            continue
         gained, room, packing, here = reached - room, reached, moved, now
         if room > _ROOM or gained < 1e-14:
             break
-        trust = min(trust, max(3.0 * float(np.abs(u_nd).max()), 1e-6))
+        ends = _slopes_of_ends(packing, here)
+        trust = min(trust, max(3.0 * float(np.abs(u_nq).max()), 1e-6))
     return packing, room, active
+
+
+def displaced(packing: Packing, u_nq: NDArray[np.float64]) -> Packing:
+    """Return the packing after displacements, and turns measured in lengths where it has shapes."""
+    d, shapes = packing.dimension, packing.shapes
+    moved = packing.replace(position_nd=packing.position_nd + u_nq[:, :d])
+    if shapes is None:
+        return moved
+    turned = np.einsum("nk,nkt->nt", u_nq[:, d:], shapes.turn_basis(packing.radius_n))
+    return moved.replace(shapes=shapes.turned(turned))
+
+
+def _same_pairs(packing: Packing, near: Contacts | ShapeContacts) -> Contacts | ShapeContacts:
+    """Return the same pairs in another packing."""
+    if isinstance(near, ShapeContacts):
+        return shape_contacts(packing, near.pairs)
+    return pair_contacts(packing, near.i_c, near.j_c, near.image_cd)
+
+
+def _slopes_of_ends(packing: Packing, near: Contacts | ShapeContacts) -> NDArray[np.float64]:
+    """Return the (2, C, q) slopes of distances along the motions of both particles."""
+    if isinstance(near, ShapeContacts):
+        assert packing.shapes is not None
+        return slopes_of_ends(near, packing.shapes.turn_basis(packing.radius_n))
+    return np.stack([-near.normal_cd, near.normal_cd])
 
 
 def search_hard(

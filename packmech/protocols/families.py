@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,18 +22,21 @@ from packmech.jamming.hard_path import Change, HardPath, Lost, Vertex, search_ha
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
+from packmech.measure.stress import pressure as pressure_of
 from packmech.minimize.second_order.soft_network import length_unit
+from packmech.minimize.second_order.soft_newton import descend
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
-from packmech.protocols.jam import free_strains, is_jammed
-from packmech.protocols.pressure_path import PressurePath
+from packmech.protocols.hard_shape_path import HardShapePath, ShapeChange, ShapeVertex
+from packmech.protocols.jam import free_strains
 from packmech.protocols.protocol import Protocol
-from packmech.protocols.strain_path import Sheared, StrainPath
 from packmech.result import Outcome, Row, Run, Stage, csv_text
 from packmech.scene import Scene
 
 # a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
 _NEARBY, _DENSER = 0.1, 0.01
+# net force over the mean one of a packing of shapes at a small pressure
+_BALANCED = 1e-6
 _COLUMNS = ("strain", "packing_fraction", "stress_ratio", "family", "contacts", "rattlers", "gap_error", "imbalance")
 
 
@@ -43,21 +47,23 @@ class FamilyChange:
     Attributes
     ----------
     strain
-        Where it happens, and with shapes a little before it [1].
+        Where it happens [1].
     cause
         "closing": a pair closed; "squeezing": what surrounds a rattler closed on it; "opening": the force of a contact
-        fell to zero; "fold": the network cannot be followed for another reason. With shapes also "instability", and
-        "several" where changes are too close to be told apart.
+        fell to zero; "fold": the network cannot be followed for another reason; with shapes "instability": the volume
+        has no minimum nearby any more.
     route
-        How the packing came to its next network: "exchange": positions stay, a contact takes over from another;
-        "interior point": it fell to the hard packing nearby, by the interior-point method that minimizes the volume,
-        and with shapes "downhill": by steps that lower the enthalpy. Other ways down may lead elsewhere.
+        How the packing came to its next network: "exchange": positions stay, a contact takes over from another, or with
+        shapes just closes or opens; "interior point": it fell to the hard packing nearby, by the interior-point method
+        that minimizes the volume, and with shapes "downhill": by steps that lower the enthalpy. Other ways down may
+        lead elsewhere.
     family_before, family_after
         Numbers of the families.
     closed, opened
         Pairs (i, j, image) that bear forces after it and not before, and before it and not after.
     jump
-        Packing fraction after less that before, both at this strain to 1e-9 [1]; 0 for an exchange.
+        Packing fraction after less that before, both at this strain to 2e-9, with shapes sometimes to 1e-3 [1]; 0 for
+        an exchange.
     moved
         Largest displacement of a particle that bears forces before and after [mean diameter]; 0 for an exchange.
 
@@ -94,8 +100,7 @@ class ShearFamilies(Run):
     contacts_t, rattlers_t
         (T,) force-bearing contacts, and particles that bear none.
     gap_error_t, imbalance_t
-        (T,) largest gap of a contact over the mean diameter, with shapes the largest overlap; and largest net force
-        over the mean force [1].
+        (T,) largest gap of a contact over the mean diameter, and largest net force over the mean force [1].
     changes
         The changes, in order.
     packings
@@ -179,7 +184,7 @@ def shear_families(
     *,
     step: float = 2e-3,
     axes: tuple[int, int] = (0, 1),
-    pressure: float = 1e-7,
+    pressure: float = 1e-5,
     keep: Iterable[float] = (),
     time_limit: float | None = None,
     progress: Progress | None = None,
@@ -194,10 +199,10 @@ def shear_families(
     along a family, and jumps only up. A negative strain shears the other way; a walk back from `run.packing` is the
     same path up to the first jump. Labels of the lattice vectors are renewed on the way, so that strains may be large.
 
-    Packings with shapes are followed at a small pressure, under the harmonic law, from equilibrium to equilibrium as in
-    `quasistatic_shear`; packing fractions are extrapolated to zero pressure by phi (1 - 2 E / (P V)), which leaves an
-    error of second order in the overlaps. An exchange of contacts then takes a strain of the order of the pressure, in
-    which both bear forces.
+    Hard packings of shapes are followed as exactly, with their forces, the multipliers of the least volume, among
+    Newton's unknowns. They may have fewer contacts than degrees of freedom, the curvature of the shapes holding the
+    rest, so that at most changes of the network one contact closes or opens and no other takes its place. Where the
+    volume has no minimum nearby any more they fall, soft, at a small pressure and under the harmonic law.
 
     Parameters
     ----------
@@ -211,7 +216,7 @@ def shear_families(
     axes
         Direction of the flow, and of its gradient.
     pressure
-        Pressure at which packings with shapes are followed [energy_scale / diameter^d]; discs and spheres need none.
+        Pressure at which packings with shapes fall [energy_scale / diameter^d]; discs and spheres need none.
     keep
         Strains at which to keep the packings.
     time_limit
@@ -257,11 +262,12 @@ def shear_families(
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     with single_thread():
-        walk: _HardWalk | _SoftWalk
+        path: HardPath | HardShapePath
         if packing.shapes is None:
-            walk = _HardWalk(packing, HardPath(_hard_packing(packing), pair), loop, began)
+            path = HardPath(_hard_packing(packing), pair)
         else:
-            walk = _SoftWalk(packing, pair, small, loop, began)
+            path = _shape_path(packing, small, pair, loop)
+        walk = _HardWalk(packing, path, loop, began)
         goals = np.linspace(0.0, end, max(1, int(np.ceil(abs(end) / size - 1e-9))) + 1)[1:]
         goals = np.unique(np.concatenate([goals, kept]))
         return loop.run(lambda: walk.through(goals if end >= 0.0 else goals[::-1], kept), walk.finish)
@@ -314,6 +320,38 @@ def _hard_packing(packing: Packing) -> HardPacking:
     )
 
 
+def _shape_path(packing: Packing, pressure: float, axes: tuple[int, int], loop: RunLoop) -> HardShapePath:
+    """Return the path of the exact hard packing of a jammed one with shapes.
+
+    Raises
+    ------
+    ValueError
+        If there is none nearby.
+
+    """
+    scene = Scene(packing, (Repulsion(Harmonic()),))
+    protocol = Protocol(scene, free_strains("isotropic", packing.dimension), "isotropic", 1e-9, loop)
+    reduced, goal = protocol.reduced(packing), protocol.reduced_pressure(pressure)
+    # a hard packing is taken to where its contacts overlap by about what the pressure asks for
+    size = 1.0 if pressure_of(scene) > 0.1 * pressure * scene.pressure_unit else 1.0 - goal
+    start = reduced.replace(position_nd=reduced.position_nd * size, box=reduced.box.scaled(size))
+    state = descend(start, protocol.units, protocol.basis_kdd, goal)
+    path = None
+    if state.sound(_BALANCED):
+        with contextlib.suppress(Lost):
+            path = HardShapePath(state.packing, protocol.units, goal, axes, lambda _: loop.check_time())
+    if path is not None:
+        hard, live = path.vertex.packing, path.vertex.live_n
+        away = hard.position_nd @ hard.box.inverse_dd.T - reduced.position_nd @ reduced.box.inverse_dd.T
+        away = (away - away[live].mean(axis=0))[live] @ reduced.box.lattice_dd.T
+        if np.abs(away).max() < _NEARBY and abs(hard.box.volume / reduced.box.volume - 1.0) < _DENSER:
+            return path
+    raise ValueError(
+        "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got another: "
+        'take the packing of pm.jam(scene, pressure=1e-6, strain="isotropic")'
+    )
+
+
 class _Rows:
     """The rows, changes and packings that a walk leaves, and the run that they make."""
 
@@ -356,7 +394,7 @@ class _Rows:
 class _HardWalk:
     """A hard packing on its way through strains."""
 
-    def __init__(self, packing: Packing, path: HardPath, loop: RunLoop, began: float) -> None:
+    def __init__(self, packing: Packing, path: HardPath | HardShapePath, loop: RunLoop, began: float) -> None:
         self.given, self.path, self.loop = packing, path, loop
         self.unit = length_unit(packing)
         self.found = _Rows(path.axes, began)
@@ -382,7 +420,7 @@ class _HardWalk:
             self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
         return Outcome.FINISHED
 
-    def _keep(self, vertex: Vertex, number: int) -> None:
+    def _keep(self, vertex: Vertex | ShapeVertex, number: int) -> None:
         self.found.rows.append(
             (
                 vertex.strain,
@@ -396,7 +434,7 @@ class _HardWalk:
             )
         )
 
-    def _note(self, change: Change) -> None:
+    def _note(self, change: Change | ShapeChange) -> None:
         """Keep a change, and a row of what was before it."""
         before, after = change.identities
         first, second = self.found.number(before), self.found.number(after)
@@ -406,7 +444,7 @@ class _HardWalk:
             FamilyChange(
                 change.before.strain,
                 change.cause,
-                "interior point" if change.jumps else "exchange",
+                ("exchange" if not change.jumps else "interior point" if self.given.shapes is None else "downhill"),
                 first,
                 second,
                 tuple(sorted(after - before)),
@@ -416,118 +454,13 @@ class _HardWalk:
             )
         )
 
-    def _restored(self, vertex: Vertex) -> Packing:
+    def _restored(self, vertex: Vertex | ShapeVertex) -> Packing:
         """Return the packing of a vertex in true lengths, in a box of short vectors, particles inside."""
         small, _ = vertex.packing.box.reduced()
         box = Box(small.lattice_dd * self.unit)
         position, _ = box.wrap(vertex.packing.position_nd * self.unit)
-        return self.given.replace(position_nd=position, box=box)
+        return self.given.replace(position_nd=position, box=box, shapes=vertex.packing.shapes)
 
     def finish(self, outcome: Outcome) -> ShearFamilies:
         """Return the run as far as it came."""
         return self.found.run(self._restored(self.path.vertex), outcome, self.path.factorizations)
-
-
-class _SoftWalk:
-    """A packing with shapes on its way through strains at a small pressure."""
-
-    def __init__(self, packing: Packing, axes: tuple[int, int], pressure: float, loop: RunLoop, began: float) -> None:
-        scene = Scene(packing, (Repulsion(Harmonic()),))
-        if not is_jammed(scene):
-            raise ValueError("packing must be jammed under the harmonic law, got one that is not: jam it")
-        self.protocol = Protocol(scene, free_strains("isotropic", packing.dimension), "isotropic", 1e-9, loop)
-        self.axes, self.pressure, self.loop = axes, pressure, loop
-        self.found = _Rows(axes, began)
-        self.path: StrainPath | None = None
-
-    def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
-        """Go to the pressure, then through all strains."""
-        protocol, found = self.protocol, self.found
-        outcome = PressurePath(protocol).go(self.pressure)
-        if not outcome.ok:
-            return outcome
-        protocol.scene = protocol.scene.replace(packing=protocol.last)
-        self.path = path = StrainPath(protocol, self.axes, self.pressure * protocol.scene.pressure_unit)
-        self._keep(path.now)
-        for goal in goals.tolist():
-            while path.now.strain != goal:
-                if not path.sound:
-                    return Outcome.NOT_JAMMED
-                self._towards(path, goal)
-            if goal in kept:
-                found.kept.append(self._restored(path.now))
-            last = found.rows[-1]
-            self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
-        return Outcome.FINISHED
-
-    def _towards(self, path: StrainPath, goal: float) -> None:
-        start = path.now
-        reached, fallen = path.step(goal)
-        if reached.pairs != start.pairs or fallen is not None:
-            one = path.locate(start, reached.strain if fallen is None else fallen.strain)
-            if one is not None and abs(one.below - start.strain) < abs(goal - start.strain):
-                self._note(one.before, one.after, "opening" if one.opened else "closing", "exchange")
-                path.now = one.after
-                return
-        if fallen is not None:
-            self._note(reached, fallen, "instability", "downhill")
-            path.now = fallen
-            return
-        if reached.pairs != start.pairs:
-            self._note(start, reached, "several", "exchange")
-        else:
-            self._keep(reached)
-
-    def _fraction(self, one: Sheared) -> float:
-        """Return the packing fraction extrapolated to zero pressure."""
-        soft = packing_fraction(self.protocol.restored(one.packing))
-        return soft * (1.0 - 2.0 * one.energy / (one.pressure * one.volume))
-
-    def _keep(self, one: Sheared) -> None:
-        gap = -one.network.contacts.gap_c / one.network.contacts.contact_distance_c
-        self.found.rows.append(
-            (
-                one.strain,
-                self._fraction(one),
-                one.stress / one.pressure,
-                self.found.number(one.pairs),
-                len(one.pairs),
-                int((~one.held_n).sum()),
-                float(gap.max(initial=0.0)),
-                one.residual,
-            )
-        )
-
-    def _note(self, before: Sheared, after: Sheared, cause: str, route: str) -> None:
-        """Keep a change, and rows on both sides of it."""
-        falls = route != "exchange"
-        self._keep(before)
-        self._keep(after)
-        moved = after.packing.position_nd @ after.packing.box.inverse_dd.T
-        moved = (moved - before.packing.position_nd @ before.packing.box.inverse_dd.T) @ after.packing.box.lattice_dd.T
-        moved = moved[before.held_n & after.held_n]
-        far = float(np.sqrt(((moved - moved.mean(axis=0)) ** 2).sum(axis=1)).max()) if falls and len(moved) else 0.0
-        self.found.changes.append(
-            FamilyChange(
-                before.strain,
-                cause,
-                route,
-                self.found.number(before.pairs),
-                self.found.number(after.pairs),
-                tuple(sorted(after.pairs - before.pairs)),
-                tuple(sorted(before.pairs - after.pairs)),
-                self._fraction(after) - self._fraction(before) if falls else 0.0,
-                far,
-            )
-        )
-
-    def _restored(self, one: Sheared) -> Packing:
-        packing = self.protocol.restored(one.packing)
-        small, _ = packing.box.reduced()
-        return packing.replace(box=small).wrapped()
-
-    def finish(self, outcome: Outcome) -> ShearFamilies:
-        """Return the run as far as it came."""
-        if self.path is None:
-            return self.found.run(self.protocol.last, outcome, 0)
-        return self.found.run(self._restored(self.path.now), outcome, self.path.iterations)

@@ -41,7 +41,8 @@ class ContactChange:
     Attributes
     ----------
     strain, strain_from_above
-        The strain by tangents ever nearer before the change, and by such behind it [1].
+        The strain by tangents ever nearer before the change, and by such behind it [1]; where it `falls`, the nearest
+        strain behind it at which there is no equilibrium nearby.
     opened
         Whether a contact opened; else one closed.
     pair
@@ -50,11 +51,14 @@ class ContactChange:
     shear_stress, pressure
         There [energy_scale / diameter^d].
     energy_change, work
-        What the energy (with a pressure held, energy + pressure * volume) has grown by since the start, and the work
-        that the shear stress did, its integral over the strain times the volume [energy_scale].
+        What the energy (with a pressure held, energy + pressure * volume) has grown by since the start, summed over
+        changes of pairs, and the work that the shear stress did, its integral over the strain times the volume
+        [energy_scale].
     tangents
         Strains of tangents before the change, and the strains of the change that they predict; the first is that of
         linear response at the start of the step.
+    falls
+        Whether the packing becomes unstable by this change, and falls to another.
 
     """
 
@@ -67,6 +71,7 @@ class ContactChange:
     energy_change: float
     work: float
     tangents: tuple[tuple[float, float], ...]
+    falls: bool = False
 
 
 @dataclass(frozen=True)
@@ -480,7 +485,7 @@ class _Shear:
         self.changes: list[ContactChange] = []
         self.avalanches: list[Avalanche] = []
         self.networks: dict[frozenset[tuple[int, ...]], int] = {}
-        self.work = 0.0
+        self.work = self.growth = 0.0
         # whether contacts have changed, located or not
         self.changed = False
         self.path: StrainPath | None = None
@@ -501,7 +506,6 @@ class _Shear:
         self.path = path = StrainPath(protocol, self.axes, None if self.asked is None else self.asked * unit)
         if not path.sound:
             return Outcome.STALLED
-        self.start = path.now
         self._keep(path.now, 0.0, float(goals[0]))
         for goal in goals.tolist():
             while path.now.strain != goal:
@@ -522,10 +526,11 @@ class _Shear:
             found = path.locate(start, reached.strain if fallen is None else fallen.strain)
             if found is not None and abs(found.below - start.strain) <= abs(goal - start.strain):
                 self._note(found, start, goal)
-                path.now = found.after
+                path.now = found.there if found.after is None else found.after
                 return None
         self.changed |= reached.pairs != start.pairs or fallen is not None
         if reached is not start:
+            self.growth += start.network.growth_to(reached.packing)
             self._keep(reached, work_between(start, reached), goal)
         if fallen is None:
             return None
@@ -540,6 +545,7 @@ class _Shear:
         """Keep a change of contacts that was located, and a row at it."""
         there, scene, self.changed = found.there, self.protocol.scene, True
         # up to the change with the contacts before it
+        self.growth += start.network.growth_to(found.before.packing) + found.before.network.growth_to(there.packing)
         self._keep(there, work_between(start, found.before) + work_between(found.before, there), goal)
         self.changes.append(
             ContactChange(
@@ -549,18 +555,22 @@ class _Shear:
                 found.pair,
                 there.stress / scene.pressure_unit,
                 there.pressure / scene.pressure_unit,
-                (there.enthalpy - self.start.enthalpy) / scene.energy_scale,
+                self.growth / scene.energy_scale,
                 self.work / scene.energy_scale,
                 found.tangents,
+                found.after is None,
             )
         )
-        self._keep(found.after, work_between(there, found.after), goal)
+        if found.after is not None:
+            self.growth += there.network.growth_to(found.after.packing)
+            self._keep(found.after, work_between(there, found.after), goal)
 
     def _fall(self, before: Sheared, after: Sheared) -> None:
         """Keep a fall to another equilibrium, and a row after it."""
         scene, step = self.protocol.scene, after.strain - before.strain
         ahead = before.enthalpy + step * before.slope + 0.5 * step**2 * before.curvature
         drop = ahead - after.enthalpy
+        self.growth += after.enthalpy - before.enthalpy
         self._keep(after, step * before.slope + 0.5 * step**2 * before.curvature, 2.0 * after.strain - before.strain)
         if drop > _FALL * abs(before.enthalpy):
             self.avalanches.append(

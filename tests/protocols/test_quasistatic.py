@@ -71,6 +71,32 @@ def test_a_contact_that_closes_first_is_found_from_both_sides():
     assert run.contacts_t[-1] > run.contacts_t[0]
 
 
+def test_an_opening_that_leaves_no_equilibrium_is_located_and_followed_by_a_fall():
+    whole = tipping()
+    guess = pm.quasistatic_shear(whole, 1e-5, step=1e-5).predicted_change_t[0]
+    run = pm.quasistatic_shear(whole, 1.1 * guess, step=guess / 6.0)
+    change = run.first_change
+    assert change.opened and abs(change.strain - change.strain_from_above) < 1e-10
+    assert abs(run.avalanches[0].strain - change.strain) < 1e-6
+
+
+def tipping():
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=6)
+    whole = pm.Scene(start, (pm.Repulsion(),))
+    return whole.replace(packing=pm.jam(whole, pressure=1e-2, strain="free").packing)
+
+
+def test_the_growth_of_the_energy_is_exact_where_it_is_a_billionth_of_it():
+    start = pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=1)
+    whole = pm.Scene(start, (pm.Repulsion(),))
+    whole = whole.replace(packing=pm.jam(whole, pressure=1e-2, strain="free").packing)
+    guess = pm.quasistatic_shear(whole, 1e-5, step=1e-5).predicted_change_t[0]
+    run = pm.quasistatic_shear(whole, 1.1 * guess, step=guess / 6.0)
+    change = run.first_change
+    assert change.energy_change < 1e-6 * run.energy_t[0]
+    assert change.work == pytest.approx(change.energy_change, rel=1e-9)
+
+
 @pytest.mark.parametrize(("pressure", "shapes"), [(None, False), (1e-3, False), (None, True)])
 def test_with_the_tangent_renewed_the_error_of_the_prediction_falls_quadratically(pressure, shapes):
     run, change = first(pressure, shapes=shapes)

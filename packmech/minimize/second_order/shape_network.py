@@ -40,6 +40,14 @@ class ShapeNetwork(SoftNetwork):
         exact = now.distance_change(near)
         return energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
 
+    def growth_to(self, other: Packing) -> float:
+        """Return the enthalpy of a packing nearby, whose pairs are those of the list, less that of this one."""
+        packing = self.packing
+        near, self.packing = self.near(packing), other
+        own = self.energy_change(near)
+        self.packing = packing
+        return own + self._pressing(packing.box, other.box.lattice_dd - packing.box.lattice_dd)
+
     def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the energy's slopes along positions and turns, along strains, and the virial sum."""
         one, packing = self.contacts, self.packing

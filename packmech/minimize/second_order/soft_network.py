@@ -242,6 +242,27 @@ class SoftNetwork:
         change = self.near(self.packing).vector_cd - near.vector_cd
         return energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
 
+    def growth_to(self, other: Packing) -> float:
+        """Return the enthalpy of a packing nearby, whose pairs are those of the list, less that of this one.
+
+        From the displacements: rounding of the vectors between particles would not cancel. A held volume is one to
+        rounding of the lattice, and the pressure's work on the rest is taken off.
+        """
+        packing = self.packing
+        near, moved = self.near(packing), other.position_nd - packing.position_nd
+        stretched = other.box.lattice_dd - packing.box.lattice_dd
+        change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
+        own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
+        return own + self._pressing(packing.box, stretched)
+
+    def _pressing(self, box: Box, stretched_dd: Array) -> float:
+        """Return the work against the pressure where the lattice of a box is stretched."""
+        share = stretched_dd @ box.inverse_dd
+        trace, d = float(np.trace(share)), len(share)
+        # det(1 + share) - 1
+        more = float(np.linalg.det(share)) + (0.0 if d == 2 else 0.5 * (trace**2 - float(np.trace(share @ share))))
+        return self.pressure * box.volume * (trace + more)
+
     def first_at(self, distance_c: Array, sigma_c: Array) -> Array:
         """Return du/dr at given distances."""
         return self.units.derivatives(distance_c, sigma_c)[0]

@@ -17,13 +17,15 @@ import packmech as pm
 from packmech.validation.studies.rows import complete_rows
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
-PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -7.25, -0.5))
-# number of discs, packings of each, and strain over which slopes are compared; and of ellipses of aspect 1.5
+PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -8.25, -0.5))
+# N^2 P up to which first changes are at a strain in proportion to P, and from which to sqrt(P) / N
+SMALL, LARGE = 0.1, 10.0
+# number of discs, packings of each, and strain over which slopes are compared; and of ellipses of an aspect
 SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.002))
-ELLIPSES = (16, 4, 0.01)
-_ASPECT = 1.5
-# half a step of the difference of packing fractions, of discs and of ellipses
-_STEP, _SOFT_STEP = 1e-5, 1e-4
+ELLIPSES = ((10, 10, 0.02), (32, 10, 0.01))
+ASPECT = 1.5
+# half a step of the difference of packing fractions
+_STEP = 1e-5
 _FAMILIES = 4
 # distances above jamming at which stress is followed over strain, as in figures 2.31 and 2.32 of the source, decades of
 # the strain, and steps within each
@@ -62,8 +64,8 @@ class Slope:
 class FirstChange:
     """The first change of contacts of one shear-stabilized packing at constant volume.
 
-    `one_shot` is the prediction of linear response at the start, `work_error` the relative difference of the energy's
-    growth from the work done up to the change.
+    `one_shot` is the prediction of linear response at the start, `falls` whether the packing falls at the change, and
+    `work_error` the relative difference of the energy's growth from the work done up to it.
     """
 
     particles: int
@@ -73,6 +75,7 @@ class FirstChange:
     strain_from_above: float
     one_shot: float
     opened: int
+    falls: int
     shear_modulus: float
     work_error: float
     contacts: int
@@ -166,7 +169,7 @@ def compare_slopes(
 
 def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
     if aspect == 1.0:
-        packing, step, size = jammed_discs(particles, seed).packing, _STEP, strain / 20.0
+        packing, size = jammed_discs(particles, seed).packing, strain / 20.0
     else:
         start = pm.random_packing(
             particles,
@@ -177,15 +180,18 @@ def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
             shapes=pm.Ellipses(aspect),
         )
         packing = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic").packing
-        step, size = _SOFT_STEP, strain / 5.0
-    run = pm.shear_families(packing, strain, step=size)
+        size = strain / 5.0
+    step = _STEP
+    # where a packing is lost after a fall, up to there
+    run = pm.shear_families(packing, strain, step=size, check=False)
     breaks = np.flatnonzero(np.diff(run.family_t) != 0) + 1
     ends = [run.strain_t[piece[[0, -1]]] for piece in np.split(np.arange(len(run.strain_t)), breaks)]
     middles = sorted(
         float(0.5 * (low + high)) for low, high in sorted(ends, key=lambda e: e[0] - e[1]) if high - low > 8.0 * step
     )[:_FAMILIES]
     errors, slopes = [], []
-    for packing_there in pm.shear_families(packing, strain, step=size, keep=middles).packings if middles else ():
+    kept = pm.shear_families(packing, strain, step=size, keep=middles, check=False).packings if middles else ()
+    for packing_there in kept:
         both = [pm.shear_families(packing_there, sign * 2.0 * step, step=step) for sign in (1.0, -1.0)]
         if any(one.changes for one in both):
             continue
@@ -227,7 +233,7 @@ def _swept(particles: int, seed: int, pressures: tuple[float, ...]) -> dict[floa
 def first_change_at(particles: int, pressure: float, seed: int, pressures: Sequence[float]) -> FirstChange:
     """Return the first change of a packing at one of the falling pressures that it goes through; nan where none is."""
     scene_there = _swept(particles, seed, tuple(pressures)).get(pressure)
-    nothing = (math.nan, math.nan, math.nan, 0, math.nan, math.nan, 0, math.nan)
+    nothing = (math.nan, math.nan, math.nan, 0, 0, math.nan, math.nan, 0, math.nan)
     if scene_there is None:
         return FirstChange(particles, pressure, seed, *nothing)
     return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
@@ -237,15 +243,41 @@ def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -
     tiny = 1e-3 * pressure
     guess = float(pm.quasistatic_shear(scene, tiny, step=tiny, check=False).predicted_change_t[0])
     for factor in (1.1, 1.6, 3.0, 8.0):
-        run = pm.quasistatic_shear(scene, factor * guess, step=guess / 6.0, check=False)
+        run = pm.quasistatic_shear(scene, factor * guess, step=guess / 12.0, check=False)
         first = run.first_change
         if first is not None:
             return FirstChange(
                 particles, pressure, seed, first.strain, first.strain_from_above, guess, int(first.opened),
-                float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0), int(run.contacts_t[0]),
-                run.seconds,
+                int(first.falls), float(run.modulus_t[0]), abs(first.work / first.energy_change - 1.0),
+                int(run.contacts_t[0]), run.seconds,
             )  # fmt: skip
     return None
+
+
+def fit_first_changes(
+    found: Sequence[FirstChange], *, large: bool, draws: int = 400
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Return the fit ln(strain) = a + b ln(P) + c ln(N) where N^2 P is small, or large, its errors, and packings.
+
+    By least squares; errors by drawing packings, all pressures of one together, with replacement.
+    """
+    part = [one for one in found if math.isfinite(one.strain)]
+    if large:
+        part = [one for one in part if one.particles**2 * one.pressure >= LARGE]
+    else:
+        part = [one for one in part if one.particles**2 * one.pressure <= SMALL]
+    packings = sorted({(one.particles, one.seed) for one in part})
+    rows = {key: [one for one in part if (one.particles, one.seed) == key] for key in packings}
+    rng = np.random.default_rng(0)
+
+    def fitted(keys: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+        chosen = [one for key in keys for one in rows[key]]
+        x = np.array([[1.0, math.log(one.pressure), math.log(one.particles)] for one in chosen])
+        y = np.log(np.array([one.strain for one in chosen]))
+        return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0])
+
+    drawn = [fitted([packings[k] for k in rng.integers(len(packings), size=len(packings))]) for _ in range(draws)]
+    return fitted(packings), np.std(drawn, axis=0), len(packings)
 
 
 def draw_first_changes(found: Sequence[FirstChange], path: Path) -> None:
