@@ -6,7 +6,7 @@ from pathlib import Path
 
 from packmech.check import one_of
 from packmech.cli.output import show, working
-from packmech.validation.studies import studies
+from packmech.validation.studies.accuracy import studies
 
 
 def accuracy(study: str | None = None, /, *, out: Path = Path("accuracy"), workers: int | None = None) -> None:

@@ -13,7 +13,7 @@ from packmech.minimize.minimizers import registered_minimizers
 from packmech.minimize.quench import quench
 from packmech.protocols.cement import AVERAGES, MODULI, cement
 from packmech.protocols.jam import JamMethod, jam
-from packmech.protocols.shear_stabilize import shear_stabilize
+from packmech.protocols.shearing.shear_stabilize import shear_stabilize
 from packmech.result import Run
 from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
 

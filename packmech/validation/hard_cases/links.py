@@ -13,7 +13,7 @@ import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
 from packmech.measure.stress import force_balance
 from packmech.validation.hard_cases.case import HARMONIC, HardCase
-from packmech.validation.studies.exact_hessian import at_rest, finite_tangent, kept_step
+from packmech.validation.studies.accuracy.exact_hessian import at_rest, finite_tangent, kept_step
 
 
 def rigid(place_nd: NDArray[np.float64] | list[list[float]]) -> pm.Packing:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.validation.studies import constraint_bases as study
+from packmech.validation.studies.accuracy import constraint_bases as study
 from packmech.validation.work_precision import Answer, work_precision
 
 

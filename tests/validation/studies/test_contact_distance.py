@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from packmech.validation.studies import contact_distance as study
+from packmech.validation.studies.accuracy import contact_distance as study
 
 # log10 of the mean error over unlike pairs by another implementation, 4e5 of them; pairs without contact are left out
 STATED = {

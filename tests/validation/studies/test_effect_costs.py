@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from packmech.validation.studies import effect_costs as study
+from packmech.validation.studies.accuracy import effect_costs as study
 
 ROWS = (
     study.Cost("spring", 0, 36, 280_000, 280.0, 2500, 25.0, 10.0, 1.0),

@@ -5,8 +5,8 @@ import pytest
 
 import packmech as pm
 from packmech.effects import contact_terms
-from packmech.validation.studies import exact_hessian as study
-from packmech.validation.studies.exact_hessian import at_rest, finite_tangent, kept_step, second_difference
+from packmech.validation.studies.accuracy import exact_hessian as study
+from packmech.validation.studies.accuracy.exact_hessian import at_rest, finite_tangent, kept_step, second_difference
 from packmech.validation.work_precision import Answer, work_precision
 
 CASES = [(name, dimension) for name in study.STATES for dimension in (2, 3)]

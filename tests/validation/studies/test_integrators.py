@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from packmech.validation.studies import integrators as study
+from packmech.validation.studies.accuracy import integrators as study
 from packmech.validation.work_precision import Answer, work_precision
 
 

@@ -9,7 +9,7 @@ import packmech as pm
 from packmech.jamming.contact_selection import backbone_contacts
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import load_program, yield_to_load
-from packmech.validation.studies import jamming_programs as study
+from packmech.validation.studies.accuracy import jamming_programs as study
 from packmech.validation.work_precision import Answer, work_precision
 
 HARD = np.load(pathlib.Path(__file__).parents[2] / "golden" / "hard_packings.npz")

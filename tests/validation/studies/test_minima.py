@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import BDF
 
 import packmech as pm
-from packmech.validation.studies import minima as study
+from packmech.validation.studies.accuracy import minima as study
 
 
 def ended(method, seed, energy, network=1, converged=1):

@@ -6,8 +6,8 @@ from functools import partial
 import pytest
 
 import packmech as pm
-from packmech.validation.studies import minimizers as study
-from packmech.validation.studies import studies
+from packmech.validation.studies.accuracy import minimizers as study
+from packmech.validation.studies.accuracy import studies
 from packmech.validation.work_precision import Answer, work_precision
 
 CLOSE_PACKING = math.pi / (2.0 * math.sqrt(3.0))

@@ -3,7 +3,7 @@
 import numpy as np
 
 import packmech as pm
-from packmech.validation.studies import reaffixing as study
+from packmech.validation.studies.accuracy import reaffixing as study
 from packmech.validation.work_precision import Answer, work_precision
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from packmech.validation.studies import shear_time_step as study
+from packmech.validation.studies.accuracy import shear_time_step as study
 from packmech.validation.work_precision import Answer, work_precision
 
 

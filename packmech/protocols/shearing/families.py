@@ -27,9 +27,9 @@ from packmech.minimize.second_order.soft_network import length_unit
 from packmech.minimize.second_order.soft_newton import descend
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
-from packmech.protocols.hard_shape_path import HardShapePath, ShapeChange, ShapeVertex
 from packmech.protocols.jam import free_strains
 from packmech.protocols.protocol import Protocol
+from packmech.protocols.shearing.hard_shape_path import HardShapePath, ShapeChange, ShapeVertex
 from packmech.result import Outcome, Row, Run, Stage, csv_text
 from packmech.scene import Scene
 

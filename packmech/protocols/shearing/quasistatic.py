@@ -22,7 +22,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.jam import free_strains, is_jammed
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, finish, pairs_of
-from packmech.protocols.strain_path import Located, Sheared, StrainPath, work_between
+from packmech.protocols.shearing.strain_path import Located, Sheared, StrainPath, work_between
 from packmech.result import Outcome, Row, Run, Stage, csv_text
 from packmech.scene import Scene
 

@@ -1,0 +1,1 @@
+"""Shear at rest: families at zero pressure, quasistatic shear, shear jamming and stabilization."""
