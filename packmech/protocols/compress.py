@@ -11,7 +11,7 @@ from packmech.check import instance, integer, one_of, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.second_order.soft_network import isochoric_part
-from packmech.minimize.second_order.soft_newton import SoftState, descend, descend_smoothed, judge, newton
+from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, judge, newton
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
@@ -189,9 +189,6 @@ class _Ascent:
 
     def _rearranged(self, packing: Packing) -> SoftState:
         """Return the packing at this volume that Newton's method reaches going down."""
-        state = descend(packing, self.protocol.units, self.shears, None)
+        state = find_bottom(packing, self.protocol.units, self.shears, None, max(self.tolerance, 1e-7))
         self.iterations += state.iterations
-        if state.sound(max(self.tolerance, 1e-7)):
-            return state
-        # contacts that just touch open and close from step to step
-        return descend_smoothed(packing, self.protocol.units, self.shears, None)
+        return state

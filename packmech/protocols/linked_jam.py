@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.minimize.bodies_apart import separate
-from packmech.minimize.second_order.soft_newton import SoftState, descend, descend_smoothed, judge
+from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
@@ -91,8 +90,6 @@ def _onset_at(protocol: Protocol, packing: Packing, at: float) -> SoftState | No
 
 # each step of compression multiplies the packing fraction, until the pressure is this high [energy_scale / diameter^d]
 _DENSER, _DENSEST, PRESSED = 1.03, 8.0, 1e-3
-# rounding of positions may make up this part of the contact forces before they count as none [1]
-_ROUNDING = 0.1
 # mean contact force that counts as none [energy_scale / diameter]
 _TOUCHING = 1e-6
 # ratio of successive pressures: at first, the boldest, and the one at which following is given up
@@ -203,20 +200,15 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
     with protocol.stage("shear stabilization") as figures:
         state = _descended(protocol, protocol.reduced(packing), None, "shear stabilization")
         evaluations = state.evaluations
-        if not (_is_unjammed(state) or state.sound(protocol.force_tolerance)):
+        if not (state.unjammed or state.sound(protocol.force_tolerance)):
             found, more = _searched(protocol, packing, None, "shear stabilization")
             state, evaluations = found or state, evaluations + more
         protocol.last = protocol.restored(state.packing)
         figures.steps, figures.force_evaluations = state.iterations, evaluations
         figures.residual, figures.note = state.residual, "Newton's method, going down"
-    if _is_unjammed(state):
+    if state.unjammed:
         return protocol.last, Outcome.UNJAMMED
     return protocol.last, judge(state, protocol.force_tolerance)
-
-
-def _is_unjammed(state: SoftState) -> bool:
-    """Return whether the contact forces are no more than rounding."""
-    return not state.mean_force > 0.0 or state.floor > _ROUNDING
 
 
 def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: float) -> tuple[Packing, Outcome]:
@@ -287,15 +279,7 @@ def _descended(protocol: Protocol, reduced: Packing, pressure: float | None, sta
     """
     goal = None if pressure is None else protocol.reduced_pressure(pressure)
     watch = protocol.watcher(stage, reduced=True)
-    state = descend(reduced, protocol.units, protocol.basis_kdd, goal, watch=watch)
-    if state.sound(protocol.force_tolerance) or _is_unjammed(state):
-        return state
-    smoothed = descend_smoothed(reduced, protocol.units, protocol.basis_kdd, goal, watch=watch)
-    iterations, evaluations = (
-        state.iterations + smoothed.iterations,
-        state.evaluations + smoothed.evaluations,
-    )
-    return replace(smoothed, iterations=iterations, evaluations=evaluations)
+    return find_bottom(reduced, protocol.units, protocol.basis_kdd, goal, protocol.force_tolerance, watch=watch)
 
 
 def _at(protocol: Protocol, packing: Packing, pressure: float, stage: str) -> SoftState | None:

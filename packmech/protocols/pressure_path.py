@@ -11,7 +11,7 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
 from packmech.minimize.second_order.soft_network import Load
-from packmech.minimize.second_order.soft_newton import SoftState, descend, judge, newton
+from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, pairs_of, report_changes
 from packmech.protocols.soft import extrapolated, search_pressure
@@ -68,7 +68,7 @@ class PressurePath:
                         factor = factor**0.5
                         continue
                     rearrangements += 1
-                    state = descend(self.packing, protocol.units, protocol.basis_kdd, load)
+                    state = find_bottom(self.packing, protocol.units, protocol.basis_kdd, load, tolerance)
                     iterations += state.iterations
                     if not state.sound(tolerance) and self.packing.plain:
                         state = search_pressure(protocol, self.packing, load)
@@ -79,7 +79,9 @@ class PressurePath:
                     self.before = self.packing, place
                 if further == way.end and not state.sound(protocol.force_tolerance):
                     # a contact that barely touches slows Newton's steps: those that only go down pass it
-                    lower = descend(state.packing, protocol.units, protocol.basis_kdd, load)
+                    lower = find_bottom(
+                        state.packing, protocol.units, protocol.basis_kdd, load, protocol.force_tolerance
+                    )
                     iterations += lower.iterations
                     if lower.sound(tolerance):
                         state = lower

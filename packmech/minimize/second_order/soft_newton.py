@@ -40,6 +40,8 @@ _NEAR = 1e-7
 _WIDE, _WIDEST = 1e2, 1e-3
 # merit at which the width is multiplied by a factor; its last value over that overlap, and over the error of positions
 _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
+# rounding of positions may make up this part of the contact forces before they count as none [1]
+_NO_FORCE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,11 @@ class SoftState:
     floor: float = 0.0
     mean_force: float = 0.0
     evaluations: int = 0
+
+    @property
+    def unjammed(self) -> bool:
+        """Whether the contact forces are no more than rounding."""
+        return not self.mean_force > 0.0 or self.floor > _NO_FORCE
 
     def balanced(self, tolerance: float) -> bool:
         """Return whether forces and stress balance to the tolerance."""
@@ -286,6 +293,33 @@ def descend_smoothed(
     # contacts that just touch hold what they touch: they count in the smoothed network alone
     negative = min(negative, end.negative) if used < iterations else end.negative
     return replace(end, negative=negative, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
+
+
+def find_bottom(
+    packing: Packing,
+    units: Units,
+    basis_kdd: NDArray[np.float64],
+    pressure: float | Load | None,
+    tolerance: float,
+    *,
+    watch: Callable[[Packing], None] | None = None,
+) -> SoftState:
+    """Return the packing that `descend` reaches; where it comes to no balance, that of `descend_smoothed`.
+
+    Parameters
+    ----------
+    packing, units, basis_kdd, pressure, watch
+        As in `descend`.
+    tolerance
+        Net force over mean contact force, and missing stress over pressure, that count as balance [1].
+
+    """
+    state = descend(packing, units, basis_kdd, pressure, watch=watch)
+    if state.sound(tolerance) or state.unjammed:
+        return state
+    smoothed = descend_smoothed(packing, units, basis_kdd, pressure, watch=watch)
+    iterations, evaluations = state.iterations + smoothed.iterations, state.evaluations + smoothed.evaluations
+    return replace(smoothed, iterations=iterations, evaluations=evaluations)
 
 
 def _overlap(network: SoftNetwork) -> float:
