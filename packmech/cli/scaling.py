@@ -56,7 +56,7 @@ def scaling(
     seed
         of the first packing
     workers
-        processes on this machine (default: one for each core)
+        processes on this machine (default: one for each core); 0: the command's own
 
     """
     starts = [read_scene(scene, seed=seed + k) for k in range(packings)]
@@ -99,9 +99,11 @@ def _write(found: JammingScaling, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     (out / "scaling.csv").write_text(found.to_csv(), encoding="utf-8")
     draw_scaling(found, out / "scaling.png")
+    asked = len(found.value_sp["residual"])
     title = (
-        f"exponents where N does not show (packing fractions {25 / found.particles**2:.2g} above jamming), "
-        f"{found.packings} packings of {found.particles}"
+        f"exponents where N does not show (packing fractions {found.counted_from:.2g} above jamming), "
+        f"{found.packings} of {asked} packings of {found.particles}"
+        + ("" if found.packings == asked else "; the others did not come to rest at every level")
     )
     head = ("quantity", "over", "exponent", "+-", "corrected", "+-", "correction", "theory")
     show(table(title, head, fits(found), right=tuple(range(2, len(head)))))

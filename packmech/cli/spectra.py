@@ -54,6 +54,9 @@ def spectra(
 
     """
     integer("dimension", dimension, at_least=2, at_most=3)
+    for name, values, of in (("aspects", aspects, "states"), ("distances", distances, "edges")):
+        if values is not None and what != of:
+            raise ValueError(f"{name} must be left out for {what}, got {values}")
     out.mkdir(parents=True, exist_ok=True)
     chosen: dict[str, Any] = {
         "dimension": dimension,
@@ -79,6 +82,11 @@ def spectra(
             show(table("end of the plateau", ("above jamming", "omega*", "+-", "packings"), rows, right=(0, 1, 2, 3)))
         else:
             found = study.read_contacts(out, study.touch_all(out, **chosen))
+            if not found:
+                raise ValueError(
+                    f"particles must leave hard packings with one state of self stress, got {chosen['particles']}: "
+                    "none of them has; take more particles or packings"
+                )
             study.draw_contacts(found, dimension, chosen["particles"], figure)
             lines = [
                 (name, f"{value:.3f}", f"{error:.3f}", f"{count}", f"{theory:.4g}")

@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from packmech.check import brief
+from packmech.check import brief, integer
 from packmech.ensemble.folder import WORKSPACE, find, read_arrays
 from packmech.ensemble.members import member_of
 from packmech.ensemble.run import run_ensemble
@@ -79,9 +79,12 @@ def complete(
     folder: Path,
     *,
     workers: int | None,
+    time_limit: float | None = None,
     progress: Callable[[int, int, int, Finished], None] | None = None,
 ) -> list[Finished]:
     """Return the members with these parameters, in this order, after running those that are missing or failed before.
+
+    Parameters that are the same are one member.
 
     Parameters
     ----------
@@ -94,8 +97,10 @@ def complete(
     workers
         As in `run_ensemble`. With 0 the first exception of a member passes on at once; else all members are run before
         failures are raised.
+    time_limit
+        Of each member where other processes run them, as in `run_ensemble`.
     progress
-        Called as progress(finished, of, number, member) once for each member that is finished.
+        Called as progress(finished, of, number, member) once for each that is wanted and finished.
 
     Raises
     ------
@@ -103,17 +108,23 @@ def complete(
         If a member failed, with its message.
 
     """
+    if workers is not None:
+        integer("workers", workers, at_least=0)
     members = [member_of(one) for one in wanted]
-    number = {one.id: k for k, one in enumerate(members)}
+    numbers: dict[str, list[int]] = {}
+    for k, one in enumerate(members):
+        numbers.setdefault(one.id, []).append(k)
     finished: dict[str, Finished] = {}
     raised: list[Exception] = []
 
     def take(name: str) -> None:
-        found = find(folder, members[number[name]])
+        found = find(folder, members[numbers[name][0]])
         if found.result is not None and name not in finished:
             finished[name] = Finished((folder / WORKSPACE / name).absolute(), found.result["values"])
+            done = sum(len(numbers[one]) for one in finished)
             if progress is not None:
-                progress(len(finished), len(members), number[name], finished[name])
+                for k in numbers[name]:
+                    progress(done, len(members), k, finished[name])
 
     @wraps(job)
     def run(**given: Any) -> Any:
@@ -129,11 +140,12 @@ def complete(
         if "member" in figures:
             take(figures["member"])
 
-    for one in members:
-        take(one.id)
-    if len(finished) < len(members):
-        grid = [{name: [value] for name, value in one.items()} for one in wanted]
-        run_ensemble(job if workers != 0 else run, grid, folder, workers=workers, retry=True, progress=report)
+    for name in numbers:
+        take(name)
+    if len(finished) < len(numbers):
+        grid = [{name: [value] for name, value in wanted[places[0]].items()} for places in numbers.values()]
+        chosen: dict[str, Any] = {"workers": workers, "time_limit": time_limit if workers != 0 else None}
+        run_ensemble(job if workers != 0 else run, grid, folder, retry=True, progress=report, **chosen)
     failed = [one for one in members if one.id not in finished]
     if failed:
         failure = find(folder, failed[0]).failure or {}

@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import time
+import uuid
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from packmech.files.records import from_table, is_record, to_table
 from packmech.generate import random_packing
 from packmech.generate.random import Monodisperse, Sizes, sizes_of
 from packmech.honors import CALLS
+from packmech.loop.checkpoint import fingerprint
 from packmech.mechanics.elasticity import Average, universal_anisotropy
 from packmech.packing import Packing
 from packmech.protocols.cement import (
@@ -109,7 +111,7 @@ def jammed_packing(
         start = random_packing(
             particles,
             dimension=dimension,
-            sizes=own or from_table(json.loads(sizes), "sizes", NESTED["sizes"]),
+            sizes=from_table(json.loads(sizes), "sizes", NESTED["sizes"]) if own is None else own,
             packing_fraction=_START_FRACTION,
             seed=draw(seed, particles, packing, 0, attempt),
         )
@@ -455,7 +457,10 @@ def _jammed(folder: Path, wanted: Sequence[dict[str, Any]], sizes: Sizes, worker
     shipped = is_record(sizes) and type(sizes) in NESTED["sizes"].values()
     if not shipped and workers != 0:
         raise ValueError(f"workers must be 0 for sizes of your own, got {workers!r} with {sizes!r}")
-    text = json.dumps(to_table(sizes), sort_keys=True) if shipped else repr(sizes)
+    text = json.dumps(to_table(sizes), sort_keys=True) if shipped else fingerprint(sizes)
+    if not is_record(sizes):
+        # nothing tells such an object from another: what it drew is never taken for what another draws
+        text = uuid.uuid4().hex
     job: Callable[..., Any] = jammed_packing
     if not shipped:
         job = functools.update_wrapper(functools.partial(jammed_packing, own=sizes), jammed_packing)

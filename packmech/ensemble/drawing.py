@@ -133,7 +133,7 @@ def draw_scaling(found: JammingScaling, path: Path) -> None:
                 ax.plot(ends, fit.prefactor * ends**fit.exponent * correction, color=_INK, label=label)
                 ax.plot(*(ends, fit.prefactor * ends**theory), color=_INK, linestyle=":", label=f"slope {theory:.4g}")
                 ax.legend(loc="upper left", fontsize=7.5)
-            if not counted.all():
+            if counted.any() and not counted.all():
                 ax.axvspan(x.min() / 1.5, np.sqrt(x[counted].min() * x[~counted].max()), color="#f0f0f0", zorder=0)
             ax.set(xscale="log", yscale="log", xlabel=FITTED[found.control], ylabel=FITTED[name])
             ax.set_xlim(x.min() / 1.5, x.max() * 1.5)

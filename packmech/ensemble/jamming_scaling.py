@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial, update_wrapper
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from packmech.check import instance, one_of, positive
+from packmech.check import function, instance, one_of, positive
 from packmech.effects import pair_energy
 from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
 from packmech.honors import declare
@@ -26,10 +27,10 @@ from packmech.measure.stress import energy
 from packmech.mechanics.elasticity import elastic_moduli, voigt_average
 from packmech.mechanics.modes import StateDensity, density_of_states
 from packmech.protocols.compress import compress
-from packmech.protocols.jam import JamMethod, jam
+from packmech.protocols.jam import JamMethod, check_method, jam
 from packmech.protocols.protocol import sequence
 from packmech.protocols.sweep import sweep_pressure
-from packmech.result import Run
+from packmech.result import NotConverged, Outcome, Run
 from packmech.scene import JamDrive, Scene
 
 PRESSURES = tuple(10.0 ** (-2.0 - 0.5 * k) for k in range(9))
@@ -130,8 +131,13 @@ class JammingScaling:
         """
         distance = self.mean_p("distance")
         if np.isfinite(distance).all():
-            return np.asarray(distance >= _COUNTED / self.particles**2 * (1.0 - 1e-12))
+            return np.asarray(distance >= self.counted_from * (1.0 - 1e-12))
         return np.asarray(self.mean_p("pressure") >= _PRESSED / self.particles**2 * (1.0 - 1e-12))
+
+    @property
+    def counted_from(self) -> float:
+        """Packing fraction above jamming from which N does not show [1]."""
+        return _COUNTED / self.particles**2
 
     def mean_p(self, name: str) -> NDArray[np.float64]:
         """Return the (P,) means over the packings; the plateau's edge is that of all their modes."""
@@ -200,8 +206,13 @@ class JammingScaling:
         if largest is not None:
             part = part & (x <= positive("largest", largest) * (1.0 + 1e-12))
         needed = 4 if corrected else 2
-        if np.count_nonzero(part) < needed:
-            raise ValueError(f"smallest must leave at least {needed} levels, got {np.count_nonzero(part)}")
+        if len(np.unique(x[part])) < needed:
+            where = f"{chosen} from {x.min():g} to {x.max():g}" + (
+                ""
+                if smallest is not None
+                else f", where N = {self.particles} shows below {self.counted_from:.2g} above jamming: give smallest"
+            )
+            raise ValueError(f"smallest must leave at least {needed} levels, got {len(np.unique(x[part]))} of {where}")
 
         def line(rows: NDArray[np.int64]) -> tuple[float, float, float]:
             mean = self._means(name, rows)[part]
@@ -215,6 +226,12 @@ class JammingScaling:
         if len(rows) > 1:
             error = float(_jackknife(np.array([line(np.delete(rows, k))[0] for k in range(len(rows))])))
         return Exponent(slope, error, prefactor, correction)
+
+    def __repr__(self) -> str:
+        """Return what was followed, in a line."""
+        levels = f"{len(self.level_p)} levels of {self.control} from {self.level_p.min():g} to {self.level_p.max():g}"
+        asked = len(self.value_sp["residual"])
+        return f"JammingScaling: {self.packings} of {asked} packings of {self.particles} particles at {levels}"
 
     def to_csv(self) -> str:
         """Return means and errors of every quantity, a line a level."""
@@ -305,7 +322,7 @@ def jamming_scaling(
         Count vibrational states, too: of the packings without their stress, all particles of mass 1, so that
         `fit("plateau_edge")` gives omega*. About a hundred factorizations for each packing and level.
     time_limit
-        CPU time for each packing [s].
+        For each packing [s]: CPU time, or wall time where other processes follow it.
     folder
         An ensemble with a member for each packing (`pm.read_ensemble`), and the scenes. Interrupted work goes on where
         it was when called again, and more scenes may be asked for. None keeps nothing.
@@ -322,7 +339,9 @@ def jamming_scaling(
     TypeError, ValueError
         If an argument is not what it must be, or scenes differ in particles or axes.
     NotConverged
-        If a packing does not come to rest and `check` is set; a RuntimeError where other processes follow it.
+        If a packing does not come to rest and `check` is set.
+    TimeoutError, RuntimeError
+        If a packing takes longer than the limit (the latter from other processes); the call goes on with it again.
     KeyboardInterrupt
         Passed on with `.scaling` set to what the finished packings give, None before the first.
 
@@ -361,9 +380,18 @@ def jamming_scaling(
     one_of("strain", strain, ("isotropic", "free"))
     instance("states", states, bool)
     instance("check", check, bool)
+    laws = [_law_exponent(scene) for scene in given]
+    if len(set(laws)) > 1:
+        other = next(k for k, law in enumerate(laws) if law != laws[0])
+        raise ValueError(
+            f"scenes[{other}] must have energies ~ overlap^{laws[0]:g} like the first, got overlap^{laws[other]:g}"
+        )
+    if progress is not None:
+        function("progress", progress)
+    if method is not None:
+        check_method(method)
+    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
     jam_drive = JamDrive(pressure=float(goals[0]) if distances is None else _JAMMED_AT, strain=strain, method=method)
-    if time_limit is not None:
-        positive("time_limit", time_limit)
     finished: dict[int, Finished] = {}
 
     def gathered() -> JammingScaling:
@@ -385,6 +413,8 @@ def jamming_scaling(
 
     def report(done: int, of: int, number: int, member: Finished) -> None:
         finished[number] = member
+        if check and "outcome" in member.values:
+            raise NotConverged(_stalled(member))
         if progress is not None:
             progress("scaling", {"done": done})
 
@@ -396,12 +426,12 @@ def jamming_scaling(
                     "control": control,
                     "goals": goals.tolist(),
                     "states": states,
-                    "time_limit": time_limit,
-                    "check": check,
                 }
                 for scene in given
             ]
-            complete(followed, wanted, place, workers=workers, progress=report)
+            # the limit is no part of what a packing is asked for
+            job = followed if workers != 0 else update_wrapper(partial(followed, time_limit=limit), followed)
+            complete(job, wanted, place, workers=workers, time_limit=time_limit, progress=report)
         except KeyboardInterrupt as stop:
             stop.scaling = gathered() if finished else None  # type: ignore[attr-defined]
             raise
@@ -409,36 +439,56 @@ def jamming_scaling(
 
 
 def followed(
-    folder: Path, scene: str, control: str, goals: list[float], states: bool, time_limit: float | None, check: bool
+    folder: Path, scene: str, control: str, goals: list[float], states: bool, time_limit: float = math.inf
 ) -> dict[str, Any]:
     """Return what a member is: one packing, jammed and followed over the goals, and what is measured of it at each.
 
-    A packing that does not come to rest at every goal has nan everywhere.
+    A packing that does not come to rest at every goal has nan everywhere, and says how it ended.
     """
     began = time.process_time()
+
+    def left() -> dict[str, Any]:
+        rest = None if math.isinf(time_limit) else max(began + time_limit - time.process_time(), 1e-9)
+        return {"strain": drive.strain, "time_limit": rest}
+
     start = scene_at(scene_path(folder, scene))
     drive = start.drive
     assert isinstance(drive, JamDrive)
-    common: dict[str, Any] = {"strain": drive.strain, "time_limit": time_limit, "check": check}
-    runs: tuple[Run, ...] = (jam(start, pressure=drive.pressure, method=drive.method, **common),)
+    runs: tuple[Run, ...] = (jam(start, pressure=drive.pressure, method=drive.method, check=False, **left()),)
     if runs[0].outcome.ok:
         here = start.replace(packing=runs[0].packing)
         if control == "distance":
-            runs = compress(here, goals, **common)
+            runs = compress(here, goals, check=False, **left())
         elif len(goals) > 1:
-            runs = (*runs, *sweep_pressure(here, goals[1:], **common))
-    table = np.full((len(goals), len(COLUMNS)), math.nan)
-    found: tuple[StateDensity, ...] = ()
-    if len(runs) == len(goals) and all(run.outcome.ok for run in runs):
-        table = np.array([_measured(start, run) for run in runs])
-        table[:, _DISTANCE] = table[:, _FRACTION] - _onset(runs, table, _law_exponent(start))
-        found = tuple(_states(start, run) for run in runs) if states else ()
+            runs = (*runs, *sweep_pressure(here, goals[1:], check=False, **left()))
+    ended = next((run for run in runs if not run.outcome.ok), runs[-1])
+    if ended.outcome is Outcome.INTERRUPTED:
+        raise TimeoutError(f"time_limit must suffice for a packing, got {time_limit:g} s")
+    if len(runs) < len(goals) or not ended.outcome.ok:
+        stalled = {"outcome": ended.outcome.name, "residual": ended.residual, "steps": ended.steps}
+        empty = np.zeros(0, dtype=np.int64)
+        return stalled | {
+            "value_pc": np.full((len(goals), len(COLUMNS)), math.nan),
+            "count_pb": empty,
+            "modes_p": empty,
+            "cost": time.process_time() - began,
+            "packing": ended.packing,
+        }
+    table = np.array([_measured(start, run) for run in runs])
+    table[:, _DISTANCE] = table[:, _FRACTION] - _onset(runs, table, _law_exponent(start))
+    found = tuple(_states(start, run) for run in runs) if states else ()
     return {
         "value_pc": table,
         "count_pb": np.array([one.count_b for one in found], dtype=np.int64),
         "modes_p": np.array([one.modes for one in found], dtype=np.int64),
         "cost": time.process_time() - began,
     }
+
+
+def _stalled(member: Finished) -> Run:
+    """Return the run of a packing that did not come to rest, as far as it is kept."""
+    kept = member.values
+    return Run(member.packing(), Outcome[kept["outcome"]], kept["residual"], kept["steps"], 0, kept["cost"])
 
 
 def _densities(arrays: Mapping[str, NDArray[Any]]) -> tuple[StateDensity, ...]:

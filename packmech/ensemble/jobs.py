@@ -24,6 +24,7 @@ from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
 from packmech.files.packings import PathLike
+from packmech.jit.source_key import function_key
 from packmech.packing import Packing
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene
@@ -143,7 +144,9 @@ def _reference(argument: str, function: Any, here: bool = False) -> dict[str, st
     file = getattr(sys.modules.get(module or ""), "__file__", None)
     if not name.isidentifier() or file is None:
         if here:
-            return {"module": str(module), "name": name or type(function).__qualname__, "root": ""}
+            code = function_key(function)
+            known = {"module": str(module), "name": name or type(function).__qualname__, "root": ""}
+            return known if code is None else known | {"code": code}
         raise TypeError(
             f"{argument} must be a function at the top of a file, which other processes can import, or workers 0, got "
             f"{function!r}"

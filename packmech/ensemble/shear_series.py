@@ -135,6 +135,11 @@ class ShearSeries:
     trials: dict[tuple[str, float | None, int, float], ShearTrial]
     curves: tuple[ShearCurve, ...]
 
+    def __repr__(self) -> str:
+        """Return what was sheared, in a line."""
+        kinds = ", ".join(one.control + ("" if one.friction is None else f" {one.friction:g}") for one in self.curves)
+        return f"ShearSeries: {len(self.trials)} trials at {len(self.curves[0].amplitude_a)} amplitudes of {kinds}"
+
     def curve(self, control: str = "prepared", friction: float | None = None) -> ShearCurve:
         """Return the curve of a control, at a friction if several were asked for.
 

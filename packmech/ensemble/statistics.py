@@ -263,7 +263,7 @@ def fit_power_law(
     size = positive_array("size_g", size_g, shape=(None,), what="group")
     error = positive_array("error_g", error_g, shape=size.shape, what="group")
     if len(np.unique(size)) < 3:
-        raise ValueError(f"size_g must hold at least three sizes, got {np.unique(size).tolist()}")
+        raise ValueError(f"size_g must hold three sizes or more for a fit, got {np.unique(size).tolist()}")
     if exponent is None:
         value = positive_array("value_g", value_g, shape=size.shape, what="group")
         # about the middle, where slope and height are least dependent

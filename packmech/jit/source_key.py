@@ -156,6 +156,27 @@ def source_key(cls: type) -> str | None:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
+def function_key(function: Any) -> str | None:
+    """Return a hash that changes whenever a function, and those that it calls, compute something else.
+
+    As `source_key`: of its code and the values that its free names stand for; None if these cannot be told.
+
+    Examples
+    --------
+    >>> def scaled(factor):
+    ...     return lambda x: factor * x
+    >>> function_key(scaled(2.0)) == function_key(scaled(2.0)), function_key(scaled(2.0)) == function_key(scaled(3.0))
+    (True, False)
+
+    """
+    if not inspect.isfunction(function):
+        return None
+    try:
+        return hashlib.sha256("\n".join(_function(function, set())).encode()).hexdigest()
+    except _Unknown:
+        return None
+
+
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
     yield code
     for one in code.co_consts:
@@ -197,7 +218,7 @@ def _value(value: Any, seen: set[int]) -> str:
             raise _Unknown
         return f"array {array.dtype.str} {array.shape} {array.tobytes().hex()}"
     if isinstance(value, types.ModuleType):
-        if value.__name__.partition(".")[0] in _SETTLED:
+        if value.__name__.partition(".")[0] in (*_SETTLED, "packmech"):
             return f"module {value.__name__}"
         raise _Unknown
     inner = getattr(value, "py_func", value)

@@ -210,7 +210,7 @@ def tap(
     relax where they stand by FIRE, are compressed in small steps (0.3 % of the packing fraction) until they press, and
     are followed down to the pressure. Vibration without inertia: a tap is a jump to another place in the landscape of
     energies and the way down from there. Weak kicks lead back to the same packing, kicks of some tenths of the diameter
-    make loose packings denser, and those near the diameter make random packings anew. To go on, call again with the
+    make loose packings denser, and those near the diameter make other random packings. To go on, call again with the
     packing of the last run and the same `rng`: the taps are those of one call.
 
     Parameters
@@ -283,15 +283,15 @@ def tap(
         shaken = scene.replace(packing=kicked(scene.packing, kick, rng))
         try:
             run = _jammed_again(shaken, settings, ends, **asked)
+            report = {"tap": count, "amplitude": float(amplitude), **run.report}
+            runs.append(dataclasses.replace(run, report=report))
+            if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+                break
+            if progress is not None:
+                progress("tap", {"tap": count, "packing": run.packing, "packing_fraction": report["packing_fraction"]})
         except KeyboardInterrupt as stop:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
-        report = {"tap": count, "amplitude": float(amplitude), **run.report}
-        runs.append(dataclasses.replace(run, report=report))
-        if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
-            break
-        if progress is not None:
-            progress("tap", {"tap": count, "packing": run.packing, "packing_fraction": report["packing_fraction"]})
         scene = scene.replace(packing=run.packing)
     return tuple(runs)
 

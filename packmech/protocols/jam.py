@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,12 @@ def is_jammed(scene: Scene) -> bool:
     """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
     largest, mean = force_balance(scene)
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
+
+
+def check_method(method: Any) -> None:
+    """Raise TypeError for what is no method of `jam`."""
+    if not isinstance(method, JamMethod):
+        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving, Decompression or Press, got {method!r}")
 
 
 @honors("repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes")
@@ -157,8 +164,7 @@ def jam(
         )
     if method is None:
         method = Press() if frictional else Decompression() if linked else HardVertex()
-    if not isinstance(method, JamMethod):
-        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving, Decompression or Press, got {method!r}")
+    check_method(method)
     if frictional and not isinstance(method, Press):
         raise ValueError(
             f"method must be Press for a scene with friction, got {method!r}: leave friction out with "

@@ -83,7 +83,7 @@ class PressurePath:
                         state.packing, protocol.units, protocol.basis_kdd, load, protocol.force_tolerance
                     )
                     iterations += lower.iterations
-                    if lower.sound(tolerance):
+                    if lower.sound(tolerance) and lower.residual < state.residual:
                         state = lower
                 self.packing, place = state.packing, further
                 self.pressure, self.rest_dd = way.pressure(place), way.rest(place)

@@ -90,7 +90,7 @@ def test_the_command_writes_curve_thresholds_words_and_figure_and_resumes(tmp_pa
     assert len((tmp_path / "thresholds.csv").read_text().splitlines()) == 3
 
 
-def test_curves_of_ones_own_packings_are_resumed_and_told_apart(tmp_path):
+def test_curves_of_ones_own_packings_are_resumed_and_not_confused(tmp_path):
     scenes = [monomers(1), monomers(2), monomers(2, 48)]
     settings = {"orders": 2, "seed": 5, "step": 0.2}
     curves = pm.cementing_curve(tmp_path, scenes=scenes, **settings)

@@ -117,3 +117,17 @@ def test_a_folder_goes_on_in_other_processes_if_its_function_has_a_name(tmp_path
         path.unlink()
     found = pm.resume_ensemble(tmp_path / "closure", workers=0)
     assert "goes on by the same call of run_ensemble" in found["message"][0]
+
+
+def test_a_closure_that_computes_something_else_is_another_job(tmp_path):
+    def times(factor):
+        def scaled(n):
+            return factor * n
+
+        return pm.run_ensemble(scaled, {"n": [1, 2]}, tmp_path, workers=0)
+
+    assert times(2)["value"].tolist() == times(2)["value"].tolist() == [2, 4]
+    with pytest.raises(
+        ValueError, match="folder must hold members of the same job, or be new, got .* another function"
+    ):
+        times(3)

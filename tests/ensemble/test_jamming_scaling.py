@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.ensemble.drawing import draw_scaling
 from packmech.ensemble.jamming_scaling import COLUMNS
 
 
@@ -199,3 +200,34 @@ def test_the_shear_modulus_of_a_packing_that_is_unstable_in_its_box_is_the_mean_
     mean = np.einsum("ka,ab,kb->k", shears, moduli.cauchy, shears).mean() / 2.0
     found = pm.jamming_scaling([scene], [1e-5], strain="isotropic").value_sp["shear_modulus"][0, 0]
     assert found == pytest.approx(mean / scene.pressure_unit, rel=1e-9)
+
+
+def test_a_limit_of_time_is_no_part_of_what_is_asked_and_what_is_out_of_time_is_followed_again(tmp_path):
+    scenes = starts(2, 32)
+    with pytest.raises(TimeoutError, match="time_limit must suffice for a packing"):
+        pm.jamming_scaling(scenes, [1e-2], folder=tmp_path, time_limit=1e-9)
+    assert pm.read_ensemble(tmp_path).counts()["done"] == 0
+    assert pm.jamming_scaling(scenes, [1e-2], folder=tmp_path, time_limit=1e9).packings == 2
+    assert pm.jamming_scaling(scenes, [1e-2], folder=tmp_path, check=False).packings == 2
+    assert len(pm.read_ensemble(tmp_path)) == 2
+
+
+def test_a_scene_that_is_given_twice_counts_twice_and_laws_that_differ_are_refused():
+    (scene,) = starts(1, 32)
+    found = pm.jamming_scaling([scene, scene], [1e-2])
+    assert found.packings == 2 and (found.value_sp["pressure"][0] == found.value_sp["pressure"][1]).all()
+    with pytest.raises(
+        ValueError, match=r"scenes\[1\] must have energies ~ overlap\^2 like the first, got overlap\^2.5"
+    ):
+        pm.jamming_scaling([scene, scene.replace(effects=(pm.Repulsion(law=pm.Hertz()),))], [1e-2])
+
+
+def test_where_every_level_is_in_the_plateau_there_is_no_fit_and_a_figure_all_the_same(tmp_path):
+    found = pm.jamming_scaling(starts(2, 32), [1e-3, 1e-4])
+    with pytest.raises(
+        ValueError, match="smallest must leave at least 2 levels, got 0 of pressure from .* N = 32 shows"
+    ):
+        found.fit("shear_modulus")
+    draw_scaling(found, tmp_path / "scaling.png")
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+    assert repr(found) == "JammingScaling: 2 of 2 packings of 32 particles at 2 levels of pressure from 0.0001 to 0.001"

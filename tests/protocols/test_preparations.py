@@ -147,6 +147,7 @@ def test_time_is_limited_in_all_and_interrupts_pass_on_what_was_finished(name):
     assert all(run.ok and run.seconds > 0.0 and run.force_evaluations > 0 and run.stages for run in all_three)
     runs = CALLS[name](whole, time_limit=1e-9, check=False)
     assert len(runs) == 1 and runs[0].outcome is pm.Outcome.INTERRUPTED
+    assert runs[0].to_dict()["outcome"] == "interrupted"
     seen = []
 
     def stop(stage, figures):
@@ -155,6 +156,13 @@ def test_time_is_limited_in_all_and_interrupts_pass_on_what_was_finished(name):
         elif seen:
             raise KeyboardInterrupt
 
+    def stop_at_once(stage, figures):
+        if stage == name:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        CALLS[name](whole, progress=stop_at_once)
+    assert [run.packing for run in stopped.value.runs] == [all_three[0].packing]
     with pytest.raises(KeyboardInterrupt) as stopped:
         CALLS[name](whole, progress=stop)
     (finished,) = stopped.value.runs
@@ -173,3 +181,9 @@ def test_what_cannot_be_sheared_or_tapped_is_refused():
         pm.tap(scene(), 0.1, 0, seed=1)
     with pytest.raises(ValueError, match="seed must be an integer"):
         pm.tap(scene(), 0.1)
+
+
+def test_the_first_cycle_counts_from_the_pressure_that_is_held_and_not_from_the_packing_before():
+    runs = pm.cyclic_shear(scene(pressure=1e-3), 1e-5, 2, step=1e-5, pressure=2e-3)
+    assert all(run.report["displacement"] < 1e-10 for run in runs)
+    assert [run.report["contacts_opened"] + run.report["contacts_closed"] for run in runs] == [0, 0]

@@ -610,5 +610,6 @@ class HardShapePath:
         order = np.lexsort((*moved.T[::-1], pairs.j_c, pairs.i_c))
         active = Candidates(pairs.i_c[order], pairs.j_c[order], np.ascontiguousarray(moved[order]))
         found = self._settled(vertex.strain, packing, active, vertex.force_c[order], stable=False)
-        assert found is not None
+        if found is None:
+            raise Lost
         return replace(found, rate_c=vertex.rate_c[order])

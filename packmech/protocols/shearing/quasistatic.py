@@ -155,6 +155,8 @@ class QuasistaticShear(Run):
     @property
     def yield_strain(self) -> float:
         """Strain of the largest growth of the stress along the shear; nan where it is still growing at the end [1]."""
+        if not len(self.strain_t):
+            return math.nan
         grown = (self.shear_stress_t - self.shear_stress_t[0]) * np.sign(self.strain_t[-1] or 1.0)
         k = int(np.argmax(grown))
         return float(self.strain_t[k]) if 0 < k < len(grown) - 1 else math.nan
@@ -171,6 +173,8 @@ class QuasistaticShear(Run):
 
         """
         part = positive("tolerance", tolerance)
+        if not len(self.strain_t):
+            return math.nan
         straight = self.modulus_t[0] * (self.strain_t - self.strain_t[0])
         off = np.abs(self.shear_stress_t - self.shear_stress_t[0] - straight) - part * np.abs(straight)
         off[0] = 0.0
@@ -187,9 +191,9 @@ class QuasistaticShear(Run):
         return {
             **super().to_dict(),
             "held": self.held,
-            "strain": float(self.strain_t[-1]),
-            "shear_stress": float(self.shear_stress_t[-1]),
-            "modulus": float(self.modulus_t[0]),
+            "strain": _last(self.strain_t),
+            "shear_stress": _last(self.shear_stress_t),
+            "modulus": _last(self.modulus_t[:1]),
             "first_change": math.nan if first is None else first.strain,
             "first_change_opened": None if first is None else first.opened,
             "yield_strain": self.yield_strain,
@@ -406,17 +410,18 @@ def cyclic_shear(
         protocol = _protocol(scene, asked, tolerance, dataclasses.replace(settings, time_limit=left))
         try:
             run = _Shear(protocol, pair, asked, "none").run(goals)
+            report = {"cycle": cycle, "amplitude": largest, **_report(protocol, run, asked, started)}
+            if run.outcome is Outcome.FINISHED:
+                # since the packing was at the pressure
+                report |= {**_changed(protocol.scene.packing, run.packing), "work": float(run.work_t[-1])}
+            runs.append(dataclasses.replace(run, report=report, seconds=time.process_time() - started))
+            if run.outcome is not Outcome.FINISHED:
+                break
+            figures = {name: report[name] for name in ("cycle", "packing_fraction", "displacement")}
+            protocol.loop.report("cycle", packing=run.packing, **figures)
         except KeyboardInterrupt as stop:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
-        report = {"cycle": cycle, "amplitude": largest, **_report(protocol, run, asked, started)}
-        if run.outcome is Outcome.FINISHED:
-            report |= {**_changed(scene.packing, run.packing), "work": float(run.work_t[-1])}
-        runs.append(dataclasses.replace(run, report=report, seconds=time.process_time() - started))
-        if run.outcome is not Outcome.FINISHED:
-            break
-        figures = {name: report[name] for name in ("cycle", "packing_fraction", "displacement")}
-        protocol.loop.report("cycle", packing=run.packing, **figures)
         scene = scene.replace(packing=run.packing)
     return tuple(runs)
 
@@ -473,6 +478,11 @@ def _changed(before: Packing, after: Packing) -> dict[str, Any]:
         "contacts_opened": len(was - now),
         "contacts_closed": len(now - was),
     }
+
+
+def _last(values: NDArray[np.float64]) -> float:
+    """Return the last value; nan of a run that was ended before its first row."""
+    return float(values[-1]) if len(values) else math.nan
 
 
 class _Shear:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import csv
-import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.validation.studies.rows import complete_rows
+from packmech.validation.studies.rows import columns_of, complete_rows
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -8.25, -0.5))
@@ -217,26 +217,24 @@ def first_changes(
     progress: Callable[[int, int, FirstChange | None], None],
     workers: int | None = None,
 ) -> list[FirstChange]:
-    """Return the first changes of shear-stabilized packings of all sizes, pressures and seeds; resumes."""
-    wanted = [(n, p, s, sorted(pressures, reverse=True)) for n, s, p in itertools.product(particles, seeds, pressures)]
-    return complete_rows(folder / "first-change.csv", FirstChange, wanted, first_change_at, progress, workers)
+    """Return first changes of shear-stabilized packings of all sizes, seeds and pressures, each packing a member."""
+    wanted = [(n, s, sorted(pressures, reverse=True)) for n, s in itertools.product(particles, seeds)]
+    return complete_rows(folder / "first-change.csv", FirstChange, wanted, changes_over_pressure, progress, workers)
 
 
-@functools.lru_cache(maxsize=1)
-def _swept(particles: int, seed: int, pressures: tuple[float, ...]) -> dict[float, pm.Scene]:
-    """Return a packing at falling pressures, as far as it comes; rows of one packing follow each other."""
+def changes_over_pressure(particles: int, seed: int, pressures: Sequence[float]) -> dict[str, NDArray[Any]]:
+    """Return the rows of a packing that is followed through falling pressures; nan where no change is located."""
     scene = jammed_discs(particles, seed, pressure=max(pressures), strain="free")
     runs = pm.sweep_pressure(scene, pressures, strain="free", check=False)
-    return {goal: scene.replace(packing=run.packing) for goal, run in zip(pressures, runs, strict=False) if run.ok}
-
-
-def first_change_at(particles: int, pressure: float, seed: int, pressures: Sequence[float]) -> FirstChange:
-    """Return the first change of a packing at one of the falling pressures that it goes through; nan where none is."""
-    scene_there = _swept(particles, seed, tuple(pressures)).get(pressure)
+    there = {goal: run for goal, run in zip(pressures, runs, strict=False) if run.ok}
     nothing = (math.nan, math.nan, math.nan, 0, 0, math.nan, math.nan, 0, math.nan)
-    if scene_there is None:
-        return FirstChange(particles, pressure, seed, *nothing)
-    return _first_change(scene_there, particles, pressure, seed) or FirstChange(particles, pressure, seed, *nothing)
+    rows = []
+    for pressure in pressures:
+        found = None
+        if pressure in there:
+            found = _first_change(scene.replace(packing=there[pressure].packing), particles, pressure, seed)
+        rows.append(found or FirstChange(particles, pressure, seed, *nothing))
+    return columns_of(rows)
 
 
 def _first_change(scene: pm.Scene, particles: int, pressure: float, seed: int) -> FirstChange | None:
@@ -259,7 +257,13 @@ def fit_first_changes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
     """Return the fit ln(strain) = a + b ln(P) + c ln(N) where N^2 P is small, or large, its errors, and packings.
 
-    By least squares; errors by drawing packings, all pressures of one together, with replacement.
+    By least squares; errors by drawing packings of each N, all pressures of one together, with replacement.
+
+    Raises
+    ------
+    ValueError
+        If packings of fewer than two N, or pressures, are left.
+
     """
     part = [one for one in found if math.isfinite(one.strain)]
     if large:
@@ -267,6 +271,10 @@ def fit_first_changes(
     else:
         part = [one for one in part if one.particles**2 * one.pressure <= SMALL]
     packings = sorted({(one.particles, one.seed) for one in part})
+    for name in ("particles", "pressure"):
+        if len({getattr(one, name) for one in part}) < 2:
+            raise ValueError(f"found must hold two {name} or more there, got {len(part)} first changes")
+    sizes = [[key for key in packings if key[0] == one] for one in sorted({key[0] for key in packings})]
     rows = {key: [one for one in part if (one.particles, one.seed) == key] for key in packings}
     rng = np.random.default_rng(0)
 
@@ -276,7 +284,7 @@ def fit_first_changes(
         y = np.log(np.array([one.strain for one in chosen]))
         return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0])
 
-    drawn = [fitted([packings[k] for k in rng.integers(len(packings), size=len(packings))]) for _ in range(draws)]
+    drawn = [fitted([keys[k] for keys in sizes for k in rng.integers(len(keys), size=len(keys))]) for _ in range(draws)]
     return fitted(packings), np.std(drawn, axis=0), len(packings)
 
 

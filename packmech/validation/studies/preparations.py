@@ -80,17 +80,18 @@ def _prepared(
     scene = pm.Scene(run.packing, (pm.Repulsion(),))
     if preparation == SHEARED:
         scene = scene.replace(packing=pm.jam(scene, pressure=_SHEAR_PRESSURE, strain="isotropic").packing)
+    # a packing that is lost on the way is none: its member fails, and says so
     rng, first = np.random.default_rng(seed), 0
     for done in cycles:
         displacement = math.nan
         if preparation == TAPPED:
-            runs = pm.tap(scene, amplitude, done - first, rng=rng, pressure=pressure, check=False)
+            runs = pm.tap(scene, amplitude, done - first, rng=rng, pressure=pressure)
             run = runs[-1]
             seconds = sum(one.seconds for one in runs)
             scene = scene.replace(packing=run.packing)
         else:
             step = amplitude / _STEPS
-            runs = pm.cyclic_shear(scene, amplitude, done - first, step=step, pressure=_SHEAR_PRESSURE, check=False)
+            runs = pm.cyclic_shear(scene, amplitude, done - first, step=step, pressure=_SHEAR_PRESSURE)
             scene = scene.replace(packing=runs[-1].packing)
             run = pm.jam(scene, pressure=pressure, strain="isotropic", check=False)
             displacement = runs[-1].report.get("displacement", math.nan)

@@ -90,7 +90,8 @@ def complete_rows(
     Parameters
     ----------
     path
-        The table. Rows that it has already, of other settings, stay in it.
+        The table, written when all is finished or the call ends otherwise. Rows that it has already, of other settings,
+        stay in it; those without members beside it are run again.
     kind
         The class of its rows.
     wanted
@@ -111,13 +112,19 @@ def complete_rows(
         for values in wanted
     ]
     progress(0, len(grid), None)
+    finished: dict[int, list[T]] = {}
 
     def report(done: int, of: int, number: int, member: Finished) -> None:
-        progress(done, of, _rows_of(kind, member)[-1])
+        finished[number] = _rows_of(kind, member)
+        progress(done, of, finished[number][-1])
 
-    members = complete(make, grid, members_of(path), workers=workers, progress=report)
-    found = [row for one in members for row in _rows_of(kind, one)]
-    rows: dict[Any, T] = {one.settings: one for one in [*read_rows(path, kind), *found]}
-    with replacing(path) as partial:
-        partial.write_text(csv_text(list(types), [asdict(one).values() for one in rows.values()]), encoding="utf-8")  # type: ignore[call-overload]
+    try:
+        complete(make, grid, members_of(path), workers=workers, progress=report)
+    finally:
+        # those that are finished, too, where others failed or the study is stopped
+        found = [row for _, rows in sorted(finished.items()) for row in rows]
+        table: dict[Any, T] = {one.settings: one for one in [*read_rows(path, kind), *found]}
+        with replacing(path) as partial:
+            lines = [asdict(one).values() for one in table.values()]  # type: ignore[call-overload]
+            partial.write_text(csv_text(list(types), lines), encoding="utf-8")
     return found

@@ -28,7 +28,7 @@ PRESSURE = 1e-7
 # dilute starts [1]
 _START = {2: 0.6, 3: 0.4}
 MODULUS_ASPECTS = (1.002, 1.01, 1.03, 1.1, 1.3, 2.0)
-# how often packings are drawn anew for an error, and what no mean modulus is known better than, relative
+# how often packings are drawn again for an error, and what no mean modulus is known better than, relative
 _REPEATS, _FLOOR = 100, 0.02
 DISTANCES = tuple(float(x) for x in np.logspace(-5.0, -1.0, 13))
 

@@ -66,15 +66,16 @@ def test_a_member_that_fails_is_an_error_and_is_run_again(tmp_path):
     broken = [True]
 
     def make(seed, scale):
-        if broken:
+        if broken and seed:
             raise ZeroDivisionError("the study divided by nothing")
         return Row(seed, scale, 0.0, 0)
 
     with pytest.raises(ZeroDivisionError):
-        complete_rows(tmp_path / "rows.csv", Row, [(0, 1.0)], make, silent, workers=0)
-    assert not (tmp_path / "rows.csv").exists()
+        complete_rows(tmp_path / "rows.csv", Row, [(0, 1.0), (1, 1.0)], make, silent, workers=0)
+    # what is finished stands in the table
+    assert read_rows(tmp_path / "rows.csv", Row) == [Row(0, 1.0, 0.0, 0)]
     broken.clear()
-    assert len(complete_rows(tmp_path / "rows.csv", Row, [(0, 1.0)], make, silent, workers=0)) == 1
+    assert len(complete_rows(tmp_path / "rows.csv", Row, [(0, 1.0), (1, 1.0)], make, silent, workers=0)) == 2
 
 
 def test_two_processes_give_the_same_bits_as_none(tmp_path):

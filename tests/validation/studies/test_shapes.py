@@ -25,7 +25,7 @@ def test_crossover_is_found_where_the_exponent_of_the_curve_is_three_quarters(pl
     assert (curve[1] - curve[0]) / (2.0 * h) == pytest.approx(0.75, abs=1e-6)
 
 
-def test_error_of_the_crossover_is_that_of_packings_drawn_anew():
+def test_error_of_the_crossover_is_that_of_packings_drawn_again():
     found, error = crossover(moduli(1e-2, 0.2), 1.5)
     assert 0.03 < error < 0.3 and abs(np.log(found / 1e-2)) < 3.0 * error
     assert np.isnan(crossover(moduli(1e-2, 0.2, seeds=1), 1.5)).all()
