@@ -354,7 +354,7 @@ def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
     from packmech.cli import accuracy as verb
     from packmech.validation.work_precision import work_precision
 
-    def halves(progress, folder):
+    def halves(progress, folder, workers):
         return work_precision(lambda step: 1.0 + step, (0.5, 0.25), 1.0, progress=progress), "It halves."
 
     monkeypatch.setattr(verb, "studies", lambda: {"halves": halves})
