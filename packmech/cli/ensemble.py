@@ -382,6 +382,8 @@ def _plot(
         varied = varied_parameters(found)
         axis = over or (varied[0] if varied else "")
         groups = group_statistics(found, name, [axis], statistic=statistic)
+        if len(set(groups.by[axis].tolist())) < 3:
+            raise ValueError(f"fit must have three values of {axis} or more, got {len(set(groups.by[axis].tolist()))}")
         law = fit_power_law(groups.by[axis], groups.value_g, groups.error_g)
     drawn = draw_ensemble(found, name, path, over=over, statistic=statistic, log=log, fit=law)
     rows = [
