@@ -17,6 +17,7 @@ The last one writes tables and figures to recordings/ensembles.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -40,7 +41,9 @@ def onsets(folder: Path) -> None:
     figure, axes = plt.subplots(2, 3, figsize=(12.0, 7.0), layout="constrained")
     for row, (kind, title) in zip(axes, KINDS.items(), strict=True):
         found = pm.read_ensemble(folder / kind)
-        pm.write_table(found, OUT / f"{kind}.csv")
+        # tracebacks name the folders of the machine that ran
+        columns = {name: column for name, column in found.columns.items() if name != "traceback"}
+        pm.write_table(replace(found, columns=columns), OUT / f"{kind}.csv")
         size, phi = found["packing.particles"], found["jamming_packing_fraction"]
         z = 2.0 * found["contacts"] / (size - found["rattlers"])
         widths = []

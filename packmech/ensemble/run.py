@@ -135,7 +135,7 @@ def run_ensemble(
     workers
         How many processes on this machine; None: one for each core. Not for an executor. 0: none, members run here, one
         after the other; any callable is a job then, such as a closure or a function of a notebook, which the folder
-        knows by its name, and by its code where that can be told. Limits, which need a process, are refused then.
+        knows by its name, and by its code where it has one. Limits, which need a process, are refused then.
     time_limit, memory_limit
         Of each member: wall time without compiling [s], and memory of its process [bytes]. A member beyond is ended and
         has failed.

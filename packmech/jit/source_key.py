@@ -120,7 +120,7 @@ def written_name(made: Callable[..., Any]) -> str:
     return made.__qualname__.rpartition(".")[2]
 
 
-class _Unknown(Exception):  # noqa: N818 - internal: a value whose meaning cannot be told
+class _Unknown(Exception):  # noqa: N818 - internal: a value whose meaning no text says
     pass
 
 
@@ -159,7 +159,7 @@ def source_key(cls: type) -> str | None:
 def function_key(function: Any) -> str | None:
     """Return a hash that changes whenever a function, and those that it calls, compute something else.
 
-    As `source_key`: of its code and the values that its free names stand for; None if these cannot be told.
+    As `source_key`: of its code and the values that its free names stand for; None where one has no such text.
 
     Examples
     --------

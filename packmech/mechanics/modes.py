@@ -81,7 +81,7 @@ class Modes:
         (M,) part of each mode's motion that is turns, between 0 and 1.
     participation_m
         (M,) participation ratio of each mode among the N' particles that took part, between 1 / N' and 1: (sum of w)^2
-        over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t). 0 where nobody moves.
+        over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t). 0 where no particle moves.
 
     """
 
@@ -235,7 +235,7 @@ def normal_modes(
     motion = np.zeros((wanted, *found.free_nq.shape))
     motion[:, found.free_nq] = vector[: len(root)].T
     part_mn = (motion**2).sum(axis=2)
-    # a mode of the strains alone moves nobody
+    # a mode of the strains alone moves no particle
     square_m = (part_mn**2).sum(axis=1)
     participation = part_mn.sum(axis=1) ** 2 / (max(kept, 1) * np.where(square_m > 0.0, square_m, 1.0))
     motion /= np.sqrt(mass[index])[:, None]
