@@ -350,12 +350,6 @@ def measure_spring(friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz
     """Return energy of a tangential spring, whether it slides, and its force on i."""
     x, y, z = stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after)
     cap = friction.coefficient * normal
-    # the stretch half a step ahead: one at its cap grows on while it slides, but by less where the slip slows down
-    going = x * sx + y * sy + z * sz > 0.0
-    ax, ay, az = uncapped_force(friction, stretch_pk[p, 0], sx), 0.0, 0.0
-    if len(axes) == 3:
-        ay, az = uncapped_force(friction, stretch_pk[p, 1], sy), uncapped_force(friction, stretch_pk[p, 2], sz)
-    ahead = math.sqrt(ax * ax + ay * ay + az * az)
     if len(axes) == 2:
         fx, fy, fz = uncapped_force(friction, x, sx), 0.0, 0.0
         size = abs(fx)
@@ -365,8 +359,7 @@ def measure_spring(friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz
         size = math.sqrt(fx * fx + fy * fy + fz * fz)
         square = x * x + y * y + z * z
     # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-    least = cap * (1.0 - 1e-9)
-    sliding = 1.0 if size >= least or (going and ahead >= least) else 0.0
+    sliding = 1.0 if size >= cap * (1.0 - 1e-9) else 0.0
     if size > cap:
         scale = cap / size
         fx, fy, fz = fx * scale, fy * scale, fz * scale

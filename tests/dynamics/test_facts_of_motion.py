@@ -105,17 +105,6 @@ def test_a_slid_contact_feels_less_until_its_spring_is_as_long_as_the_cap_over_i
 
 
 @DIMENSIONS
-def test_a_contact_that_slows_down_as_it_slides_is_seen_to_slide_without_a_dashpot_and_not_while_it_sticks(dimension):
-    # friction slows the light one; its spring is at the cap after 1e-3, or (slow) takes 100 times the run to get there
-    scene = scene_of(pair(dimension, 0.9 * AXES[dimension], mass_n=[1e15, 1.0]), friction=0.5, across=50.0)
-    for speed, slides in ((1.0, True), (1e-4, False)):
-        velocity = np.zeros((2, dimension))
-        velocity[1] = speed * ACROSS[dimension]
-        run = pm.simulate(scene, duration=0.1, dt=0.002, velocity_nd=velocity, applied_strain=STILL, trace_every=1)
-        assert (run.trace.sliding_t[2:] == slides).all()
-
-
-@DIMENSIONS
 def test_a_fast_slid_contact_with_a_strong_dashpot_stays_at_its_cap_and_winds_no_spring(dimension):
     # the dashpot alone would bear two hundred times the cap, and weakens faster than the spring gains
     coefficient, overlap, across, damping = 0.5, 0.1, 1.0, 10.0
