@@ -87,7 +87,7 @@ def test_the_command_jams_ellipses_and_resumes(tmp_path):
             for row in table.splitlines()[1:]]  # fmt: skip
     assert [row["states_of_self_stress"] for row in rows] == ["1"] * 3
     assert (tmp_path / "jammed-2d.png").stat().st_size > 1000
-    assert len(list((tmp_path / "packings").iterdir())) == 3
+    assert len(list((tmp_path / "members" / "jammed-2d" / "workspace").glob("*/packing.npz"))) == 3
 
 
 def test_the_command_jams_bodies_and_resumes(tmp_path, capsys):
