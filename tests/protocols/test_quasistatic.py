@@ -71,6 +71,28 @@ def test_a_contact_that_closes_first_is_found_from_both_sides():
     assert run.contacts_t[-1] > run.contacts_t[0]
 
 
+@pytest.mark.parametrize(
+    ("particles", "seed", "pressure", "rattle", "opened"),
+    [
+        # two particles lose all contacts, a rattler is caught, two contacts bear only together
+        (16, 10, 1e-3, 2, True),
+        (24, 28, 1e-3, -1, False),
+        (16, 11, 1e-2, 0, True),
+    ],
+)
+def test_several_contacts_that_change_at_once_are_found_from_both_sides(particles, seed, pressure, rattle, opened):
+    start = pm.random_packing(particles, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=seed)
+    whole = pm.Scene(start, (pm.Repulsion(),))
+    whole = whole.replace(packing=pm.jam(whole, pressure=pressure, strain="free").packing)
+    guess = pm.quasistatic_shear(whole, 1e-6, step=1e-6).predicted_change_t[0]
+    change = pm.quasistatic_shear(whole, 1.2 * guess, step=guess / 6.0).first_change
+    assert abs(change.strain - change.strain_from_above) < 1e-10 and change.opened == opened and not change.falls
+    sides = [pm.quasistatic_shear(whole, change.strain + off, locate="none", step=1.0) for off in (-1e-7, 1e-7)]
+    before, after = (side.packing for side in sides)
+    assert abs(sides[0].contacts_t[-1] - sides[1].contacts_t[-1]) > 1
+    assert int(pm.find_rattlers(after).sum()) - int(pm.find_rattlers(before).sum()) == rattle
+
+
 def test_an_opening_that_leaves_no_equilibrium_is_located_and_followed_by_a_fall():
     whole = tipping()
     guess = pm.quasistatic_shear(whole, 1e-5, step=1e-5).predicted_change_t[0]

@@ -46,8 +46,8 @@ class ContactChange:
     opened
         Whether a contact opened; else one closed.
     pair
-        Its particles (or beads) and image, (i, j, image); the first of several where a particle loses or finds all its
-        contacts at once. Such a change is found by halving.
+        Its particles (or beads) and image, (i, j, image); the first of several where contacts change at once, as
+        those of a particle that becomes a rattler. Such a change is found by halving.
     shear_stress, pressure
         There [energy_scale / diameter^d].
     energy_change, work

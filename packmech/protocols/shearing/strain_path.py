@@ -33,8 +33,12 @@ _HALVINGS = 10
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
 # farther tangents are not believed, their error being of second order
 _TRUSTED = 1e-11
+# strain between the equilibria on both sides of a change that is found by halving
+_HALVED = 1e-10
 # net force over the mean one of an equilibrium on the way, where rounding allows it
 _BALANCED = 1e-10
+# net forces far from rattlers over the largest, which is on one that is pushed
+_ELSEWHERE = 1e-2
 # how often half as far behind a change an equilibrium is looked for
 _ENDS = 6
 # relaxation by FIRE where Newton's method finds no equilibrium after an instability
@@ -138,21 +142,37 @@ class StrainPath:
         self.load = None if pressure is None else pressure * self.unit
         packing = protocol.reduced(scene.packing)
         self._unsheared_dd = packing.box.lattice_dd
-        self.iterations = 0
-        state = self._relaxed(packing)
-        self.iterations += state.iterations
         self.tolerance = max(protocol.force_tolerance, 1e-7)
         # where a contact has just opened and nothing balances what it bore, forces are off by little: such a packing
         # is about to fall, while Newton's method comes to rounding wherever there is balance
         self._gone_on = _BALANCED if packing.plain else self.tolerance
+        self.iterations = 0
+        state = self._relaxed(packing)
+        self.iterations += state.iterations
         self.sound = state.sound(self.tolerance)
         self.now = self._measured(0.0, state)
 
-    def _relaxed(self, packing: Packing) -> SoftState:
+    def _relaxed(self, packing: Packing, held_n: NDArray[np.bool_] | None = None) -> SoftState:
+        """Return the equilibrium nearby; `held_n` are the particles that were no rattlers."""
         units, basis = self.protocol.units, self.protocol.basis_kdd
-        if packing.plain:
-            return newton(packing, units, basis, self.load, iterations=_ITERATIONS)
+        if not packing.plain:
+            return descend(packing, units, basis, self.load)
+        found = newton(packing, units, basis, self.load, iterations=_ITERATIONS)
+        if found.sound(self._gone_on) or held_n is None or not self._rattlers_pushed(found.packing, held_n):
+            return found
+        self.iterations += found.iterations
         return descend(packing, units, basis, self.load)
+
+    def _rattlers_pushed(self, packing: Packing, held_n: NDArray[np.bool_]) -> bool:
+        """Return whether forces are off only where rattlers are pushed: without stiffness Newton's steps stop there."""
+        network = network_of(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
+        near = network.contacts
+        loose = ~held_n
+        pushed = loose.copy()
+        for one_c, other_c in ((near.i_c, near.j_c), (near.j_c, near.i_c)):
+            pushed[one_c[loose[other_c]]] = True
+        force_n = np.linalg.norm(network.uphill_nd, axis=1)
+        return not (force_n[~pushed] > _ELSEWHERE * force_n.max()).any()
 
     def _measured(self, strain: float, state: SoftState) -> Sheared:
         packing = state.packing
@@ -192,7 +212,7 @@ class StrainPath:
         """Return the equilibrium of a packing gone on to another strain; None where it does not go on."""
         self.protocol.loop.check_time()
         ahead = self._ahead(start, strain)
-        state = self._relaxed(ahead)
+        state = self._relaxed(ahead, start.held_n)
         self.iterations += state.iterations
         if not state.sound(self._gone_on):
             return None
@@ -296,6 +316,7 @@ class StrainPath:
         tangents: list[tuple[float, float]] = []
         pair: tuple[int, ...] | None = None
         limit = beyond
+        behind: Sheared | None = None
         for _ in range(_TANGENTS):
             there, pair = self.predicted(one, direction, known)
             if pair is None:
@@ -308,7 +329,7 @@ class StrainPath:
                 aim = 0.5 * (one.strain + limit)
             following = self.at(one, aim)
             while (following is None or following.pairs != known) and abs(aim - one.strain) > 1e-15:
-                limit = aim
+                limit, behind = aim, following or behind
                 aim = one.strain + 0.5 * (aim - one.strain)
                 following = self.at(one, aim)
             if following is None or following.pairs != known:
@@ -323,7 +344,7 @@ class StrainPath:
             end = self._ended(one, below, direction)
             if there_now is not None and end is not None:
                 return Located(below, end, tuple(tangents), pair, pair in known, one, there_now, None)
-        return self._bisected(one, limit, tuple(tangents))
+        return self._bisected(one, limit, behind, tuple(tangents))
 
     def _ended(self, before: Sheared, strain: float, direction: float) -> float | None:
         """Return the nearest strain behind a change that has no equilibrium nearby; None where a change goes on."""
@@ -335,9 +356,11 @@ class StrainPath:
             end = far
         return end
 
-    def _bisected(self, before: Sheared, beyond: float, tangents: tuple[tuple[float, float], ...]) -> Located | None:
-        """Return a change that tangents do not see from both sides, by halving: all contacts of a particle at once."""
-        known, after, end = before.pairs, None, beyond
+    def _bisected(
+        self, before: Sheared, beyond: float, after: Sheared | None, tangents: tuple[tuple[float, float], ...]
+    ) -> Located | None:
+        """Return a change that tangents do not see from both sides, by halving: several contacts at once."""
+        known, end = before.pairs, beyond
         while True:
             middle = 0.5 * (before.strain + end)
             if abs(end - before.strain) <= _NEARLY or middle in (before.strain, end):
@@ -346,16 +369,14 @@ class StrainPath:
             if one is not None and one.pairs == known:
                 before = one
             else:
-                after, end = one, middle
+                end = middle
+                # where contacts bear next to nothing rounding may keep a packing from balance: the nearest that has it
+                after = one or after
         if after is None:
             after = self.at(before, end)
-        if after is None or after.pairs == known:
+        if after is None or after.pairs == known or abs(after.strain - before.strain) > _HALVED:
             return None
-        changed = after.pairs ^ known
-        common = set.intersection(*({*pair[:2]} for pair in changed))
-        if not common:
-            return None
-        pair = min(changed)
+        pair = min(after.pairs ^ known)
         return Located(before.strain, after.strain, tangents, pair, pair in known, before, after, after)
 
     def _behind(
