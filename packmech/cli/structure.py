@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,7 +49,7 @@ def structure(
     Parameters
     ----------
     study
-        order: six-fold order over sizes and aspects, correlation lengths over sizes, numbers of contacts; spectrum: the
+        order: six-fold order over sizes and aspects, correlation lengths of both, numbers of contacts; spectrum: the
         spectral density of discs of two sizes, and its power law between two wave numbers; contacts: how many discs
         of two sizes have how many contacts
     out
@@ -111,9 +112,11 @@ def structure(
         ordered = jam_all(out, particles=many, kinds=(DISCS,), **given)
         if shaped:
             ordered += jam_all(out, particles=shaped, kinds=(ELLIPSES, DIMERS), **given)
-    at_rest = [one for one in ordered if one.kind == DISCS and one.converged]
-    chosen = [[one for one in at_rest if one.disorder == ratio] for ratio in SHOWN]
-    correlated = [correlate(out, mine) for mine in chosen if mine]
+    correlated = []
+    for kind, disorder in itertools.product(KINDS, SHOWN):
+        mine = [one for one in ordered if (one.kind, one.disorder, one.converged) == (kind, disorder, 1)]
+        if mine:
+            correlated.append(correlate(out, mine))
     draw_order(ordered, correlated, out, out / "order.png")
     if any(one.kind == DIMERS and one.converged for one in ordered):
         draw_dimers(ordered, out, out / "dimers.png")
@@ -127,10 +130,15 @@ def structure(
     head = ("kind", "disorder", "packing fraction", "z", "psi_6 global", "local", "at rest")
     show(table(f"pressure {pressure:g}", head, rows, right=tuple(range(1, len(head)))))
     lengths = [
-        (f"{one.ratio:g}", *(f"{x.length:.3f} +- {x.error:.3f}" for x in (one.bond_length, one.pair_length)))
+        (
+            KINDS[one.kind],
+            f"{one.disorder:g}",
+            *(f"{x.length:.3f} +- {x.error:.3f} ({len(x.r_m)})" for x in (one.bond_length, one.pair_length)),
+        )
         for one in correlated
     ]
-    show(table("correlation lengths", ("size ratio", "of psi_6", "of g - 1"), lengths, right=(0, 1, 2)))
+    title = "correlation lengths in mean diameters, through so many maxima"
+    show(table(title, ("kind", "disorder", "of psi_6", "of g - 1"), lengths, right=(1, 2, 3)))
     show(f"wrote order.csv and order.png in {out}")
 
 

@@ -378,7 +378,7 @@ class CorrelationLength:
     r_m, value_m
         (M,) the maxima that were used: distances [length] and values.
     noise_m
-        (M,) what counts as noise there: 1/sqrt(pairs in the bin).
+        (M,) what counts as noise there.
 
     """
 
@@ -394,11 +394,18 @@ class CorrelationLength:
 
 
 def correlation_length(
-    r_b: ArrayLike, value_b: ArrayLike, count_b: ArrayLike, *, r_min: float = 0.0, separation: float = 0.0
+    r_b: ArrayLike,
+    value_b: ArrayLike,
+    count_b: ArrayLike,
+    *,
+    noise_b: ArrayLike | None = None,
+    r_min: float = 0.0,
+    separation: float = 0.0,
 ) -> CorrelationLength:
     """Return the length over which a correlation decays: a line through the logarithms of its local maxima.
 
-    Maxima count that lie above the noise, 1/sqrt(pairs in their bin). For the pair distribution function give g - 1.
+    Maxima count up to the first that does not lie above the noise: beyond it they are maxima of noise, which does not
+    decay. For the pair distribution function give g - 1.
 
     Parameters
     ----------
@@ -408,6 +415,9 @@ def correlation_length(
         (B,) values; nan in bins without pairs.
     count_b
         (B,) numbers of pairs.
+    noise_b
+        (B,) what counts as noise [value]; None: 1/sqrt(pairs in the bin), as for independent pairs. Those of a packing
+        are not where it has domains: give twice the standard error over packings, if there are several.
     r_min
         Maxima nearer than this are left out [length].
     separation
@@ -441,9 +451,14 @@ def correlation_length(
     start, apart = real("r_min", r_min), real("separation", separation, at_least=0.0)
     top = np.flatnonzero((value[1:-1] > value[:-2]) & (value[1:-1] >= value[2:])) + 1
     noise = 1.0 / np.sqrt(np.maximum(count, 1.0))
-    top = top[(r[top] >= start) & (value[top] > noise[top]) & (count[top] > 0.0)]
+    if noise_b is not None:
+        noise = finite_array("noise_b", noise_b, shape=(len(r),), what="bin")
+    top = top[(r[top] >= start) & (count[top] > 0.0)]
     if apart > 0.0:
         top = top[[bool(value[b] >= value[np.abs(r - r[b]) <= apart].max()) for b in top]]
+    drowned = np.flatnonzero(value[top] <= noise[top])
+    if len(drowned):
+        top = top[: drowned[0]]
     noise = noise[top]
     length = error = amplitude = math.nan
     if len(top) >= 3:

@@ -153,6 +153,19 @@ def test_noise_on_a_wave_has_no_maxima_of_its_own_where_they_are_to_stand_apart(
     assert found.length == pytest.approx(3.0, rel=0.01) and loose.error > 5.0 * found.error
 
 
+def test_maxima_of_noise_do_not_lengthen_a_decay():
+    r = np.linspace(0.0, 14.0, 1401)
+    noise = 0.002 * np.random.default_rng(1).normal(size=r.size)
+    wave = np.exp(-r / 2.0) * np.cos(2.0 * np.pi * r) + noise
+    count = np.full(r.size, 10**6)
+    found = pm.correlation_length(r, wave, count, noise_b=np.full(r.size, 0.02), separation=0.4)
+    assert found.length == pytest.approx(2.0, abs=3.0 * found.error) and found.error < 0.1
+    # the line through all maxima is that of the box
+    assert pm.correlation_length(r, wave, count, separation=0.4).length > 2.5
+    with pytest.raises(ValueError, match="noise_b"):
+        pm.correlation_length(r, wave, count, noise_b=np.zeros(3))
+
+
 def test_without_a_distance_it_is_what_the_box_allows_and_three_at_most():
     for repeats, expected in (((2, 2), 0.5 * np.sqrt(3.0)), ((3, 3), 0.75 * np.sqrt(3.0)), ((12, 12), 3.0)):
         packing = pm.lattice_packing("triangular", repeats=repeats)

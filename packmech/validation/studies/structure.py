@@ -26,8 +26,8 @@ DISCS, ELLIPSES, DIMERS = 0, 1, 2
 KINDS = {DISCS: "discs, sizes", ELLIPSES: "ellipses, aspect", DIMERS: "dimers, aspect"}
 RATIOS = (1.02, 1.05, 1.1, 1.15, 1.2, 1.3, 1.4, 1.5)
 ASPECTS = (1.02, 1.05, 1.1, 1.2, 1.3, 1.4, 1.6)
-# of these correlations are drawn
-SHOWN = (1.1, 1.2, 1.3, 1.4, 1.5)
+# of these there are correlations
+SHOWN = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6)
 # of these packings of dimers are drawn
 PICTURED = (1.05, 1.1, 1.2, 1.3, 1.4, 1.6)
 PRESSURE = 1e-6
@@ -117,43 +117,54 @@ def jam_all(
 
 @dataclass(frozen=True, eq=False)
 class Correlated:
-    """Correlations of packings of one size ratio together: psi_6, complex and in size, and g - 1, with lengths."""
+    """Correlations of packings of one kind and degree of disorder together: psi_6 and g - 1, with their lengths."""
 
-    ratio: float
+    kind: int
+    disorder: float
     packings: int
     r_b: NDArray[np.float64]
     value_b: NDArray[np.float64]
-    excess_b: NDArray[np.float64]
     bond_length: pm.CorrelationLength
     pair_length: pm.CorrelationLength
 
 
 def correlate(folder: Path, rows: Sequence[Ordered]) -> Correlated:
-    """Return the correlations of the packings of discs of a size ratio, pooled; distances in mean diameters."""
-    value, connected, count, pairs = 0.0, 0.0, 0.0, 0.0
+    """Return the correlations of packings of a kind and degree of disorder, pooled; distances in mean diameters.
+
+    Noise is twice the standard error over the packings, averaged over a diameter, or of the pairs if that is more:
+    without it lines go through maxima of noise, and lengths are those of the box.
+    """
     packings = [packing_of(folder, one) for one in rows]
     # up to half the smallest box
     half = min(0.5 * float(packing.box.reduced()[0].height_d.min()) for packing in packings)
     bins = math.floor(min(_REACH, half) / _WIDTH)
     reach = bins * _WIDTH
+    counts, values, connected, excess = [], [], [], []
     for packing in packings:
         psi = pm.bond_orientational_order(packing, 6).psi_n
         one = pm.correlation_function(packing, psi, r_max=reach, bins=bins)
-        value = value + one.count_b * np.nan_to_num(one.value_b)
-        connected = connected + one.count_b * (np.nan_to_num(one.value_b) - one.mean_square)
-        count = count + one.count_b
-        pairs = pairs + pm.pair_distribution(packing, r_max=reach, bins=bins).g_b
-    many = np.maximum(np.asarray(count), 1)
-    excess = np.asarray(pairs) / len(rows) - 1.0
-    return Correlated(
-        rows[0].disorder,
-        len(rows),
-        one.r_b,
-        np.abs(np.asarray(value) / many),
-        excess,
-        pm.correlation_length(one.r_b, np.abs(np.asarray(connected) / many), count, r_min=_FAR, separation=_APART),
-        pm.correlation_length(one.r_b, excess, count, r_min=_FAR, separation=_APART),
-    )
+        counts.append(one.count_b)
+        values.append(np.nan_to_num(one.value_b))
+        connected.append(values[-1] - one.mean_square)
+        excess.append(pm.pair_distribution(packing, r_max=reach, bins=bins).g_b - 1.0)
+    count_b = np.sum(counts, axis=0)
+    weight_pb = np.array(counts) / np.maximum(count_b, 1)
+    near = {"r_min": _FAR, "separation": _APART}
+
+    def length(value_pb: NDArray[Any]) -> pm.CorrelationLength:
+        mean_b = (weight_pb * value_pb).sum(axis=0)
+        many = len(value_pb)
+        square_b = (weight_pb * np.abs(value_pb - mean_b) ** 2).sum(axis=0) / max(many - 1, 1)
+        window = np.full(round(1.0 / _WIDTH), _WIDTH)
+        spread_b = 2.0 * np.sqrt(np.convolve(square_b, window, "same"))
+        noise_b = np.maximum(spread_b, 2.0 / np.sqrt(np.maximum(count_b, 1.0)))
+        # g - 1 is real: where it is negative it has no maximum
+        shown_b = np.abs(mean_b) if np.iscomplexobj(mean_b) else mean_b
+        return pm.correlation_length(one.r_b, shown_b, count_b, noise_b=noise_b, **near)
+
+    value_b = np.abs((weight_pb * np.array(values)).sum(axis=0))
+    lengths = length(np.array(connected)), length(np.array(excess))
+    return Correlated(rows[0].kind, rows[0].disorder, len(rows), one.r_b, value_b, *lengths)
 
 
 def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folder: Path, path: Path) -> None:
@@ -174,12 +185,13 @@ def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folde
                 )  # fmt: skip
         axes[0].set(xlabel="largest over smallest diameter, or aspect", ylabel="|psi_6|, global and (dotted) local")
         axes[0].legend(fontsize=8.0)
+        discs = [one for one in correlated if one.kind == DISCS]
         panels = (("value_b", "|<psi_6(r) psi_6*(0)>|"), ("bond_length", "maxima of C(r)"), ("pair_length", "of g - 1"))
         for ax, (name, words) in zip(axes[1:4], panels, strict=True):
-            for number, one in enumerate(correlated):
+            for number, one in enumerate(discs):
                 color = COLORS[number % len(COLORS)]
                 if name == "value_b":
-                    ax.plot(one.r_b, one.value_b, color=color, linewidth=0.8, label=f"ratio {one.ratio:g}")
+                    ax.plot(one.r_b, one.value_b, color=color, linewidth=0.8, label=f"ratio {one.disorder:g}")
                     continue
                 line = getattr(one, name)
                 ax.plot(line.r_m, line.value_m, MARKERS[number % len(MARKERS)], color=color, markersize=3.5)
@@ -188,15 +200,17 @@ def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folde
             ax.set(yscale="log", xlabel="distance [mean diameter]", ylabel=words, xlim=(0.0, _REACH))
         axes[1].set(ylim=(1e-3, 1.0))
         axes[1].legend(fontsize=8.0)
-        x = [one.ratio for one in correlated]
-        for number, (name, words) in enumerate((("bond_length", "of psi_6"), ("pair_length", "of g - 1"))):
-            lines = [getattr(one, name) for one in correlated]
-            axes[4].errorbar(
-                x, [one.length for one in lines], [one.error for one in lines], label=words, color=COLORS[number],
-                marker=MARKERS[number], markersize=4.0, capsize=2.0,
-            )  # fmt: skip
-        axes[4].set(xlabel="largest over smallest diameter", ylabel="correlation length [mean diameter]", yscale="log")
-        axes[4].legend(fontsize=8.0)
+        for number, kind in enumerate(sorted({one.kind for one in correlated})):
+            alike = [one for one in correlated if one.kind == kind]
+            for name, style, words in (("bond_length", "--", "psi_6"), ("pair_length", "-", "g - 1")):
+                lines = [getattr(one, name) for one in alike]
+                axes[4].errorbar(
+                    [one.disorder for one in alike], [one.length for one in lines], [one.error for one in lines],
+                    label=f"{KINDS[kind]}, {words}", color=COLORS[number], linestyle=style, marker=MARKERS[number],
+                    markersize=4.0, capsize=2.0,
+                )  # fmt: skip
+        axes[4].set(xlabel="largest over smallest diameter, or aspect", ylabel="correlation length [mean diameter]")
+        axes[4].legend(fontsize=8.0, handlelength=3.5)
         _draw_numbers(axes[5], found, folder)
         figure.suptitle(f"Jammed packings at pressure {found[0].pressure:g} in square boxes", fontsize=10)
 
