@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from packmech.check import integer, positive
+from packmech.check import integer, positive, real
 from packmech.cli.output import show, table, working
 from packmech.result import csv_text
 from packmech.validation.studies.families import (
@@ -27,6 +27,8 @@ from packmech.validation.studies.families import (
     draw_stress,
     first_changes,
     fit_first_changes,
+    map_name,
+    read_columns,
     stress_over_strain,
     walk_both_ways,
 )
@@ -42,6 +44,7 @@ def families(
     packings: int = 10,
     applied_strain: float = 0.5,
     step: float = 2e-3,
+    aspect: float = 1.0,
     seed: int = 0,
     workers: int | None = None,
 ) -> None:
@@ -61,6 +64,8 @@ def families(
         of each, from seeds that follow each other
     applied_strain, step
         of the map
+    aspect
+        of the map's particles: 1 for discs, else ellipses
     seed
         of the first packing
     workers
@@ -68,7 +73,9 @@ def families(
 
     """
     integer("packings", packings, at_least=1)
-    positive("applied_strain", applied_strain), positive("step", step)
+    positive("applied_strain", applied_strain), positive("step", step), real("aspect", aspect, at_least=1.0)
+    if study != "map" and aspect != 1.0:
+        raise ValueError(f"aspect must be left out for {study}, got {aspect:g}")
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + packings)
     if study == "map":
@@ -79,10 +86,12 @@ def families(
             for count in counts:
                 for k, one in enumerate(seeds):
                     say(f"families: {k} of {packings} packings of {count}")
-                    walk_both_ways(out, count, one, applied_strain, step)
+                    walk_both_ways(out, count, one, applied_strain, step, aspect)
         for count in counts:
-            pieces = draw_map(out, count, out / f"map-{count}.png")
-            show(f"wrote map-{count}-*.csv, changes-{count}-*.csv and map-{count}.png in {out}: {pieces} pieces")
+            name = map_name(count, aspect)
+            pieces = draw_map(out, count, out / f"{name}.png", aspect)
+            _say_where_walks_end(out, name, applied_strain)
+            show(f"wrote {name}-*.csv, {name.replace('map', 'changes')}-*.csv and {name}.png in {out}: {pieces} pieces")
     elif study == "slopes":
         _slopes(out, seed, workers)
     elif study == "stress":
@@ -90,6 +99,14 @@ def families(
             _stress(out, count, seeds)
     else:
         _first_changes(out, [32, 128] if particles is None else particles, seeds, workers)
+
+
+def _say_where_walks_end(out: Path, name: str, strain: float) -> None:
+    """Name walks that ended before the strain was reached: the packing was lost."""
+    for path in sorted(out.glob(f"{name}-*-up.csv")):
+        end = float(read_columns(path)["strain"][-1])
+        if end != strain:
+            show(f"{path.name} ends at a strain of {end:.6g}: after a fall no jammed packing was found")
 
 
 def _slopes(out: Path, seed: int, workers: int | None) -> None:

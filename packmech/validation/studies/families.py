@@ -96,16 +96,41 @@ def jammed_discs(particles: int, seed: int, pressure: float = 1e-8, strain: str 
     return scene.replace(packing=pm.jam(scene, pressure=pressure, strain=strain).packing)
 
 
+def jammed_ellipses(particles: int, seed: int, aspect: float) -> pm.Packing:
+    """Return a jammed packing of ellipses of an aspect, sizes 1:1.4 in halves, in a square box."""
+    start = pm.random_packing(
+        particles,
+        dimension=2,
+        sizes=pm.Bidisperse(ratio=1.4),
+        packing_fraction=0.6,
+        seed=seed,
+        shapes=pm.Ellipses(aspect),
+    )
+    return pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic").packing
+
+
 # the map of families, as figure 2.7 of the source
 
 
-def walk_both_ways(folder: Path, particles: int, seed: int, strain: float, step: float) -> list[Path]:
-    """Return the tables of a packing's families up to a strain and back to zero, made where they are not there."""
-    paths = [folder / f"map-{particles}-{seed}-{way}.csv" for way in ("up", "down")]
+def map_name(particles: int, aspect: float) -> str:
+    """Return what tables and figure of a map begin with."""
+    return f"map-{particles}" if aspect == 1.0 else f"map-ellipses-{aspect:g}-{particles}"
+
+
+def walk_both_ways(
+    folder: Path, particles: int, seed: int, strain: float, step: float, aspect: float = 1.0
+) -> list[Path]:
+    """Return the tables of a packing's families up to a strain and back to zero, made where they are not there.
+
+    A walk on which the packing is lost ends there, and its way back begins there.
+    """
+    name = map_name(particles, aspect)
+    paths = [folder / f"{name}-{seed}-{way}.csv" for way in ("up", "down")]
     if all(path.exists() for path in paths):
         return paths
-    up = pm.shear_families(jammed_discs(particles, seed).packing, strain, step=step)
-    down = pm.shear_families(up.packing, -strain, step=step)
+    start = jammed_discs(particles, seed).packing if aspect == 1.0 else jammed_ellipses(particles, seed, aspect)
+    up = pm.shear_families(start, strain, step=step, check=False)
+    down = pm.shear_families(up.packing, -float(up.strain_t[-1]), step=step, check=False)
     for path, run, offset in zip(paths, (up, down), (0.0, up.strain_t[-1]), strict=True):
         table = run.table()
         columns = dict(table.columns) | {"strain": table["strain"] + offset}
@@ -132,12 +157,13 @@ def read_columns(path: Path) -> dict[str, NDArray[np.float64]]:
     return dict(zip(head, table.T, strict=True))
 
 
-def draw_map(folder: Path, particles: int, path: Path) -> int:
+def draw_map(folder: Path, particles: int, path: Path, aspect: float = 1.0) -> int:
     """Draw all families in a folder as packing fraction over strain; return how many pieces of them there are."""
     pieces = 0
     with styled_figure(path, (7.2, 5.4)) as figure:
         axes = figure.subplots()
-        for number, table in enumerate(sorted(folder.glob(f"map-{particles}-*.csv"))):
+        tables = sorted(folder.glob(f"{map_name(particles, aspect)}-*-*.csv"))
+        for number, table in enumerate(tables):
             found = read_columns(table)
             strain, fraction, family = found["strain"], found["packing_fraction"], found["family"]
             breaks = np.flatnonzero(np.diff(family) != 0) + 1
@@ -146,9 +172,10 @@ def draw_map(folder: Path, particles: int, path: Path) -> int:
                 axes.plot(strain[piece], fraction[piece], color=COLORS[number // 2 % len(COLORS)], linewidth=0.8)
         axes.axvline(0.5, color="#404040", linestyle="--", linewidth=0.8)
         axes.set(xlabel="shear strain", ylabel="packing fraction at jamming")
+        what = "discs" if aspect == 1.0 else f"ellipses of aspect {aspect:g},"
         axes.set_title(
-            f"{pieces} pieces of families, {particles} discs 1:1.4, each packing sheared up and back; "
-            "lines break where contacts change",
+            f"{pieces} pieces of families, {len(tables) // 2} packings of {particles} {what} 1:1.4, each sheared up "
+            "and back; lines break where contacts change",
             fontsize=8.0,
         )
     return pieces
@@ -171,16 +198,7 @@ def _slope(particles: int, aspect: float, seed: int, strain: float) -> Slope:
     if aspect == 1.0:
         packing, size = jammed_discs(particles, seed).packing, strain / 20.0
     else:
-        start = pm.random_packing(
-            particles,
-            dimension=2,
-            sizes=pm.Bidisperse(ratio=1.4),
-            packing_fraction=0.6,
-            seed=seed,
-            shapes=pm.Ellipses(aspect),
-        )
-        packing = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic").packing
-        size = strain / 5.0
+        packing, size = jammed_ellipses(particles, seed, aspect), strain / 5.0
     step = _STEP
     # where a packing is lost after a fall, up to there
     run = pm.shear_families(packing, strain, step=size, check=False)
