@@ -60,15 +60,16 @@ _JAMMED_AT = 1e-6
 
 
 class Exponent(NamedTuple):
-    """quantity = prefactor * x**exponent * (1 + correction * sqrt(x)); the error is one standard deviation.
+    """quantity = prefactor * x**exponent * (1 + correction * sqrt(x)) + finite_size / N; see `fit` and `fit_sizes`.
 
-    It is that of the exponent, over packings.
+    The error is one standard deviation of the exponent, over packings.
     """
 
     exponent: float
     error: float
     prefactor: float
     correction: float = 0.0
+    finite_size: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,11 +216,7 @@ class JammingScaling:
             raise ValueError(f"smallest must leave at least {needed} levels, got {len(np.unique(x[part]))} of {where}")
 
         def line(rows: NDArray[np.int64]) -> tuple[float, float, float]:
-            mean = self._means(name, rows)[part]
-            at = self._means(chosen, rows)[part]
-            if not ((mean > 0.0) & (at > 0.0)).all():
-                raise ValueError(f"{name} must be positive on average to be fitted, got {mean.min():g}")
-            return _power_law(at, mean, corrected)
+            return _power_law(*self._fitted(name, chosen, rows, part), corrected)
 
         slope, prefactor, correction = line(rows)
         error = math.nan
@@ -250,6 +247,15 @@ class JammingScaling:
         if not len(rows):
             raise ValueError("packings must have come to rest at every level, got none that did")
         return rows
+
+    def _fitted(
+        self, name: str, over: str, rows: NDArray[np.int64], part: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what is fitted: means of x and y over some of the packings, at the levels that take part."""
+        mean, at = self._means(name, rows)[part], self._means(over, rows)[part]
+        if not ((mean > 0.0) & (at > 0.0)).all():
+            raise ValueError(f"{name} must be positive on average to be fitted, got {mean.min():g}")
+        return at, mean
 
     def _means(self, name: str, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         if name != EDGE:
@@ -283,6 +289,99 @@ def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) 
         miss, (line.height, line.slope, 0.0), bounds=bounds, x_scale=(1.0, 1.0, 1.0 / root.max()), xtol=1e-12
     )
     return float(found.x[1]), math.exp(found.x[0]), float(found.x[2])
+
+
+def fit_sizes(
+    scalings: Sequence[JammingScaling],
+    name: str,
+    *,
+    over: str | None = None,
+    largest: float | None = None,
+) -> Exponent:
+    """Return one power law of packings of several numbers of particles N, with its corrections in x and in N.
+
+    prefactor * x^exponent (1 + correction sqrt(x)) + finite_size / N is fitted by least squares of relative deviations
+    to all levels above the plateau of each N (`JammingScaling.counted_p`); leaving packings out gives the error. What
+    is of the order of N^-1 on the plateau (contacts in excess, shear modulus, omega*) goes over into the power law only
+    as slowly as N^-1 falls behind it, so that from one N alone finite size and correction cannot be known apart.
+
+    Parameters
+    ----------
+    scalings
+        Of two or more N, in one dimension, with the same laws, strains and control.
+    name
+        Of the quantity.
+    over
+        "pressure" or "distance"; None: what was set.
+    largest
+        Largest value of `over` that takes part; None: all.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, or fewer than six levels take part.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> starts = {
+    ...     count: pm.random_packing(
+    ...         count, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.87, seed=1
+    ...     )
+    ...     for count in (32, 64)
+    ... }
+    >>> levels = [3e-2, 2e-2, 1.4e-2, 1e-2]
+    >>> found = [pm.jamming_scaling([pm.Scene(one, (pm.Repulsion(),))], levels) for one in starts.values()]
+    >>> round(pm.fit_sizes(found, "energy_per_particle").exponent, 1)
+    2.0
+
+    """
+    if isinstance(scalings, JammingScaling) or not isinstance(scalings, Sequence):
+        raise TypeError(f"scalings must be a sequence of scalings, got {scalings!r}")
+    for k, one in enumerate(scalings):
+        instance(f"scalings[{k}]", one, JammingScaling)
+        first, kind = ((x.dimension, x.law_exponent, x.strain, x.control) for x in (scalings[0], one))
+        if kind != first:
+            raise ValueError(f"scalings[{k}] must be like the first in dimension, law, strain and control, got {kind}")
+    if len({one.particles for one in scalings}) < 2:
+        raise ValueError(f"scalings must be of two or more N, got {sorted({one.particles for one in scalings})}")
+    chosen = scalings[0].control if over is None else one_of("over", over, ("pressure", "distance"))
+    top = math.inf if largest is None else positive("largest", largest) * (1.0 + 1e-12)
+    rows = [one._rested(name) for one in scalings]
+    parts = [one.counted_p & (one.mean_p(chosen) <= top) for one in scalings]
+    inverse = np.concatenate(
+        [np.full(np.count_nonzero(p), 1.0 / one.particles) for one, p in zip(scalings, parts, strict=True)]
+    )
+
+    def law(rows: Sequence[NDArray[np.int64]]) -> NDArray[np.float64]:
+        pairs = [one._fitted(name, chosen, r, p) for one, r, p in zip(scalings, rows, parts, strict=True)]
+        x, y = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
+        return _sized_power_law(x, y, inverse)
+
+    best = law(rows)
+    variance = 0.0
+    for k, own in enumerate(rows):
+        if len(own) > 1:
+            left = [law([*rows[:k], np.delete(own, j), *rows[k + 1 :]])[1] for j in range(len(own))]
+            variance += float(_jackknife(np.array(left))) ** 2
+        else:
+            variance = math.nan
+    return Exponent(float(best[1]), math.sqrt(variance), math.exp(best[0]), float(best[2]), float(best[3]))
+
+
+def _sized_power_law(
+    x: NDArray[np.float64], y: NDArray[np.float64], inverse: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return log(prefactor), exponent, correction and finite size of the law of several N."""
+    log_x, root = np.log(x), np.sqrt(x)
+    line = fit_line(log_x, np.log(y))
+
+    def miss(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        power = np.exp(guess[0] + guess[1] * log_x) * (1.0 + guess[2] * root)
+        return np.asarray((power + guess[3] * inverse) / y - 1.0)
+
+    scale = (1.0, 1.0, 1.0 / root.max(), float((y / inverse).min()))
+    return np.asarray(least_squares(miss, (line.height, line.slope, 0.0, 0.0), x_scale=scale, xtol=1e-12).x)
 
 
 def jamming_scaling(

@@ -27,6 +27,8 @@ ASPECT = 1.5
 # half a step of the difference of packing fractions
 _STEP = 1e-5
 _FAMILIES = 4
+# strain between the rows before a fall and after it is less than this
+_AT_ONCE = 1e-8
 # distances above jamming at which stress is followed over strain, as in figures 2.31 and 2.32 of the source, decades of
 # the strain, and steps within each
 DISTANCES = (6e-5, 3e-4, 1e-3, 4e-3, 2e-2)
@@ -165,17 +167,19 @@ def draw_map(folder: Path, particles: int, path: Path, aspect: float = 1.0) -> i
         tables = sorted(folder.glob(f"{map_name(particles, aspect)}-*-*.csv"))
         for number, table in enumerate(tables):
             found = read_columns(table)
-            strain, fraction, family = found["strain"], found["packing_fraction"], found["family"]
-            breaks = np.flatnonzero(np.diff(family) != 0) + 1
+            strain, fraction = found["strain"], found["packing_fraction"]
+            # two rows, before a change and after it, at a strain or with a fall between them
+            new = np.diff(found["family"]) != 0
+            pieces += 1 + int(np.count_nonzero(new))
+            breaks = np.flatnonzero(new | (np.abs(np.diff(strain)) < _AT_ONCE)) + 1
             for piece in np.split(np.arange(len(strain)), breaks):
-                pieces += 1
                 axes.plot(strain[piece], fraction[piece], color=COLORS[number // 2 % len(COLORS)], linewidth=0.8)
         axes.axvline(0.5, color="#404040", linestyle="--", linewidth=0.8)
         axes.set(xlabel="shear strain", ylabel="packing fraction at jamming")
         what = "discs" if aspect == 1.0 else f"ellipses of aspect {aspect:g},"
         axes.set_title(
-            f"{pieces} pieces of families, {len(tables) // 2} packings of {particles} {what} 1:1.4, each sheared up "
-            "and back; lines break where contacts change",
+            f"{pieces} pieces of families, {len(tables) // 2} packings of {particles} {what} 1:1.4,\n"
+            "each sheared up and back; lines break where contacts change",
             fontsize=8.0,
         )
     return pieces
