@@ -16,6 +16,7 @@ import pytest
 
 import packmech as pm
 from packmech.effects import is_effect, is_law
+from packmech.ensemble.jamming_scaling import COLUMNS
 
 NAN, INF = float("nan"), float("inf")
 
@@ -97,6 +98,13 @@ def touching():
 @functools.cache
 def scene():
     return pm.Scene(touching(), (pm.Repulsion(),))
+
+
+@functools.cache
+def scalings():
+    level = np.array([1e-2, 3e-2, 1e-1])
+    table = {name: level[None, :] for name in COLUMNS}
+    return [pm.JammingScaling(count, 2, "free", "distance", level, table, 2.0, 0.0) for count in (128, 256)]
 
 
 @functools.cache
@@ -796,6 +804,7 @@ def good(name, folder):
             "scenes": [scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3))],
             "pressures": [2e-3],
         },
+        "fit_sizes": {"scalings": scalings(), "name": "pressure"},
         "TangentialDisplacements": {"i_c": [0], "j_c": [1], "image_cd": [[0, 0]], "displacement_ck": [[0.1]]},
         "sweep_pressure": {
             "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),

@@ -10,13 +10,16 @@ from cyclopts import Parameter
 
 from packmech.cli.output import show, table, working
 from packmech.ensemble.drawing import FITTED, draw_scaling
-from packmech.ensemble.jamming_scaling import JammingScaling, jamming_scaling
+from packmech.ensemble.jamming_scaling import JammingScaling, fit_sizes, jamming_scaling
 from packmech.protocols.jam import HardVertex
 from packmech.scenes.scene_file import read_scene
 
+Counts = Annotated[list[int] | None, Parameter(consume_multiple=True)]
 Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 # quenches at a given packing fraction are decompressed to this pressure before the hard packing is looked for
 _STOP_PRESSURE = 1e-4
+# laws of several N are also fitted up to these packing fractions above jamming
+LARGEST = (0.1, 0.03)
 
 
 def scaling(
@@ -24,6 +27,7 @@ def scaling(
     /,
     *,
     out: Path = Path("scaling"),
+    particles: Counts = None,
     packings: int = 20,
     over: Literal["pressure", "distance"] = "pressure",
     levels: Numbers = None,
@@ -41,8 +45,10 @@ def scaling(
         scene file or shipped scene that is drawn again, from another seed, for each packing
     out
         folder to write to
+    particles
+        other numbers of particles than the scene's; several are fitted together, too, with what N sets
     packings
-        number of packings, of seeds that follow each other
+        number of packings of each, of seeds that follow each other
     over
         pressure: from high to low; distance: packing fraction above each packing's own jamming, from low to high
     levels
@@ -59,46 +65,78 @@ def scaling(
         processes on this machine (default: one for each core); 0: the command's own
 
     """
-    starts = [read_scene(scene, seed=seed + k) for k in range(packings)]
     method = None
     if quenched_at is not None:
         method = HardVertex(start_packing_fraction=quenched_at, stop_pressure=_STOP_PRESSURE)
     levels_p = np.logspace(-2.0, -6.0, 9) if over == "pressure" else np.logspace(-5.0, -1.0, 9)
     if levels is not None:
         levels_p = np.array(levels)
+    counts = [None] if particles is None else sorted(set(particles))
+    finished: list[JammingScaling] = []
     with working("scaling") as say:
+        for count in counts:
+            changes = None if count is None else {"packing.particles": count}
+            starts = [read_scene(scene, seed=seed + k, changes=changes) for k in range(packings)]
 
-        def progress(stage: str, figures: dict[str, object]) -> None:
-            if "done" in figures:
-                say(f"scaling: {figures['done']} of {packings} packings")
+            def progress(stage: str, figures: dict[str, object], of: int = starts[0].packing.particles) -> None:
+                if "done" in figures:
+                    say(f"scaling: {figures['done']} of {packings} packings of {of}")
 
-        try:
-            found = jamming_scaling(
-                starts,
-                levels_p if over == "pressure" else None,
-                distances=levels_p if over == "distance" else None,
-                strain=strain,
-                method=method,
-                states=states,
-                folder=out / "members",
-                workers=workers,
-                progress=progress,
-                check=False,
-            )
-        except KeyboardInterrupt as stop:
-            # the packings that are there are worth as much as fewer that were asked for
-            finished: JammingScaling | None = getattr(stop, "scaling", None)
-            if finished is not None:
-                _write(finished, out)
-            raise
-    _write(found, out)
+            try:
+                found = jamming_scaling(
+                    starts,
+                    levels_p if over == "pressure" else None,
+                    distances=levels_p if over == "distance" else None,
+                    strain=strain,
+                    method=method,
+                    states=states,
+                    folder=out / "members",
+                    workers=workers,
+                    progress=progress,
+                    check=False,
+                )
+            except KeyboardInterrupt as stop:
+                # the packings that are there are worth as much as fewer that were asked for
+                part: JammingScaling | None = getattr(stop, "scaling", None)
+                for one in (*finished, *(() if part is None else (part,))):
+                    _write(one, out, len(counts) > 1)
+                raise
+            finished.append(found)
+    for one in finished:
+        _write(one, out, len(finished) > 1)
+    if len(finished) > 1:
+        _show_sizes(finished)
 
 
-def _write(found: JammingScaling, out: Path) -> None:
-    """Write table and figure, and print the fits."""
+def _show_sizes(found: list[JammingScaling]) -> None:
+    """Print the power laws of all N together."""
+    rows = []
+    for name in FITTED:
+        if name not in found[0].names or name == "distance":
+            continue
+        cells = []
+        for largest in (None, *LARGEST):
+            try:
+                fit = fit_sizes(found, name, largest=largest)
+                cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}"]
+                if largest is None:
+                    cells += [f"{fit.correction:.3g}", f"{fit.finite_size:.3g}"]
+            except ValueError:
+                # too few levels, or a mean that is not positive
+                cells += ["-"] * (4 if largest is None else 2)
+        rows.append((name.replace("_", " "), *cells, f"{found[0].theory(name, over='distance'):.4g}"))
+    counts = ", ".join(str(one.particles) for one in found)
+    bounds = [text for one in LARGEST for text in (f"up to {one:g}", "+-")]
+    head = ("quantity", "exponent", "+-", "correction", "finite size", *bounds, "theory")
+    show(table(f"exponents over distance, N = {counts} together", head, rows, right=tuple(range(1, len(head)))))
+
+
+def _write(found: JammingScaling, out: Path, several: bool) -> None:
+    """Write table and figure, named by N where there are several, and print the fits."""
+    name = f"scaling-{found.particles}" if several else "scaling"
     out.mkdir(parents=True, exist_ok=True)
-    (out / "scaling.csv").write_text(found.to_csv(), encoding="utf-8")
-    draw_scaling(found, out / "scaling.png")
+    (out / f"{name}.csv").write_text(found.to_csv(), encoding="utf-8")
+    draw_scaling(found, out / f"{name}.png")
     asked = len(found.value_sp["residual"])
     title = (
         f"exponents where N does not show (packing fractions {found.counted_from:.2g} above jamming), "
@@ -107,7 +145,7 @@ def _write(found: JammingScaling, out: Path) -> None:
     )
     head = ("quantity", "over", "exponent", "+-", "corrected", "+-", "correction", "theory")
     show(table(title, head, fits(found), right=tuple(range(2, len(head)))))
-    show(f"wrote scaling.csv and scaling.png in {out}; {found.seconds:.3g} s CPU")
+    show(f"wrote {name}.csv and {name}.png in {out}; {found.seconds:.3g} s CPU")
 
 
 def fits(found: JammingScaling) -> list[tuple[str, ...]]:

@@ -60,9 +60,9 @@ _JAMMED_AT = 1e-6
 
 
 class Exponent(NamedTuple):
-    """quantity = prefactor * x**exponent * (1 + correction * sqrt(x)) + finite_size / N; see `fit` and `fit_sizes`.
+    """quantity = prefactor * x**exponent * (1 + correction * sqrt(x) + finite_size / (N * sqrt(x))).
 
-    The error is one standard deviation of the exponent, over packings.
+    The error is one standard deviation of the exponent, over packings. See `JammingScaling.fit` and `fit_sizes`.
     """
 
     exponent: float
@@ -291,19 +291,13 @@ def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) 
     return float(found.x[1]), math.exp(found.x[0]), float(found.x[2])
 
 
-def fit_sizes(
-    scalings: Sequence[JammingScaling],
-    name: str,
-    *,
-    over: str | None = None,
-    largest: float | None = None,
-) -> Exponent:
-    """Return one power law of packings of several numbers of particles N, with its corrections in x and in N.
+def fit_sizes(scalings: Sequence[JammingScaling], name: str, *, largest: float | None = None) -> Exponent:
+    """Return one power law over the distance x of packings of several N, with its corrections in x and in N.
 
-    prefactor * x^exponent (1 + correction sqrt(x)) + finite_size / N is fitted by least squares of relative deviations
-    to all levels above the plateau of each N (`JammingScaling.counted_p`); leaving packings out gives the error. What
-    is of the order of N^-1 on the plateau (contacts in excess, shear modulus, omega*) goes over into the power law only
-    as slowly as N^-1 falls behind it, so that from one N alone finite size and correction cannot be known apart.
+    prefactor * x^exponent (1 + correction sqrt(x) + finite_size / (N sqrt(x))) is fitted by least squares of relative
+    deviations to all levels above the plateau of each N (`JammingScaling.counted_p`); leaving packings out gives the
+    error. What N sets falls behind the power law only as slowly as (N^2 x)^-1/2, so that from one N alone it cannot be
+    known apart from the other correction.
 
     Parameters
     ----------
@@ -311,10 +305,8 @@ def fit_sizes(
         Of two or more N, in one dimension, with the same laws, strains and control.
     name
         Of the quantity.
-    over
-        "pressure" or "distance"; None: what was set.
     largest
-        Largest value of `over` that takes part; None: all.
+        Largest distance that takes part [1]; None: all.
 
     Raises
     ------
@@ -324,16 +316,13 @@ def fit_sizes(
     Examples
     --------
     >>> import packmech as pm
-    >>> starts = {
-    ...     count: pm.random_packing(
-    ...         count, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.87, seed=1
-    ...     )
-    ...     for count in (32, 64)
-    ... }
-    >>> levels = [3e-2, 2e-2, 1.4e-2, 1e-2]
-    >>> found = [pm.jamming_scaling([pm.Scene(one, (pm.Repulsion(),))], levels) for one in starts.values()]
-    >>> round(pm.fit_sizes(found, "energy_per_particle").exponent, 1)
-    2.0
+    >>> found = []
+    >>> for count in (48, 96):
+    ...     start = pm.random_packing(count, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.87, seed=1)
+    ...     scenes = [pm.Scene(start, (pm.Repulsion(),))]
+    ...     found.append(pm.jamming_scaling(scenes, [1e-1, 5e-2, 2.5e-2, 1.2e-2, 6e-3]))
+    >>> abs(pm.fit_sizes(found, "energy_per_particle").exponent - 2.0) < 0.2
+    True
 
     """
     if isinstance(scalings, JammingScaling) or not isinstance(scalings, Sequence):
@@ -345,16 +334,16 @@ def fit_sizes(
             raise ValueError(f"scalings[{k}] must be like the first in dimension, law, strain and control, got {kind}")
     if len({one.particles for one in scalings}) < 2:
         raise ValueError(f"scalings must be of two or more N, got {sorted({one.particles for one in scalings})}")
-    chosen = scalings[0].control if over is None else one_of("over", over, ("pressure", "distance"))
     top = math.inf if largest is None else positive("largest", largest) * (1.0 + 1e-12)
     rows = [one._rested(name) for one in scalings]
-    parts = [one.counted_p & (one.mean_p(chosen) <= top) for one in scalings]
-    inverse = np.concatenate(
-        [np.full(np.count_nonzero(p), 1.0 / one.particles) for one, p in zip(scalings, parts, strict=True)]
-    )
+    parts = [one.counted_p & (one.mean_p("distance") <= top) for one in scalings]
+    counts = [int(np.count_nonzero(part)) for part in parts]
+    if sum(counts) < 6:
+        raise ValueError(f"largest must leave at least 6 levels above the plateaus of N, got {sum(counts)}")
+    inverse = np.repeat([1.0 / one.particles for one in scalings], counts)
 
     def law(rows: Sequence[NDArray[np.int64]]) -> NDArray[np.float64]:
-        pairs = [one._fitted(name, chosen, r, p) for one, r, p in zip(scalings, rows, parts, strict=True)]
+        pairs = [one._fitted(name, "distance", r, p) for one, r, p in zip(scalings, rows, parts, strict=True)]
         x, y = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
         return _sized_power_law(x, y, inverse)
 
@@ -375,12 +364,13 @@ def _sized_power_law(
     """Return log(prefactor), exponent, correction and finite size of the law of several N."""
     log_x, root = np.log(x), np.sqrt(x)
     line = fit_line(log_x, np.log(y))
+    size = inverse / root
 
     def miss(guess: NDArray[np.float64]) -> NDArray[np.float64]:
-        power = np.exp(guess[0] + guess[1] * log_x) * (1.0 + guess[2] * root)
-        return np.asarray((power + guess[3] * inverse) / y - 1.0)
+        law = np.exp(guess[0] + guess[1] * log_x) * (1.0 + guess[2] * root + guess[3] * size)
+        return np.asarray(law / y - 1.0)
 
-    scale = (1.0, 1.0, 1.0 / root.max(), float((y / inverse).min()))
+    scale = (1.0, 1.0, 1.0 / root.max(), 1.0 / size.max())
     return np.asarray(least_squares(miss, (line.height, line.slope, 0.0, 0.0), x_scale=scale, xtol=1e-12).x)
 
 

@@ -429,3 +429,8 @@ def test_scaling_writes_a_table_and_a_figure(tmp_path, capsys):
     assert [float(one.split(",")[0]) for one in lines[1:]] == [0.1, 0.03, 0.01]
     assert (tmp_path / "found" / "scaling.png").stat().st_size > 10_000
     assert "excess coordination" in capsys.readouterr().out
+    # 40 are there already
+    assert execute(["scaling", *words, str(tmp_path / "found"), "--particles", "40", "64"]) == 0
+    assert (tmp_path / "found" / "scaling-40.csv").read_text().splitlines() == lines
+    assert (tmp_path / "found" / "scaling-64.png").stat().st_size > 10_000
+    assert "N = 40, 64 together" in capsys.readouterr().out

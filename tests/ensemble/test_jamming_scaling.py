@@ -88,6 +88,39 @@ def test_a_correction_to_scaling_is_found_along_with_the_exponent():
     assert (over.exponent, over.correction) == (pytest.approx(0.5), pytest.approx(1.5 * math.sqrt(2.5)))
 
 
+def test_what_n_sets_is_told_from_the_correction_by_packings_of_several_n():
+    distance = np.geomspace(1e-3, 1e-1, 7)
+    sized = []
+    for count in (128, 256, 1024):
+        value = 2.0 * distance**0.5 * (1.0 + 1.5 * np.sqrt(distance) - 0.8 / (count * np.sqrt(distance)))
+        scatter = np.random.default_rng(count).normal(size=(4, 1)) * 1e-3
+        sized.append(made(value * (1.0 + scatter - scatter.mean()), distance, count, control="distance"))
+    found = pm.fit_sizes(sized, "shear_modulus")
+    assert found.exponent == pytest.approx(0.5, abs=1e-8)
+    assert (found.prefactor, found.correction, found.finite_size) == pytest.approx((2.0, 1.5, -0.8))
+    assert 0.0 < found.error < 1e-3
+    # one N takes what N sets for the other correction
+    alone = sized[0].fit("shear_modulus", corrected=True)
+    assert alone.exponent > 0.52
+    assert pm.fit_sizes(sized, "shear_modulus", largest=0.03).exponent == pytest.approx(0.5, abs=1e-8)
+    # levels where N shows too much for the first order take no part
+    assert pm.fit_sizes(sized[1:], "shear_modulus").finite_size == pytest.approx(-0.8)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, "scalings must be of two or more N"),
+        ({"particles": 128, "law_exponent": 2.5}, r"scalings\[1\] must be like the first"),
+        ({"particles": 128}, "at least 6 levels"),
+    ],
+)
+def test_fits_of_sizes_are_of_several_n_alike(change, words):
+    one = made(np.ones((2, 2)), [1e-2, 1e-1], control="distance")
+    with pytest.raises(ValueError, match=words):
+        pm.fit_sizes([one, dataclasses.replace(one, **change)], "shear_modulus")
+
+
 def test_hertzian_contacts_have_exponents_of_their_own():
     """Over the distance P, E, B, G, z, omega*: 3/2, 5/2, 1/2, 1, 1/2, 3/4; of springs 1, 2, 0, 1/2, 1/2, 1/2."""
     names = ("pressure", "energy_per_particle", "bulk_modulus", "shear_modulus", "excess_coordination", "plateau_edge")
