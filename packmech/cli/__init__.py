@@ -93,8 +93,12 @@ def main() -> None:
     except BrokenPipeError:  # whoever reads the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(FAILED)
-    except KeyboardInterrupt:
-        print("packmech: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        words, folder = "packmech: interrupted", getattr(stop, "folder", None)
+        if folder is not None and folder.exists():
+            words += f"; {stop.finished} of {stop.wanted} members are finished and stay in {folder}; "  # type: ignore[attr-defined]
+            words += "the same command goes on"
+        print(words, file=sys.stderr)
         sys.exit(INTERRUPTED)
     except (*EXPECTED, RuntimeError) as error:
         not_converged = isinstance(error, RuntimeError) and hasattr(error, "run")

@@ -106,6 +106,8 @@ def complete(
     ------
     TypeError, ValueError, RuntimeError
         If a member failed, with its message.
+    KeyboardInterrupt
+        Passed on with `.folder`, and `.finished` of `.wanted` members in it.
 
     """
     if workers is not None:
@@ -145,7 +147,12 @@ def complete(
     if len(finished) < len(numbers):
         grid = [{name: [value] for name, value in wanted[places[0]].items()} for places in numbers.values()]
         chosen: dict[str, Any] = {"workers": workers, "time_limit": time_limit if workers != 0 else None}
-        run_ensemble(job if workers != 0 else run, grid, folder, retry=True, progress=report, **chosen)
+        try:
+            run_ensemble(job if workers != 0 else run, grid, folder, retry=True, progress=report, **chosen)
+        except KeyboardInterrupt as stop:
+            # for whoever says what stays, where the folder does
+            stop.folder, stop.finished, stop.wanted = folder, len(finished), len(numbers)  # type: ignore[attr-defined]
+            raise
     failed = [one for one in members if one.id not in finished]
     if failed:
         failure = find(folder, failed[0]).failure or {}

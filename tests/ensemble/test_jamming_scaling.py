@@ -210,8 +210,9 @@ def test_what_was_stopped_goes_on_with_the_same_bits_here_and_in_other_processes
     def progress(stage, figures):
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as stop:
         pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], folder=tmp_path, progress=progress, **given)
+    assert (stop.value.folder, stop.value.finished, stop.value.wanted) == (tmp_path, 1, 2)
     assert pm.read_ensemble(tmp_path).counts()["done"] == 1
     parts = pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], folder=tmp_path, workers=1, **given)
     whole = pm.jamming_scaling(starts(2, 32), [1e-2, 5e-3], **given)
