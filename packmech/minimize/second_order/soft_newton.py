@@ -40,6 +40,8 @@ _NEAR = 1e-7
 _WIDE, _WIDEST = 1e2, 1e-3
 # merit at which the width is multiplied by a factor; its last value over that overlap, and over the error of positions
 _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
+# positions are multiples of their last digit: so many floors is as still as a packing can be in double precision
+_STILL = 8.0
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _NO_FORCE = 0.1
 
@@ -74,9 +76,7 @@ class SoftState:
 
     def sound(self, tolerance: float) -> bool:
         """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
-        # positions are multiples of their last digit: eight such floors is as still as a packing can be in double
-        # precision
-        return self.negative == 0 and self.balanced(max(tolerance, 8.0 * self.floor))
+        return self.negative == 0 and self.balanced(max(tolerance, _STILL * self.floor))
 
 
 def network_of(
@@ -154,7 +154,8 @@ def newton(
             best = network.packing, network.merit, network.residual, network.stress_error
         else:
             idle += 1
-        if idle >= (2 if best[1] < 1e-5 else 10):
+        # where contacts open and close the merit rises before it falls; at the floor of rounding it only wanders
+        if idle >= (2 if best[1] <= _STILL * rounding_floor(network) else 10):
             break
     if negative:
         # the last step's count may belong to another set of contacts: some flicker where they just touch
