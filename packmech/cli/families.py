@@ -27,10 +27,9 @@ from packmech.validation.studies.families import (
     draw_stress,
     first_changes,
     fit_first_changes,
+    map_families,
     map_name,
-    read_columns,
     stress_over_strain,
-    walk_both_ways,
 )
 
 Counts = Annotated[list[int] | None, Parameter(consume_multiple=True)]
@@ -42,9 +41,9 @@ def families(
     out: Path = Path("families"),
     particles: Counts = None,
     packings: int = 10,
-    applied_strain: float = 0.5,
-    step: float = 2e-3,
-    aspect: float = 1.0,
+    applied_strain: float | None = None,
+    step: float | None = None,
+    aspect: float | None = None,
     seed: int = 0,
     workers: int | None = None,
 ) -> None:
@@ -59,39 +58,35 @@ def families(
     out
         folder to write to
     particles
-        numbers of discs (default: 10 for the map, 32 128 for the first change, 64 for the stress)
+        their numbers (default: 10 for the map, 32 128 for the first change, 64 for the stress; given for the slopes)
     packings
-        of each, from seeds that follow each other
-    applied_strain, step
-        of the map
+        of each, from seeds that follow each other; given for the slopes
+    applied_strain
+        of the map, its largest (default: 0.5)
+    step
+        of the map, between rows (default: 0.002)
     aspect
-        of the map's particles: 1 for discs, else ellipses
+        of the map's particles: 1 for discs, else ellipses (default: 1)
     seed
         of the first packing
     workers
-        processes that share slopes and first changes (default: one for each core); 0: the command's own
+        processes that share the packings (default: one for each core); 0: the command's own; not for the stress
 
     """
     integer("packings", packings, at_least=1)
-    positive("applied_strain", applied_strain), positive("step", step), real("aspect", aspect, at_least=1.0)
-    if study != "map" and aspect != 1.0:
-        raise ValueError(f"aspect must be left out for {study}, got {aspect:g}")
+    given = {"applied_strain": applied_strain, "step": step, "aspect": aspect}
+    unused = [name for name, value in given.items() if value is not None and study != "map"]
+    unused += ["workers"] if study == "stress" and workers is not None else []
+    unused += ["particles"] if study == "slopes" and particles is not None else []
+    if unused:
+        raise ValueError(f"{unused[0]} must be left out for {study}")
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + packings)
     if study == "map":
-        if workers is not None:
-            raise ValueError(f"workers must be left out for the map, got {workers}")
-        counts = [10] if particles is None else particles
-        with working("families") as say:
-            for count in counts:
-                for k, one in enumerate(seeds):
-                    say(f"families: {k} of {packings} packings of {count}")
-                    walk_both_ways(out, count, one, applied_strain, step, aspect)
-        for count in counts:
-            name = map_name(count, aspect)
-            pieces = draw_map(out, count, out / f"{name}.png", aspect)
-            _say_where_walks_end(out, name, applied_strain)
-            show(f"wrote {name}-*.csv, {name.replace('map', 'changes')}-*.csv and {name}.png in {out}: {pieces} pieces")
+        strain = 0.5 if applied_strain is None else positive("applied_strain", applied_strain)
+        size = 2e-3 if step is None else positive("step", step)
+        ratio = 1.0 if aspect is None else real("aspect", aspect, at_least=1.0)
+        _map(out, [10] if particles is None else particles, seeds, strain, size, ratio, workers)
     elif study == "slopes":
         _slopes(out, seed, workers)
     elif study == "stress":
@@ -101,12 +96,26 @@ def families(
         _first_changes(out, [32, 128] if particles is None else particles, seeds, workers)
 
 
-def _say_where_walks_end(out: Path, name: str, strain: float) -> None:
-    """Name walks that ended before the strain was reached: the packing was lost."""
-    for path in sorted(out.glob(f"{name}-*-up.csv")):
-        end = float(read_columns(path)["strain"][-1])
-        if end != strain:
-            show(f"{path.name} ends at a strain of {end:.6g}: after a fall no jammed packing was found")
+def _map(
+    out: Path, counts: list[int], seeds: range, strain: float, step: float, aspect: float, workers: int | None
+) -> None:
+    """Shear packings up and back, draw their families, and say which were lost."""
+    with working("families") as say:
+        made = {}
+        for count in counts:
+
+            def show_progress(done: int, of: int, count: int = count) -> None:
+                say(f"families: {done} of {of} packings of {count}")
+
+            wanted = [(count, one, strain, step, aspect) for one in seeds]
+            made[count] = map_families(out, wanted, show_progress, workers)
+    for count, (tables, lost) in made.items():
+        name = map_name(count, aspect)
+        pieces = draw_map(tables, count, aspect, out / f"{name}.png")
+        for words in lost:
+            show(f"a packing was lost after a fall: {words}")
+        show(f"{pieces} pieces of families")
+        show(f"wrote {name}-*.csv, {name.replace('map', 'changes')}-*.csv and {name}.png in {out}")
 
 
 def _slopes(out: Path, seed: int, workers: int | None) -> None:
@@ -182,7 +191,11 @@ def _first_changes(out: Path, counts: list[int], seeds: range, workers: int | No
     for large, law in ((False, "small"), (True, "large")):
         if len(counts) < 2 or not any((one.particles**2 * one.pressure > LARGE) == large for one in found):
             continue
-        fit, error, packings = fit_first_changes(found, large=large)
+        try:
+            fit, error, packings = fit_first_changes(found, large=large)
+        except ValueError as reason:
+            show(f"N^2 P {law}: no fit, {reason}")
+            continue
         powers = ", ".join(f"{name}^{x:.3f}({e:.3f})" for name, x, e in zip("PN", fit[1:], error[1:], strict=True))
         show(f"N^2 P {law}: strain = {np.exp(fit[0]):.3g} {powers}, from {packings} packings")
     show(table("first change of contacts, medians", head, rows, right=tuple(range(len(head)))))

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
+from packmech.check import integer
+from packmech.cli import FAILED
 from packmech.cli.output import show, table, working
 from packmech.ensemble.drawing import FITTED, draw_scaling
 from packmech.ensemble.jamming_scaling import JammingScaling, fit_sizes, jamming_scaling
@@ -36,7 +38,7 @@ def scaling(
     states: bool = False,
     seed: int = 0,
     workers: int | None = None,
-) -> None:
+) -> int | None:
     """Follow packings over pressure or the distance to jamming: how moduli, contacts and energy fall; resumes.
 
     Parameters
@@ -71,64 +73,65 @@ def scaling(
     levels_p = np.logspace(-2.0, -6.0, 9) if over == "pressure" else np.logspace(-5.0, -1.0, 9)
     if levels is not None:
         levels_p = np.array(levels)
-    counts = [None] if particles is None else sorted(set(particles))
+    integer("packings", packings, at_least=1)
+    counts = [None] if particles is None else sorted({integer("particles", one, at_least=1) for one in particles})
     finished: list[JammingScaling] = []
-    with working("scaling") as say:
-        for count in counts:
-            changes = None if count is None else {"packing.particles": count}
-            starts = [read_scene(scene, seed=seed + k, changes=changes) for k in range(packings)]
+    for count in counts:
+        changes = None if count is None else {"packing.particles": count}
+        starts = [read_scene(scene, seed=seed + k, changes=changes) for k in range(packings)]
+        with working("scaling") as say:
 
             def progress(stage: str, figures: dict[str, object], of: int = starts[0].packing.particles) -> None:
                 if "done" in figures:
                     say(f"scaling: {figures['done']} of {packings} packings of {of}")
 
-            try:
-                found = jamming_scaling(
-                    starts,
-                    levels_p if over == "pressure" else None,
-                    distances=levels_p if over == "distance" else None,
-                    strain=strain,
-                    method=method,
-                    states=states,
-                    folder=out / "members",
-                    workers=workers,
-                    progress=progress,
-                    check=False,
-                )
-            except KeyboardInterrupt as stop:
-                # the packings that are there are worth as much as fewer that were asked for
-                part: JammingScaling | None = getattr(stop, "scaling", None)
-                for one in (*finished, *(() if part is None else (part,))):
-                    _write(one, out, len(counts) > 1)
-                raise
+            found = jamming_scaling(
+                starts,
+                levels_p if over == "pressure" else None,
+                distances=levels_p if over == "distance" else None,
+                strain=strain,
+                method=method,
+                states=states,
+                folder=out / "members",
+                workers=workers,
+                progress=progress,
+                check=False,
+            )
+        if found.packings:
+            _write(found, out, len(counts) > 1)
             finished.append(found)
-    for one in finished:
-        _write(one, out, len(finished) > 1)
+        else:
+            show(f"none of {packings} packings of {found.particles} came to rest at every level")
     if len(finished) > 1:
         _show_sizes(finished)
+    return None if len(finished) == len(counts) else FAILED
 
 
 def _show_sizes(found: list[JammingScaling]) -> None:
     """Print the power laws of all N together."""
-    rows = []
+    reached = max(float(one.mean_p("distance").max()) for one in found)
+    bounds = [None, *(one for one in LARGEST if one < reached)]
+    rows: list[tuple[str, ...]] = []
+    reasons: dict[str, None] = {}
     for name in FITTED:
         if name not in found[0].names or name == "distance":
             continue
         cells = []
-        for largest in (None, *LARGEST):
+        for largest in bounds:
             try:
                 fit = fit_sizes(found, name, largest=largest)
-                cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}"]
-                if largest is None:
-                    cells += [f"{fit.correction:.3g}", f"{fit.finite_size:.3g}"]
-            except ValueError:
+                cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}", f"{fit.correction:.3g}", f"{fit.finite_size:.3g}"]
+            except ValueError as error:
                 # too few levels, or a mean that is not positive
-                cells += ["-"] * (4 if largest is None else 2)
+                cells += ["-"] * 4
+                reasons[str(error)] = None
         rows.append((name.replace("_", " "), *cells, f"{found[0].theory(name, over='distance'):.4g}"))
     counts = ", ".join(str(one.particles) for one in found)
-    bounds = [text for one in LARGEST for text in (f"up to {one:g}", "+-")]
-    head = ("quantity", "exponent", "+-", "correction", "finite size", *bounds, "theory")
-    show(table(f"exponents over distance, N = {counts} together", head, rows, right=tuple(range(1, len(head)))))
+    names = [word for one in bounds for word in ("all" if one is None else f"x < {one:g}", "+-", "c", "b")]
+    title = f"x^exponent (1 + c sqrt(x) + b / (N sqrt(x))), x distance to jamming, N = {counts} together"
+    show(table(title, ("quantity", *names, "theory"), rows, right=tuple(range(1, len(names) + 2))))
+    for reason in reasons:
+        show(f"-: {reason}")
 
 
 def _write(found: JammingScaling, out: Path, several: bool) -> None:
@@ -139,32 +142,37 @@ def _write(found: JammingScaling, out: Path, several: bool) -> None:
     draw_scaling(found, out / f"{name}.png")
     asked = len(found.value_sp["residual"])
     title = (
-        f"exponents where N does not show (packing fractions {found.counted_from:.2g} above jamming), "
+        f"exponents where N does not show, from {found.counted_from:.2g} above jamming on, "
         f"{found.packings} of {asked} packings of {found.particles}"
         + ("" if found.packings == asked else "; the others did not come to rest at every level")
     )
-    head = ("quantity", "over", "exponent", "+-", "corrected", "+-", "correction", "theory")
-    show(table(title, head, fits(found), right=tuple(range(2, len(head)))))
+    head = ("quantity", "over x", "x^exponent", "+-", "x^exponent (1 + c sqrt(x))", "+-", "c", "theory")
+    rows, reasons = fits(found)
+    show(table(title, head, rows, right=tuple(range(2, len(head)))))
+    for reason in reasons:
+        show(f"-: {reason}")
     show(f"wrote {name}.csv and {name}.png in {out}; {found.seconds:.3g} s CPU")
 
 
-def fits(found: JammingScaling) -> list[tuple[str, ...]]:
-    """Return a line for each quantity and what it is fitted over: exponents, errors, correction, theory."""
-    rows = []
+def fits(found: JammingScaling) -> tuple[list[tuple[str, ...]], list[str]]:
+    """Return a line for each quantity and what it is fitted over, and why fits are missing."""
+    rows: list[tuple[str, ...]] = []
+    reasons: dict[str, None] = {}
     for over in ("distance", "pressure"):
         for name in FITTED:
             if name not in found.names or name in (over, found.control):
                 continue
             cells: list[str] = []
+            correction = "-"
             for corrected in (False, True):
                 try:
                     fit = found.fit(name, over=over, corrected=corrected)
                     cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}"]
-                    correction = f"{fit.correction:.3g}" if corrected else ""
-                except ValueError:
+                    correction = f"{fit.correction:.3g}" if corrected else "-"
+                except ValueError as error:
                     # too few levels, or a mean that is not positive
                     cells += ["-", "-"]
-                    correction = "-"
+                    reasons[str(error)] = None
             theory = found.theory(name, over=over)
             rows.append((name.replace("_", " "), over, *cells, correction, f"{theory:.4g}"))
-    return rows
+    return rows, list(reasons)

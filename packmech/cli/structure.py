@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from packmech.check import integer
 from packmech.cli.output import show, table, working
+from packmech.measure.structure import CorrelationLength
 from packmech.result import csv_text
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.validation.studies.structure import (
@@ -36,11 +37,11 @@ def structure(
     *,
     out: Path = Path("structure"),
     particles: int | None = None,
-    shaped: int = 128,
+    shaped: int | None = None,
     packings: int | None = None,
     pressure: float | None = None,
-    k_min: float = 0.2,
-    k_max: float = 2.0,
+    k_min: float | None = None,
+    k_max: float | None = None,
     seed: int = 0,
     workers: int | None = None,
 ) -> None:
@@ -57,21 +58,26 @@ def structure(
     particles
         number of discs (default: 1024, for the spectrum 16384, for contacts 128)
     shaped
-        number of ellipses and of dimers, for order; 0 leaves them out
+        number of ellipses and of dimers, for order (default: 128); 0 leaves them out
     packings
         of each kind, from seeds that follow each other (default: 4, for the spectrum 1, for contacts 20)
     pressure
         of the jammed packings [energy scale / diameter^d] (default: 1e-6, for the spectrum 1e-3)
     k_min
-        lower end of the power law [1 / mean diameter]
+        lower end of the spectrum's power law [1 / mean diameter] (default: 0.2)
     k_max
-        its upper end
+        its upper end (default: 2)
     seed
         of the first packing
     workers
         processes that share the work (default: one for each core); 0: the command's own
 
     """
+    used = {"order": ("shaped", "pressure"), "spectrum": ("k_min", "k_max", "pressure"), "contacts": ()}[study]
+    given = {"shaped": shaped, "k_min": k_min, "k_max": k_max, "pressure": pressure}
+    for name, value in given.items():
+        if value is not None and name not in used:
+            raise ValueError(f"{name} must be left out for {study}, got {value:g}")
     out.mkdir(parents=True, exist_ok=True)
     count = packings if packings is not None else {"order": 4, "spectrum": 1, "contacts": 20}[study]
     seeds = range(seed, seed + count)
@@ -90,10 +96,11 @@ def structure(
                 workers,
             )
         found = measure_spectrum(made)
-        fit = found.filled.power_law(k_min, k_max)
+        low, high = 0.2 if k_min is None else k_min, 2.0 if k_max is None else k_max
+        fit = found.filled.power_law(low, high)
         (out / "spectrum.csv").write_text(found.to_csv(), encoding="utf-8")
         draw_spectrum(found, fit, out / "spectrum.png")
-        show(f"N = {many}: exponent {fit.exponent:.4f} +- {fit.exponent_error:.4f} for k d from {k_min:g} to {k_max:g}")
+        show(f"N = {many}: exponent {fit.exponent:.4f} +- {fit.exponent_error:.4f} for k d from {low:g} to {high:g}")
         show(f"wrote spectrum.csv and spectrum.png in {out}")
         return
     many, pressure = 1024 if particles is None else particles, PRESSURE if pressure is None else pressure
@@ -103,15 +110,16 @@ def structure(
             note = "" if last is None else f"; {KINDS[last.kind]} {last.disorder:g} gave {last.global_order:.3f}"
             say(f"structure: {done} of {of} packings{note}")
 
-        given: dict[str, Any] = {
+        settings: dict[str, Any] = {
             "seeds": seeds,
             "pressure": pressure,
             "progress": show_progress,
             "workers": workers,
         }
-        ordered = jam_all(out, particles=many, kinds=(DISCS,), **given)
-        if shaped:
-            ordered += jam_all(out, particles=shaped, kinds=(ELLIPSES, DIMERS), **given)
+        ordered = jam_all(out, particles=many, kinds=(DISCS,), **settings)
+        count_shaped = 128 if shaped is None else shaped
+        if count_shaped:
+            ordered += jam_all(out, particles=count_shaped, kinds=(ELLIPSES, DIMERS), **settings)
     correlated = []
     for kind, disorder in itertools.product(KINDS, SHOWN):
         mine = [one for one in ordered if (one.kind, one.disorder, one.converged) == (kind, disorder, 1)]
@@ -130,16 +138,18 @@ def structure(
     head = ("kind", "disorder", "packing fraction", "z", "psi_6 global", "local", "at rest")
     show(table(f"pressure {pressure:g}", head, rows, right=tuple(range(1, len(head)))))
     lengths = [
-        (
-            KINDS[one.kind],
-            f"{one.disorder:g}",
-            *(f"{x.length:.3f} +- {x.error:.3f} ({len(x.r_m)})" for x in (one.bond_length, one.pair_length)),
-        )
+        (KINDS[one.kind], f"{one.disorder:g}", *map(_length_words, (one.bond_length, one.pair_length)))
         for one in correlated
     ]
     title = "correlation lengths in mean diameters, through so many maxima"
     show(table(title, ("kind", "disorder", "of psi_6", "of g - 1"), lengths, right=(1, 2, 3)))
-    show(f"wrote order.csv and order.png in {out}")
+    show(f"wrote order.csv, order.png and, of dimers, dimers.png in {out}")
+
+
+def _length_words(found: CorrelationLength) -> str:
+    """Return a correlation length with its error and number of maxima."""
+    count = len(found.r_m)
+    return f"{found.length:.3f} +- {found.error:.3f} ({count})" if count > 2 else f"too few maxima ({count})"
 
 
 def _count_contacts(out: Path, particles: int, seeds: range, workers: int | None) -> None:

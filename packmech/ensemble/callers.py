@@ -107,7 +107,7 @@ def complete(
     TypeError, ValueError, RuntimeError
         If a member failed, with its message.
     KeyboardInterrupt
-        Passed on with `.folder`, and `.finished` of `.wanted` members in it.
+        Passed on with `.folder`, which holds the members that are finished.
 
     """
     if workers is not None:
@@ -150,8 +150,8 @@ def complete(
         try:
             run_ensemble(job if workers != 0 else run, grid, folder, retry=True, progress=report, **chosen)
         except KeyboardInterrupt as stop:
-            # for whoever says what stays, where the folder does
-            stop.folder, stop.finished, stop.wanted = folder, len(finished), len(numbers)  # type: ignore[attr-defined]
+            # for whoever says what stays, if the folder does
+            stop.folder = folder  # type: ignore[attr-defined]
             raise
     failed = [one for one in members if one.id not in finished]
     if failed:

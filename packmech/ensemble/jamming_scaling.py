@@ -338,8 +338,10 @@ def fit_sizes(scalings: Sequence[JammingScaling], name: str, *, largest: float |
     rows = [one._rested(name) for one in scalings]
     parts = [one.counted_p & (one.mean_p("distance") <= top) for one in scalings]
     counts = [int(np.count_nonzero(part)) for part in parts]
-    if sum(counts) < 6:
-        raise ValueError(f"largest must leave at least 6 levels above the plateaus of N, got {sum(counts)}")
+    sizes = sorted({one.particles for one, count in zip(scalings, counts, strict=True) if count})
+    if sum(counts) < 6 or len(sizes) < 2:
+        words = f"{sum(counts)} of N = {sizes}"
+        raise ValueError(f"largest must leave at least 6 levels of two N above their plateaus, got {words}")
     inverse = np.repeat([1.0 / one.particles for one in scalings], counts)
 
     def law(rows: Sequence[NDArray[np.int64]]) -> NDArray[np.float64]:

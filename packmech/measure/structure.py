@@ -404,8 +404,9 @@ def correlation_length(
 ) -> CorrelationLength:
     """Return the length over which a correlation decays: a line through the logarithms of its local maxima.
 
-    Maxima count up to the first that does not lie above the noise: beyond it they are maxima of noise, which does not
-    decay. For the pair distribution function give g - 1.
+    Maxima count that lie above the noise, and with a `separation`, which leaves one for each wave, only up to the first
+    that does not: beyond it they are maxima of noise, which does not decay. For the pair distribution function give
+    g - 1.
 
     Parameters
     ----------
@@ -416,8 +417,8 @@ def correlation_length(
     count_b
         (B,) numbers of pairs.
     noise_b
-        (B,) what counts as noise [value]; None: 1/sqrt(pairs in the bin), as for independent pairs. Those of a packing
-        are not where it has domains: give twice the standard error over packings, if there are several.
+        (B,) what counts as noise, not negative [value]; None: 1/sqrt(pairs in the bin), as for independent pairs. Those
+        of a packing with domains are not: give twice the standard error over packings, if there are several.
     r_min
         Maxima nearer than this are left out [length].
     separation
@@ -453,12 +454,14 @@ def correlation_length(
     noise = 1.0 / np.sqrt(np.maximum(count, 1.0))
     if noise_b is not None:
         noise = finite_array("noise_b", noise_b, shape=(len(r),), what="bin")
-    top = top[(r[top] >= start) & (count[top] > 0.0)]
+        if (noise < 0.0).any():
+            raise ValueError(f"noise_b must not be negative, got {noise.min()} for bin {int(np.argmin(noise))}")
+    top = top[(r[top] >= start) & (value[top] > 0.0) & (count[top] > 0.0)]
+    above = value[top] > noise[top]
     if apart > 0.0:
-        top = top[[bool(value[b] >= value[np.abs(r - r[b]) <= apart].max()) for b in top]]
-    drowned = np.flatnonzero(value[top] <= noise[top])
-    if len(drowned):
-        top = top[: drowned[0]]
+        highest = np.array([value[b] >= value[np.abs(r - r[b]) <= apart].max() for b in top], dtype=bool)
+        top, above = top[highest], np.logical_and.accumulate(above[highest])
+    top = top[above]
     noise = noise[top]
     length = error = amplitude = math.nan
     if len(top) >= 3:

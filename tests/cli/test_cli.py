@@ -405,16 +405,22 @@ def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
     assert not loaded & {"cvxpy", "rerun", "matplotlib", "clarabel", "highspy", "gsd", "gymnasium", "pyarrow"}
 
 
-def test_families_resume_and_are_drawn(tmp_path, capsys):
-    words = ["families", "map", "--packings", "1", "--applied-strain", "0.03", "--step", "0.01", "--out", str(tmp_path)]
+@pytest.mark.parametrize("aspect", ["1", "1.5"])
+def test_families_resume_and_are_drawn(tmp_path, capsys, aspect):
+    words = ["families", "map", "--packings", "1", "--applied-strain", "0.03", "--step", "0.01", "--aspect", aspect]
+    words += ["--out", str(tmp_path), "--workers", "0"]
     assert execute(words) == 0
-    table = tmp_path / "map-10-0-up.csv"
-    first = table.read_bytes()
-    table.write_bytes(first + b"0.03,0.8,0.0,9,19,0,0.0,0.0\n")
-    # what is there is not made again
+    (table,) = tmp_path.glob("map-*-up.csv")
+    (kept,) = (tmp_path / "members" / "map" / "workspace").glob("*/arrays.npz")
+    first, made = table.read_bytes(), kept.stat().st_mtime_ns
+    # what is there is not made again; another strain is another walk
+    assert execute(words) == 0 and table.read_bytes() == first and kept.stat().st_mtime_ns == made
+    words[words.index("0.03")] = "0.02"
     assert execute(words) == 0 and table.read_bytes() != first
-    assert (tmp_path / "map-10.png").stat().st_size > 10_000
-    assert "pieces" in capsys.readouterr().out
+    (figure,) = tmp_path.glob("map-*.png")
+    assert figure.stat().st_size > 10_000 and "pieces" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="step must be left out for first-change"):
+        execute(["families", "first-change", "--step", "0.1", "--out", str(tmp_path)])
 
 
 def test_scaling_writes_a_table_and_a_figure(tmp_path, capsys):

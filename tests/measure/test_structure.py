@@ -162,8 +162,18 @@ def test_maxima_of_noise_do_not_lengthen_a_decay():
     assert found.length == pytest.approx(2.0, abs=3.0 * found.error) and found.error < 0.1
     # the line through all maxima is that of the box
     assert pm.correlation_length(r, wave, count, separation=0.4).length > 2.5
-    with pytest.raises(ValueError, match="noise_b"):
-        pm.correlation_length(r, wave, count, noise_b=np.zeros(3))
+    for wrong in (np.zeros(3), np.full(r.size, -1.0)):
+        with pytest.raises(ValueError, match="noise_b"):
+            pm.correlation_length(r, wave, count, noise_b=wrong)
+
+
+@pytest.mark.parametrize("separation", [0.0, 0.4])
+def test_maxima_in_troughs_do_not_end_a_decay(separation):
+    r = np.linspace(0.0, 10.0, 1001)
+    wave = np.exp(-r / 2.0) * (np.cos(2.0 * np.pi * r) + 0.6 * np.cos(4.0 * np.pi * r))
+    assert pm.correlation_length(r, wave, np.full(1001, 10**6), separation=separation).length == pytest.approx(
+        2.0, rel=0.01
+    )
 
 
 def test_without_a_distance_it_is_what_the_box_allows_and_three_at_most():

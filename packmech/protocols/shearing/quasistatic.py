@@ -42,12 +42,13 @@ class ContactChange:
     ----------
     strain, strain_from_above
         The strain by tangents ever nearer before the change, and by such behind it [1]; where it `falls`, the nearest
-        strain behind it at which there is no equilibrium nearby.
+        strain behind it at which there is no equilibrium nearby; where several contacts change at once, strains of the
+        nearest equilibria on both sides, at most 1e-10 apart.
     opened
-        Whether a contact opened; else one closed.
+        Whether the contact `pair` opened; else it closed.
     pair
         Its particles (or beads) and image, (i, j, image); the first of several where contacts change at once, as
-        those of a particle that becomes a rattler. Such a change is found by halving.
+        those of a particle that becomes a rattler.
     shear_stress, pressure
         There [energy_scale / diameter^d].
     energy_change, work
@@ -270,7 +271,8 @@ def quasistatic_shear(
     pressure
         Pressure to hold [energy_scale / diameter^d]; the packing goes there first. None holds the volume.
     locate
-        "first": the strain of the first change of contacts is found to rounding, from both sides, and has a row;
+        "first": the strain of the first change of contacts is found from both sides, to rounding if one contact
+        changes, and has a row;
         "all": those of all changes, so that `work_t` is exact to fourth order of the steps throughout; "none".
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.

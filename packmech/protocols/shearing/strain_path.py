@@ -33,7 +33,7 @@ _HALVINGS = 10
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
 # farther tangents are not believed, their error being of second order
 _TRUSTED = 1e-11
-# strain between the equilibria on both sides of a change that is found by halving
+# largest strain between the equilibria on both sides of a change that is found by halving
 _HALVED = 1e-10
 # net force over the mean one of an equilibrium on the way, where rounding allows it
 _BALANCED = 1e-10
@@ -172,7 +172,7 @@ class StrainPath:
         for one_c, other_c in ((near.i_c, near.j_c), (near.j_c, near.i_c)):
             pushed[one_c[loose[other_c]]] = True
         force_n = np.linalg.norm(network.uphill_nd, axis=1)
-        return not (force_n[~pushed] > _ELSEWHERE * force_n.max()).any()
+        return bool((force_n[~pushed] <= _ELSEWHERE * force_n.max()).all())
 
     def _measured(self, strain: float, state: SoftState) -> Sheared:
         packing = state.packing

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.validation.studies.rows import columns_of, complete_rows
+from packmech.ensemble.callers import complete
+from packmech.result import csv_text
+from packmech.validation.studies.rows import MEMBERS, columns_of, complete_rows
 from packmech.view.figures import COLORS, MARKERS, styled_figure
 
 PRESSURES = tuple(float(x) for x in 10.0 ** np.arange(-2.0, -8.25, -0.5))
@@ -24,6 +26,7 @@ SMALL, LARGE = 0.1, 10.0
 SLOPES = ((10, 10, 0.1), (32, 10, 0.02), (128, 10, 0.002))
 ELLIPSES = ((10, 10, 0.02), (32, 10, 0.01))
 ASPECT = 1.5
+WAYS = ("up", "down")
 # half a step of the difference of packing fractions
 _STEP = 1e-5
 _FAMILIES = 4
@@ -119,36 +122,56 @@ def map_name(particles: int, aspect: float) -> str:
     return f"map-{particles}" if aspect == 1.0 else f"map-ellipses-{aspect:g}-{particles}"
 
 
-def walk_both_ways(
-    folder: Path, particles: int, seed: int, strain: float, step: float, aspect: float = 1.0
-) -> list[Path]:
-    """Return the tables of a packing's families up to a strain and back to zero, made where they are not there.
+def walk_both_ways(particles: int, seed: int, strain: float, step: float, aspect: float) -> dict[str, Any]:
+    """Return the tables of a packing's families up to a strain and back to zero, their changes, and how walks ended.
 
     A walk on which the packing is lost ends there, and its way back begins there.
     """
-    name = map_name(particles, aspect)
-    paths = [folder / f"{name}-{seed}-{way}.csv" for way in ("up", "down")]
-    if all(path.exists() for path in paths):
-        return paths
     start = jammed_discs(particles, seed).packing if aspect == 1.0 else jammed_ellipses(particles, seed, aspect)
     up = pm.shear_families(start, strain, step=step, check=False)
     down = pm.shear_families(up.packing, -float(up.strain_t[-1]), step=step, check=False)
-    for path, run, offset in zip(paths, (up, down), (0.0, up.strain_t[-1]), strict=True):
+    made: dict[str, Any] = {}
+    for way, run, offset in zip(WAYS, (up, down), (0.0, up.strain_t[-1]), strict=True):
         table = run.table()
         columns = dict(table.columns) | {"strain": table["strain"] + offset}
-        # names of families are numbers within one walk
-        _write(path, columns)
-        changes = folder / path.name.replace("map", "changes")
+        made |= {f"{way}_{name}": column for name, column in columns.items()}
         kept = [(one.strain + offset, one.cause, one.route, one.jump, one.moved) for one in run.changes]
-        with changes.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([("strain", "cause", "route", "jump", "moved"), *kept])
-    return paths
+        made[f"{way}_changes"] = csv_text(("strain", "cause", "route", "jump", "moved"), kept)
+        made[f"{way}_lost"] = "" if run.ok else run.outcome.name
+    return made
 
 
-def _write(path: Path, columns: dict[str, NDArray[np.generic]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-        csv.writer(file, lineterminator="\n").writerows([tuple(columns), *rows])
+def map_families(
+    folder: Path,
+    wanted: Sequence[tuple[int, int, float, float, float]],
+    progress: Callable[[int, int], None],
+    workers: int | None = None,
+) -> tuple[list[Path], list[str]]:
+    """Return the tables of walks by (particles, seed, strain, step, aspect), each a member, and what went wrong."""
+    names = ("particles", "seed", "strain", "step", "aspect")
+    members = complete(
+        walk_both_ways,
+        [dict(zip(names, one, strict=True)) for one in wanted],
+        folder / MEMBERS / "map",
+        workers=workers,
+        progress=lambda done, of, number, member: progress(done, of),
+    )
+    paths, lost = [], []
+    for (particles, seed, _, _, aspect), member in zip(wanted, members, strict=True):
+        arrays, name = member.arrays(), map_name(particles, aspect)
+        for way in WAYS:
+            columns = {key.removeprefix(f"{way}_"): one for key, one in arrays.items() if key.startswith(f"{way}_")}
+            path = folder / f"{name}-{seed}-{way}.csv"
+            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+            path.write_text(csv_text(tuple(columns), rows), encoding="utf-8")
+            changes = folder / path.name.replace("map", "changes")
+            changes.write_text(member.values[f"{way}_changes"], encoding="utf-8")
+            paths.append(path)
+            outcome = member.values[f"{way}_lost"]
+            if outcome:
+                end = float(columns["strain"][-1])
+                lost.append(f"{path.name} ends at a strain of {end:.6g} ({outcome.lower().replace('_', ' ')})")
+    return paths, lost
 
 
 def read_columns(path: Path) -> dict[str, NDArray[np.float64]]:
@@ -159,12 +182,11 @@ def read_columns(path: Path) -> dict[str, NDArray[np.float64]]:
     return dict(zip(head, table.T, strict=True))
 
 
-def draw_map(folder: Path, particles: int, path: Path, aspect: float = 1.0) -> int:
-    """Draw all families in a folder as packing fraction over strain; return how many pieces of them there are."""
+def draw_map(tables: Sequence[Path], particles: int, aspect: float, path: Path) -> int:
+    """Draw the families in tables as packing fraction over strain; return how many pieces of them there are."""
     pieces = 0
     with styled_figure(path, (7.2, 5.4)) as figure:
         axes = figure.subplots()
-        tables = sorted(folder.glob(f"{map_name(particles, aspect)}-*-*.csv"))
         for number, table in enumerate(tables):
             found = read_columns(table)
             strain, fraction = found["strain"], found["packing_fraction"]
@@ -172,14 +194,17 @@ def draw_map(folder: Path, particles: int, path: Path, aspect: float = 1.0) -> i
             new = np.diff(found["family"]) != 0
             pieces += 1 + int(np.count_nonzero(new))
             breaks = np.flatnonzero(new | (np.abs(np.diff(strain)) < _AT_ONCE)) + 1
+            # up in full, back in dots
+            style = "-" if table.stem.endswith(WAYS[0]) else ":"
             for piece in np.split(np.arange(len(strain)), breaks):
-                axes.plot(strain[piece], fraction[piece], color=COLORS[number // 2 % len(COLORS)], linewidth=0.8)
-        axes.axvline(0.5, color="#404040", linestyle="--", linewidth=0.8)
+                axes.plot(
+                    strain[piece], fraction[piece], style, color=COLORS[number // 2 % len(COLORS)], linewidth=0.9
+                )  # fmt: skip
         axes.set(xlabel="shear strain", ylabel="packing fraction at jamming")
         what = "discs" if aspect == 1.0 else f"ellipses of aspect {aspect:g},"
         axes.set_title(
             f"{pieces} pieces of families, {len(tables) // 2} packings of {particles} {what} 1:1.4,\n"
-            "each sheared up and back; lines break where contacts change",
+            "each sheared up and (dotted) back; kinks and breaks are changes of contacts",
             fontsize=8.0,
         )
     return pieces
@@ -293,9 +318,9 @@ def fit_first_changes(
     else:
         part = [one for one in part if one.particles**2 * one.pressure <= SMALL]
     packings = sorted({(one.particles, one.seed) for one in part})
-    for name in ("particles", "pressure"):
+    for name, words in (("particles", "N"), ("pressure", "pressures")):
         if len({getattr(one, name) for one in part}) < 2:
-            raise ValueError(f"found must hold two {name} or more there, got {len(part)} first changes")
+            raise ValueError(f"found must hold first changes of two or more {words} there, got {len(part)} of fewer")
     sizes = [[key for key in packings if key[0] == one] for one in sorted({key[0] for key in packings})]
     rows = {key: [one for one in part if (one.particles, one.seed) == key] for key in packings}
     rng = np.random.default_rng(0)

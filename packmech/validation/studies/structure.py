@@ -121,7 +121,6 @@ class Correlated:
 
     kind: int
     disorder: float
-    packings: int
     r_b: NDArray[np.float64]
     value_b: NDArray[np.float64]
     bond_length: pm.CorrelationLength
@@ -132,7 +131,9 @@ def correlate(folder: Path, rows: Sequence[Ordered]) -> Correlated:
     """Return the correlations of packings of a kind and degree of disorder, pooled; distances in mean diameters.
 
     Noise is twice the standard error over the packings, averaged over a diameter, or of the pairs if that is more:
-    without it lines go through maxima of noise, and lengths are those of the box.
+    without it lines go through maxima of noise, and lengths are those of the box. Correlations of psi_6, less those of
+    its mean, are taken with their sign: beyond the domains they are negative, because they add up to nothing over the
+    box, and do not decay.
     """
     packings = [packing_of(folder, one) for one in rows]
     # up to half the smallest box
@@ -148,23 +149,21 @@ def correlate(folder: Path, rows: Sequence[Ordered]) -> Correlated:
         connected.append(values[-1] - one.mean_square)
         excess.append(pm.pair_distribution(packing, r_max=reach, bins=bins).g_b - 1.0)
     count_b = np.sum(counts, axis=0)
-    weight_pb = np.array(counts) / np.maximum(count_b, 1)
-    near = {"r_min": _FAR, "separation": _APART}
+    # averages over pairs; the number of pairs is what g counts itself
+    pairs_pb, alike_pb = np.array(counts) / np.maximum(count_b, 1), np.full((len(rows), bins), 1.0 / len(rows))
+    window = np.ones(round(1.0 / _WIDTH))
+    covered_b = np.convolve(np.ones(bins), window, "same")
 
-    def length(value_pb: NDArray[Any]) -> pm.CorrelationLength:
+    def length(value_pb: NDArray[np.float64], weight_pb: NDArray[np.float64]) -> pm.CorrelationLength:
         mean_b = (weight_pb * value_pb).sum(axis=0)
-        many = len(value_pb)
-        square_b = (weight_pb * np.abs(value_pb - mean_b) ** 2).sum(axis=0) / max(many - 1, 1)
-        window = np.full(round(1.0 / _WIDTH), _WIDTH)
-        spread_b = 2.0 * np.sqrt(np.convolve(square_b, window, "same"))
+        square_b = (weight_pb * (value_pb - mean_b) ** 2).sum(axis=0) / max(len(rows) - 1, 1)
+        spread_b = 2.0 * np.sqrt(np.convolve(square_b, window, "same") / covered_b)
         noise_b = np.maximum(spread_b, 2.0 / np.sqrt(np.maximum(count_b, 1.0)))
-        # g - 1 is real: where it is negative it has no maximum
-        shown_b = np.abs(mean_b) if np.iscomplexobj(mean_b) else mean_b
-        return pm.correlation_length(one.r_b, shown_b, count_b, noise_b=noise_b, **near)
+        return pm.correlation_length(one.r_b, mean_b, count_b, noise_b=noise_b, r_min=_FAR, separation=_APART)
 
-    value_b = np.abs((weight_pb * np.array(values)).sum(axis=0))
-    lengths = length(np.array(connected)), length(np.array(excess))
-    return Correlated(rows[0].kind, rows[0].disorder, len(rows), one.r_b, value_b, *lengths)
+    value_b = np.abs((pairs_pb * np.array(values)).sum(axis=0))
+    lengths = length(np.array(connected), pairs_pb), length(np.array(excess), alike_pb)
+    return Correlated(rows[0].kind, rows[0].disorder, one.r_b, value_b, *lengths)
 
 
 def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folder: Path, path: Path) -> None:
@@ -186,7 +185,11 @@ def draw_order(found: Sequence[Ordered], correlated: Sequence[Correlated], folde
         axes[0].set(xlabel="largest over smallest diameter, or aspect", ylabel="|psi_6|, global and (dotted) local")
         axes[0].legend(fontsize=8.0)
         discs = [one for one in correlated if one.kind == DISCS]
-        panels = (("value_b", "|<psi_6(r) psi_6*(0)>|"), ("bond_length", "maxima of C(r)"), ("pair_length", "of g - 1"))
+        panels = (
+            ("value_b", "|<psi_6(r) psi_6*(0)>|"),
+            ("bond_length", "maxima of C(r)"),
+            ("pair_length", "maxima of g(r) - 1"),
+        )
         for ax, (name, words) in zip(axes[1:4], panels, strict=True):
             for number, one in enumerate(discs):
                 color = COLORS[number % len(COLORS)]

@@ -57,6 +57,18 @@ def test_order_and_correlations_of_a_few_discs_are_drawn(tmp_path, monkeypatch):
     packing = packing_of(tmp_path, found[1])
     assert found[1].global_order == pm.bond_orientational_order(packing).global_order
     found += jam_all(tmp_path, particles=64, kinds=(DISCS,), **(settings | {"seeds": (1,)}))
+    # one alone: maxima are those of its own g - 1 and of its own correlations less that of the mean, with their sign
+    alone = correlate(tmp_path, found[:1])
+    given = {"r_max": alone.r_b[-1] + 0.025, "bins": len(alone.r_b)}
+    one = packing_of(tmp_path, found[0])
+    own = pm.correlation_function(one, pm.bond_orientational_order(one, 6).psi_n, **given)
+    assert alone.value_b == pytest.approx(np.abs(np.nan_to_num(own.value_b)), abs=1e-15)
+    signed = np.nan_to_num(own.value_b) - own.mean_square
+    excess = pm.pair_distribution(one, **given).g_b - 1.0
+    for line, whole in ((alone.bond_length, signed), (alone.pair_length, excess)):
+        there = np.searchsorted(alone.r_b, line.r_m)
+        assert line.value_m == pytest.approx(whole[there], abs=1e-12) and (line.value_m > 0.0).all()
+    assert len(alone.pair_length.r_m) > 0
     # boxes of two sizes
     correlated = [correlate(tmp_path, [one for one in found if one.disorder == ratio]) for ratio in (1.2, 1.4)]
     draw_order(found, correlated, tmp_path, tmp_path / "order.png")
