@@ -11,9 +11,10 @@ from cyclopts import Parameter
 from packmech.check import integer
 from packmech.cli import FAILED
 from packmech.cli.output import show, table, working
-from packmech.ensemble.drawing import FITTED, draw_scaling
-from packmech.ensemble.jamming_scaling import JammingScaling, fit_sizes, jamming_scaling
+from packmech.ensemble.drawing import FITTED, draw_scaling, draw_sizes
+from packmech.ensemble.jamming_scaling import Exponent, JammingScaling, fit_sizes, jamming_scaling
 from packmech.protocols.jam import HardVertex
+from packmech.result import csv_text
 from packmech.scenes.scene_file import read_scene
 
 Counts = Annotated[list[int] | None, Parameter(consume_multiple=True)]
@@ -103,16 +104,17 @@ def scaling(
         else:
             show(f"none of {packings} packings of {found.particles} came to rest at every level")
     if len(finished) > 1:
-        _show_sizes(finished)
+        _show_sizes(finished, out)
     return None if len(finished) == len(counts) else FAILED
 
 
-def _show_sizes(found: list[JammingScaling]) -> None:
-    """Print the power laws of all N together."""
+def _show_sizes(found: list[JammingScaling], out: Path) -> None:
+    """Print, draw and write the power laws of all N together."""
     reached = max(float(one.mean_p("distance").max()) for one in found)
     bounds = [None, *(one for one in LARGEST if one < reached)]
     rows: list[tuple[str, ...]] = []
     reasons: dict[str, None] = {}
+    fitted: list[tuple[object, ...]] = []
     for name in FITTED:
         if name not in found[0].names or name == "distance":
             continue
@@ -121,6 +123,7 @@ def _show_sizes(found: list[JammingScaling]) -> None:
             try:
                 fit = fit_sizes(found, name, largest=largest)
                 cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}", f"{fit.correction:.3g}", f"{fit.finite_size:.3g}"]
+                fitted.append((name, "" if largest is None else largest, *fit, found[0].theory(name, over="distance")))
             except ValueError as error:
                 # too few levels, or a mean that is not positive
                 cells += ["-"] * 4
@@ -132,6 +135,10 @@ def _show_sizes(found: list[JammingScaling]) -> None:
     show(table(title, ("quantity", *names, "theory"), rows, right=tuple(range(1, len(names) + 2))))
     for reason in reasons:
         show(f"-: {reason}")
+    columns = ("quantity", "largest_distance", *Exponent._fields, "theory")
+    (out / "scaling-sizes.csv").write_text(csv_text(columns, fitted), encoding="utf-8")
+    draw_sizes(found, bounds[1] if len(bounds) > 1 else None, out / "scaling-sizes.png")
+    show(f"wrote scaling-sizes.csv and scaling-sizes.png in {out}")
 
 
 def _write(found: JammingScaling, out: Path, several: bool) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from packmech.ensemble.jamming_scaling import JammingScaling
+from packmech.ensemble.jamming_scaling import JammingScaling, fit_sizes
 from packmech.ensemble.statistics import (
     GroupStatistics,
     PowerLawFit,
@@ -144,5 +145,50 @@ def draw_scaling(found: JammingScaling, path: Path) -> None:
             f"{found.packings} packings of N = {found.particles}, d = {found.dimension}, strain {found.strain}, energy "
             f"~ overlap$^{{{found.law_exponent:g}}}$; means and standard errors\n"
             "gray: the plateau that N sets, a handful of contacts too many or none; not fitted",
+            fontsize=10,
+        )
+
+
+def draw_sizes(scalings: Sequence[JammingScaling], largest: float | None, path: Path) -> None:
+    """Write the figure: quantities of several N over the distance, in units of their power laws, and one fit of all."""
+    first = scalings[0]
+    names = [name for name in FITTED if name in first.names and name != "distance"]
+    with styled_figure(path, (12.6, 7.2)) as figure:
+        axes = figure.subplots(2, 3)
+        for ax, name in zip(axes.flat, names, strict=False):
+            theory = first.theory(name, over="distance")
+            try:
+                fit = fit_sizes(scalings, name, largest=largest)
+            except ValueError:
+                # too few levels, or one that is not positive
+                fit = None
+            for number, one in enumerate(scalings):
+                x, counted = one.mean_p("distance"), one.counted_p
+                if not counted.any():
+                    continue
+                unit, color = x[counted] ** theory, COLORS[number]
+                ax.errorbar(
+                    x[counted], one.mean_p(name)[counted] / unit, one.error_p(name)[counted] / unit, color=color,
+                    marker=MARKERS[number], markersize=4.0, capsize=2.0, linestyle="",
+                    label=f"N = {one.particles}, {one.packings} packings",
+                )  # fmt: skip
+                if fit is not None:
+                    ends = np.geomspace(x[counted].min(), min(x[counted].max(), largest or np.inf), 80)
+                    root = np.sqrt(ends)
+                    law = 1.0 + fit.correction * root + fit.finite_size / (one.particles * root)
+                    ax.plot(ends, fit.prefactor * ends ** (fit.exponent - theory) * law, color=color, linewidth=1.0)
+            ax.set(
+                xscale="log",
+                xlabel=FITTED["distance"],
+                ylabel=f"{FITTED[name].split(' (')[0]} / distance$^{{{theory:.4g}}}$",
+            )
+            ax.set_ylim(bottom=0.0)
+            if fit is not None:
+                ax.set_title(rf"exponent ${fit.exponent:.3f} \pm {fit.error:.3f}$, expected {theory:.4g}", fontsize=8.5)
+        axes.flat[0].legend(fontsize=8.0)
+        for ax in axes.flat[len(names) :]:
+            ax.set_visible(False)
+        figure.suptitle(
+            f"energy ~ overlap$^{{{first.law_exponent:g}}}$; one law for all N, with a correction in distance and one in N",
             fontsize=10,
         )

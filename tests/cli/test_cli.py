@@ -440,3 +440,9 @@ def test_scaling_writes_a_table_and_a_figure(tmp_path, capsys):
     assert (tmp_path / "found" / "scaling-40.csv").read_text().splitlines() == lines
     assert (tmp_path / "found" / "scaling-64.png").stat().st_size > 10_000
     assert "N = 40, 64 together" in capsys.readouterr().out
+    assert (
+        (tmp_path / "found" / "scaling-sizes.csv").read_text().startswith("quantity,largest_distance,exponent,error,")
+    )
+    assert (tmp_path / "found" / "scaling-sizes.png").stat().st_size > 10_000
+    with pytest.raises(ValueError, match="packings must be an integer at least 1"):
+        execute(["scaling", words[0], "--packings", "0"])
