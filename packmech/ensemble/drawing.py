@@ -189,6 +189,6 @@ def draw_sizes(scalings: Sequence[JammingScaling], largest: float | None, path: 
         for ax in axes.flat[len(names) :]:
             ax.set_visible(False)
         figure.suptitle(
-            f"energy ~ overlap$^{{{first.law_exponent:g}}}$; one law for all N, with a correction in distance and one in N",
+            f"energy ~ overlap$^{{{first.law_exponent:g}}}$; one law for all N, corrected in distance and in N",
             fontsize=10,
         )
