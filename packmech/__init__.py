@@ -289,6 +289,7 @@ _PUBLIC = {
     "sweep_pressure": "packmech.protocols.sweep",
     "sweep_stress": "packmech.protocols.sweep",
     "JammingScaling": "packmech.ensemble.jamming_scaling",
+    "Exponent": "packmech.ensemble.jamming_scaling",
     "fit_sizes": "packmech.ensemble.jamming_scaling",
     "jamming_scaling": "packmech.ensemble.jamming_scaling",
     "at_packing_fraction": "packmech.protocols.protocol",

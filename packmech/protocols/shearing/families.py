@@ -152,6 +152,8 @@ class ShearFamilies(Run):
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
         found = self.to_dict()
+        largest = f", the largest by {found['largest_jump']:.3g}" if found["jumps"] else ""
+        jumps = f"to other packings{largest}"
         return [
             super().rows()[0],
             ("shear strain", f"{found['strain']:.6g}", "at the end"),
@@ -162,7 +164,7 @@ class ShearFamilies(Run):
             ),
             ("families", str(found["families"]), "different contact networks"),
             ("changes", str(found["changes"]), "of the network"),
-            ("jumps", str(found["jumps"]), f"to other packings, the largest by {found['largest_jump']:.3g}"),
+            ("jumps", str(found["jumps"]), jumps),
             ("gap error", f"{found['gap_error']:.1e}", "over the mean diameter"),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
         ]

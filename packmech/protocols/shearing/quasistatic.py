@@ -71,7 +71,7 @@ class ContactChange:
     pressure: float
     energy_change: float
     work: float
-    tangents: tuple[tuple[float, float], ...]
+    tangents: tuple[tuple[float, float], ...] = dataclasses.field(repr=False)
     falls: bool = False
 
 
@@ -163,9 +163,9 @@ class QuasistaticShear(Run):
         return float(self.strain_t[k]) if 0 < k < len(grown) - 1 else math.nan
 
     def linear_range(self, tolerance: float = 0.05) -> float:
-        """Return the strain up to which stress follows the modulus at the start, to a part of it; inf up to the end.
+        """Return the strain up to which stress follows the modulus at the start; inf up to the end.
 
-        Between rows it is interpolated.
+        It does while it is off by less than `tolerance` times modulus * strain [1]. Between rows it is interpolated.
 
         Raises
         ------
@@ -211,6 +211,7 @@ class QuasistaticShear(Run):
         """Return what the run reached: name, value, and what the value is."""
         found, d, first = self.to_dict(), self.packing.dimension, self.first_change
         unit = f"energy_scale / diameter^{d}"
+        yields = "of the largest stress" if math.isfinite(self.yield_strain) else "the stress grows up to the end"
         what = "none was located" if first is None else f"a contact {'opens' if first.opened else 'closes'}"
         return [
             super().rows()[0],
@@ -219,7 +220,7 @@ class QuasistaticShear(Run):
             ("shear modulus", f"{found['modulus']:.6g}", f"{unit}, at the start"),
             ("first change", f"{found['first_change']:.10g}", what),
             ("linear range", f"{found['linear_range']:.4g}", "strain up to which stress is linear to 5 %"),
-            ("yield strain", f"{found['yield_strain']:.4g}", "of the largest stress"),
+            ("yield strain", f"{found['yield_strain']:.4g}", yields),
             ("avalanches", str(found["avalanches"]), ""),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
         ]
