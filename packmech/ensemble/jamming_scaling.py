@@ -373,7 +373,10 @@ def _sized_power_law(
         return np.asarray(law / y - 1.0)
 
     scale = (1.0, 1.0, 1.0 / root.max(), 1.0 / size.max())
-    return np.asarray(least_squares(miss, (line.height, line.slope, 0.0, 0.0), x_scale=scale, xtol=1e-12).x)
+    found = least_squares(miss, (line.height, line.slope, 0.0, 0.0), x_scale=scale, xtol=1e-12)
+    if not found.success:
+        raise ValueError(f"scalings must determine one law, got a fit that does not converge: {found.message}")
+    return np.asarray(found.x)
 
 
 def jamming_scaling(
