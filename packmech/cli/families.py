@@ -53,7 +53,8 @@ def families(
     ----------
     study
         map: packing fraction at jamming over strain, each packing sheared up and back; slopes: how well d ln(phi_J) /
-        d(strain) = -Sigma/P holds for discs and ellipses; first-change: its strain over pressure and number of discs;
+        d(strain) = -Sigma/P holds for discs and ellipses; first-change: its strain at pressures 1e-2 to 1e-8, and over
+        the number of discs;
         stress: shear stress over strain at distances above jamming
     out
         folder to write to
@@ -198,7 +199,11 @@ def _first_changes(out: Path, counts: list[int], seeds: range, workers: int | No
             continue
         powers = ", ".join(f"{name}^{x:.3f}({e:.3f})" for name, x, e in zip("PN", fit[1:], error[1:], strict=True))
         show(f"N^2 P {law}: strain = {np.exp(fit[0]):.3g} {powers}, from {packings} packings")
-    show(table("first change of contacts, medians", head, rows, right=tuple(range(len(head)))))
+    show(table("first change of contacts, medians over packings", head, rows, right=tuple(range(len(head)))))
+    show(
+        "openings: how many of them; sides apart: largest difference of the strains found before and behind the change; "
+        "one shot: median error of linear response at the start"
+    )
     show(f"wrote first-change.csv and first-change.png in {out}")
 
 
