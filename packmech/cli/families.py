@@ -201,7 +201,7 @@ def _first_changes(out: Path, counts: list[int], seeds: range, workers: int | No
         show(f"N^2 P {law}: strain = {np.exp(fit[0]):.3g} {powers}, from {packings} packings")
     show(table("first change of contacts, medians over packings", head, rows, right=tuple(range(len(head)))))
     show(
-        "openings: how many of them; sides apart: largest difference of the strains found before and behind the change; "
+        "openings: how many of them; sides apart: largest difference of the strains before and behind the change; "
         "one shot: median error of linear response at the start"
     )
     show(f"wrote first-change.csv and first-change.png in {out}")
