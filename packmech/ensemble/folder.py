@@ -110,8 +110,9 @@ def prepare(folder: Path, job: Mapping[str, Any]) -> None:
     """
     with _stored(folder):
         known = folder / JOB
-        if known.exists():
-            found = read_job(folder)
+        # another process may make the folder at the same time
+        found = read_job(folder) if known.exists() else None
+        if found is not None:
             others = [name for name in {**found, **job} if _placeless(found.get(name)) != _placeless(job.get(name))]
             others = [name for name in others if name not in PLACES]
             if others:
@@ -123,7 +124,7 @@ def prepare(folder: Path, job: Mapping[str, Any]) -> None:
         (folder / _SIGNAC).mkdir(exist_ok=True)
         if not (folder / _SIGNAC / "config").exists():
             _write(folder / _SIGNAC / "config", _SIGNAC_CONFIG)
-        if not known.exists() or found != job:
+        if found != job:
             _write(known, json.dumps({"packmech": packmech.__version__, "job": job}, indent=1) + "\n")
 
 

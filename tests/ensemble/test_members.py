@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from packmech.ensemble import folder
 from packmech.ensemble.members import flattened, member_of, members_of, part_of, state_point_text, values_in
 
 
@@ -73,3 +74,16 @@ def test_values_of_the_command_line():
     for wrong in ("", "5:5", "1:2:x:log", "0:1:5:log", "1:2:3"):
         with pytest.raises(ValueError, match="FIRST:END"):
             values_in(wrong)
+
+
+def test_a_folder_that_another_process_makes_meanwhile_is_the_same(tmp_path, monkeypatch):
+    job, write = {"function": {"name": "f"}, "check": True}, folder._write
+
+    def meanwhile(path, text):
+        monkeypatch.setattr(folder, "_write", write)
+        folder.prepare(tmp_path, job)
+        write(path, text)
+
+    monkeypatch.setattr(folder, "_write", meanwhile)
+    folder.prepare(tmp_path, job)
+    assert folder.read_job(tmp_path) == job
