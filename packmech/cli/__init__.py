@@ -96,7 +96,8 @@ def main() -> None:
     except KeyboardInterrupt as stop:
         words, folder = "packmech: interrupted", getattr(stop, "folder", None)
         if folder is not None and folder.exists():
-            words += f"; what is finished stays in {folder}, and the same command goes on"
+            words += f"; {stop.finished} of {stop.wanted} members are finished and stay in {folder}"  # type: ignore[attr-defined]
+            words += "; the same command goes on"
         print(words, file=sys.stderr)
         sys.exit(INTERRUPTED)
     except (*EXPECTED, RuntimeError) as error:

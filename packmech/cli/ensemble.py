@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from packmech.cli import FAILED, INTERRUPTED, OK
+from packmech.cli import FAILED, OK
 from packmech.cli.output import Load, Switch, show, table, working
 from packmech.ensemble.drawing import draw_ensemble
 from packmech.ensemble.folder import make_members, prepare
@@ -119,7 +119,6 @@ def run_members(
         return OK
     limits = _limits(workers, group, time_limit, memory_limit)
     return _carried_out(
-        folder,
         scheduler,
         lambda executor, say: run_ensemble(job, asked, folder, executor, part=part, progress=say, **kept, **limits),
     )
@@ -225,7 +224,6 @@ def _resumed(
     """Go on with an ensemble; return the exit code."""
     names = None if members is None else [Path(one).name for one in members]
     return _carried_out(
-        folder,
         scheduler,
         lambda executor, say: resume_ensemble(
             folder, executor, members=names, part=part, retry=retry, progress=say, **limits
@@ -272,27 +270,13 @@ def _executor(scheduler: str | None) -> Iterator[Executor | None]:
         client.close(timeout=5)
 
 
-def _carried_out(
-    folder: Path, scheduler: str | None, carry_out: Callable[[Executor | None, Callable[..., None]], Ensemble]
-) -> int:
+def _carried_out(scheduler: str | None, carry_out: Callable[[Executor | None, Callable[..., None]], Ensemble]) -> int:
     """Run members with progress on standard error, and say what came of it; return the exit code."""
-    last: dict[str, Any] = {}
-    with working("ensemble") as say:
-
-        def progress(stage: str, figures: dict[str, Any]) -> None:
-            last.update(figures)
-            say(_progress_words(figures))
-
-        try:
-            with _executor(scheduler) as executor:
-                found = carry_out(executor, progress)
-        except KeyboardInterrupt:
-            show(
-                f"packmech: interrupted; {last.get('done', 0)} of {last.get('of', '?')} members are finished and stay "
-                f"in {folder}; the same command goes on",
-                error=True,
-            )
-            return INTERRUPTED
+    with (
+        working("ensemble") as say,
+        _executor(scheduler) as executor,
+    ):
+        found = carry_out(executor, lambda stage, figures: say(_progress_words(figures)))
     return _status(found)
 
 

@@ -40,7 +40,7 @@ def families(
     *,
     out: Path = Path("families"),
     particles: Counts = None,
-    packings: int = 10,
+    packings: int | None = None,
     applied_strain: float | None = None,
     step: float | None = None,
     aspect: float | None = None,
@@ -61,7 +61,7 @@ def families(
     particles
         their numbers (default: 10 for the map, 32 128 for the first change, 64 for the stress; given for the slopes)
     packings
-        of each, from seeds that follow each other; given for the slopes
+        of each, from seeds that follow each other (default: 10); given for the slopes
     applied_strain
         of the map, its largest (default: 0.5)
     step
@@ -74,19 +74,19 @@ def families(
         processes that share the packings (default: one for each core); 0: the command's own; not for the stress
 
     """
-    integer("packings", packings, at_least=1)
     given = {"applied_strain": applied_strain, "step": step, "aspect": aspect}
     unused = [name for name, value in given.items() if value is not None and study != "map"]
     unused += ["workers"] if study == "stress" and workers is not None else []
-    unused += ["particles"] if study == "slopes" and particles is not None else []
+    if study == "slopes":
+        unused += [name for name, value in (("particles", particles), ("packings", packings)) if value is not None]
     if unused:
         raise ValueError(f"{unused[0]} must be left out for {study}")
+    seeds = range(seed, seed + (10 if packings is None else integer("packings", packings, at_least=1)))
+    strain = 0.5 if applied_strain is None else positive("applied_strain", applied_strain)
+    size = 2e-3 if step is None else positive("step", step)
+    ratio = 1.0 if aspect is None else real("aspect", aspect, at_least=1.0)
     out.mkdir(parents=True, exist_ok=True)
-    seeds = range(seed, seed + packings)
     if study == "map":
-        strain = 0.5 if applied_strain is None else positive("applied_strain", applied_strain)
-        size = 2e-3 if step is None else positive("step", step)
-        ratio = 1.0 if aspect is None else real("aspect", aspect, at_least=1.0)
         _map(out, [10] if particles is None else particles, seeds, strain, size, ratio, workers)
     elif study == "slopes":
         _slopes(out, seed, workers)

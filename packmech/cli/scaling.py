@@ -115,6 +115,8 @@ def _show_sizes(found: list[JammingScaling], out: Path) -> None:
     rows: list[tuple[str, ...]] = []
     reasons: dict[str, None] = {}
     fitted: list[tuple[object, ...]] = []
+    drawn: dict[str, Exponent] = {}
+    shown = bounds[1] if len(bounds) > 1 else None
     for name in FITTED:
         if name not in found[0].names or name == "distance":
             continue
@@ -123,6 +125,8 @@ def _show_sizes(found: list[JammingScaling], out: Path) -> None:
             try:
                 fit = fit_sizes(found, name, largest=largest)
                 cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}", f"{fit.correction:.3g}", f"{fit.finite_size:.3g}"]
+                if largest == shown:
+                    drawn[name] = fit
                 fitted.append((name, "" if largest is None else largest, *fit, found[0].theory(name, over="distance")))
             except ValueError as error:
                 # too few levels, or a mean that is not positive
@@ -137,7 +141,7 @@ def _show_sizes(found: list[JammingScaling], out: Path) -> None:
         show(f"-: {reason}")
     columns = ("quantity", "largest_distance", *Exponent._fields, "theory")
     (out / "scaling-sizes.csv").write_text(csv_text(columns, fitted), encoding="utf-8")
-    draw_sizes(found, bounds[1] if len(bounds) > 1 else None, out / "scaling-sizes.png")
+    draw_sizes(found, drawn, shown, out / "scaling-sizes.png")
     show(f"wrote scaling-sizes.csv and scaling-sizes.png in {out}")
 
 

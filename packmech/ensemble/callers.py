@@ -107,7 +107,7 @@ def complete(
     TypeError, ValueError, RuntimeError
         If a member failed, with its message.
     KeyboardInterrupt
-        Passed on with `.folder`, which holds the members that are finished.
+        As from `run_ensemble`.
 
     """
     if workers is not None:
@@ -147,12 +147,7 @@ def complete(
     if len(finished) < len(numbers):
         grid = [{name: [value] for name, value in wanted[places[0]].items()} for places in numbers.values()]
         chosen: dict[str, Any] = {"workers": workers, "time_limit": time_limit if workers != 0 else None}
-        try:
-            run_ensemble(job if workers != 0 else run, grid, folder, retry=True, progress=report, **chosen)
-        except KeyboardInterrupt as stop:
-            # for whoever says what stays, if the folder does
-            stop.folder = folder  # type: ignore[attr-defined]
-            raise
+        run_ensemble(job if workers != 0 else run, grid, folder, retry=True, progress=report, **chosen)
     failed = [one for one in members if one.id not in finished]
     if failed:
         failure = find(folder, failed[0]).failure or {}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from packmech.ensemble.jamming_scaling import JammingScaling, fit_sizes
+from packmech.ensemble.jamming_scaling import Exponent, JammingScaling
 from packmech.ensemble.statistics import (
     GroupStatistics,
     PowerLawFit,
@@ -149,7 +149,9 @@ def draw_scaling(found: JammingScaling, path: Path) -> None:
         )
 
 
-def draw_sizes(scalings: Sequence[JammingScaling], largest: float | None, path: Path) -> None:
+def draw_sizes(
+    scalings: Sequence[JammingScaling], fits: Mapping[str, Exponent], largest: float | None, path: Path
+) -> None:
     """Write the figure: quantities of several N over the distance, in units of their power laws, and one fit of all."""
     first = scalings[0]
     names = [name for name in FITTED if name in first.names and name != "distance"]
@@ -157,11 +159,7 @@ def draw_sizes(scalings: Sequence[JammingScaling], largest: float | None, path: 
         axes = figure.subplots(2, 3)
         for ax, name in zip(axes.flat, names, strict=False):
             theory = first.theory(name, over="distance")
-            try:
-                fit = fit_sizes(scalings, name, largest=largest)
-            except ValueError:
-                # too few levels, or one that is not positive
-                fit = None
+            fit = fits.get(name)
             for number, one in enumerate(scalings):
                 x, counted = one.mean_p("distance"), one.counted_p
                 if not counted.any():

@@ -158,7 +158,8 @@ def run_ensemble(
     ConnectionError
         If the executor is gone.
     KeyboardInterrupt
-        Passed on, and raised at SIGTERM; members that take checkpoints have left one.
+        Passed on, and raised at SIGTERM, with `.folder`, and `.finished` of `.wanted` members in it; members that take
+        checkpoints have left one.
 
     Examples
     --------
@@ -315,6 +316,16 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings, func
     known.report()
     if not waiting:
         return
+    try:
+        _run(folder, waiting, settings, functions, known)
+    except KeyboardInterrupt as stop:
+        # for whoever says what stays, if the folder does
+        stop.folder, stop.finished, stop.wanted = folder, known.done, known.of  # type: ignore[attr-defined]
+        raise
+
+
+def _run(folder: Path, waiting: Sequence[Member], settings: _Settings, functions: Functions, known: _Progress) -> None:
+    """Run members here, or in other processes."""
     if settings.workers == 0:
         with single_thread(), safe_interrupts():
             _until_none_is_busy(waiting, lambda some: _here(folder, some, settings.retry, functions), known)

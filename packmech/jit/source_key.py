@@ -120,8 +120,8 @@ def written_name(made: Callable[..., Any]) -> str:
     return made.__qualname__.rpartition(".")[2]
 
 
-class _Unknown(Exception):  # noqa: N818 - internal: a value whose meaning no text says
-    pass
+class _UnknownMeaningError(Exception):
+    """A value whose meaning no text says."""
 
 
 @functools.cache
@@ -151,7 +151,7 @@ def source_key(cls: type) -> str | None:
         for name, value in sorted(vars(cls).items()):
             if inspect.isfunction(value) and not name.startswith("_"):
                 parts += [name, *_function(value, set())]
-    except _Unknown:
+    except _UnknownMeaningError:
         return None
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
@@ -173,7 +173,7 @@ def function_key(function: Any) -> str | None:
         return None
     try:
         return hashlib.sha256("\n".join(_function(function, set())).encode()).hexdigest()
-    except _Unknown:
+    except _UnknownMeaningError:
         return None
 
 
@@ -196,7 +196,7 @@ def _function(function: Any, seen: set[int]) -> Iterator[str]:
         try:
             held = cell.cell_contents
         except ValueError:  # not bound yet
-            raise _Unknown from None
+            raise _UnknownMeaningError from None
         yield f"{name} = {_value(held, seen)}"
     for code in _codes(function.__code__):
         consts = tuple(one for one in code.co_consts if not isinstance(one, types.CodeType))
@@ -215,12 +215,12 @@ def _value(value: Any, seen: set[int]) -> str:
     if isinstance(value, np.generic | np.ndarray):
         array = np.asarray(value)
         if array.dtype.hasobject:
-            raise _Unknown
+            raise _UnknownMeaningError
         return f"array {array.dtype.str} {array.shape} {array.tobytes().hex()}"
     if isinstance(value, types.ModuleType):
         if value.__name__.partition(".")[0] in (*_SETTLED, "packmech"):
             return f"module {value.__name__}"
-        raise _Unknown
+        raise _UnknownMeaningError
     inner = getattr(value, "py_func", value)
     if inspect.isfunction(inner):
         return "; ".join(_function(inner, seen)) or "recursive"
@@ -229,4 +229,4 @@ def _value(value: Any, seen: set[int]) -> str:
         return f"{home}.{getattr(value, '__name__', '')}"
     if isinstance(value, type) and (getattr(builtins, value.__name__, None) is value or home == "packmech"):
         return f"type {value.__qualname__}"
-    raise _Unknown
+    raise _UnknownMeaningError

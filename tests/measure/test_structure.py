@@ -158,8 +158,10 @@ def test_maxima_of_noise_do_not_lengthen_a_decay():
     noise = 0.002 * np.random.default_rng(1).normal(size=r.size)
     wave = np.exp(-r / 2.0) * np.cos(2.0 * np.pi * r) + noise
     count = np.full(r.size, 10**6)
-    found = pm.correlation_length(r, wave, count, noise_b=np.full(r.size, 0.02), separation=0.4)
-    assert found.length == pytest.approx(2.0, abs=3.0 * found.error) and found.error < 0.1
+    found = pm.correlation_length(r, wave, count, noise_b=np.full(r.size, 0.05), separation=0.4)
+    # points near a maximum are up to two deviations of the noise too high: .004 / exp(-r / 2) in the logarithms at
+    # r = 1 to 6, which takes .0141 off the slope of 1 / 2
+    assert found.length == pytest.approx(2.0, abs=1.0 / (0.5 - 0.0141) - 2.0) and len(found.r_m) == 6
     # the line through all maxima is that of the box
     assert pm.correlation_length(r, wave, count, separation=0.4).length > 2.5
     for wrong in (np.zeros(3), np.full(r.size, -1.0)):
@@ -172,7 +174,7 @@ def test_maxima_in_troughs_do_not_end_a_decay(separation):
     r = np.linspace(0.0, 10.0, 1001)
     wave = np.exp(-r / 2.0) * (np.cos(2.0 * np.pi * r) + 0.6 * np.cos(4.0 * np.pi * r))
     assert pm.correlation_length(r, wave, np.full(1001, 10**6), separation=separation).length == pytest.approx(
-        2.0, rel=0.01
+        2.0, rel=1e-9
     )
 
 

@@ -155,7 +155,7 @@ def newton(
         else:
             idle += 1
         # where contacts open and close the merit rises before it falls; at the floor of rounding it only wanders
-        if idle >= (2 if best[1] <= _STILL * rounding_floor(network) else 10):
+        if idle >= 10 or (idle >= 2 and best[1] <= _STILL * rounding_floor(network)):
             break
     if negative:
         # the last step's count may belong to another set of contacts: some flicker where they just touch
