@@ -153,13 +153,17 @@ def _write(found: JammingScaling, out: Path, several: bool) -> None:
     draw_scaling(found, out / f"{name}.png")
     asked = len(found.value_sp["residual"])
     title = (
-        f"exponents where N does not show, from {found.counted_from:.2g} above jamming on, "
+        f"exponents above the plateau of N, from {found.counted_from:.2g} above jamming on, "
         f"{found.packings} of {asked} packings of {found.particles}"
         + ("" if found.packings == asked else "; the others did not come to rest at every level")
     )
-    head = ("quantity", "over x", "x^exponent", "+-", "x^exponent (1 + c sqrt(x))", "+-", "c", "theory")
+    head = ("quantity", "over x", "levels", "x^exponent", "+-", "x^exponent (1 + c sqrt(x))", "+-", "c", "theory")
     rows, reasons = fits(found)
     show(table(title, head, rows, right=tuple(range(2, len(head)))))
+    show(
+        "+-: scatter of packings, choice of levels, and what N does, which one N cannot tell from c "
+        "(several N: --particles 64 256 1024)"
+    )
     for reason in reasons:
         show(f"-: {reason}")
     show(f"wrote {name}.csv and {name}.png in {out}; {found.seconds:.3g} s CPU")
@@ -174,16 +178,17 @@ def fits(found: JammingScaling) -> tuple[list[tuple[str, ...]], list[str]]:
             if name not in found.names or name in (over, found.control):
                 continue
             cells: list[str] = []
-            correction = "-"
+            correction, levels = "-", "-"
             for corrected in (False, True):
                 try:
                     fit = found.fit(name, over=over, corrected=corrected)
                     cells += [f"{fit.exponent:.3f}", f"{fit.error:.3f}"]
                     correction = f"{fit.correction:.3g}" if corrected else "-"
+                    levels = f"{fit.levels} of {fit.of_levels}"
                 except ValueError as error:
                     # too few levels, or a mean that is not positive
                     cells += ["-", "-"]
                     reasons[str(error)] = None
             theory = found.theory(name, over=over)
-            rows.append((name.replace("_", " "), over, *cells, correction, f"{theory:.4g}"))
+            rows.append((name.replace("_", " "), over, levels, *cells, correction, f"{theory:.4g}"))
     return rows, list(reasons)

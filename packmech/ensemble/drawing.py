@@ -130,7 +130,7 @@ def draw_scaling(found: JammingScaling, path: Path) -> None:
             if fit is not None:
                 ends = np.geomspace(x[counted].min(), x[counted].max(), 60)
                 correction = 1.0 + fit.correction * np.sqrt(ends)
-                label = rf"exponent ${fit.exponent:.3f} \pm {fit.error:.3f}$, corrected"
+                label = rf"exponent ${fit.exponent:.3f} \pm {fit.error:.3f}$, corrected, {fit.levels} levels"
                 ax.plot(ends, fit.prefactor * ends**fit.exponent * correction, color=_INK, label=label)
                 ax.plot(*(ends, fit.prefactor * ends**theory), color=_INK, linestyle=":", label=f"slope {theory:.4g}")
                 ax.legend(loc="upper left", fontsize=7.5)

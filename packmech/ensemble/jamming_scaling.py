@@ -53,6 +53,12 @@ EDGE = "plateau_edge"
 HONORED = declare("jamming_scaling", "repulsion links shapes", at_rest=True)
 # closer to jamming than this, times N^-2, a packing has a handful of contacts too many or none: N^2 P = 10 for springs
 _COUNTED, _PRESSED = 25.0, 10.0
+# |b| of the terms b / (N sqrt(x)) that `fit_sizes` finds for discs of N = 64, 256, 1024 (recordings/scaling:
+# G 3.6 to 4, omega* 3.5 to 4, excess contacts .8 to 1.1; pressure, energy and bulk modulus at most .3)
+_SIZE_TERM = {"excess_coordination": 1.0, "shear_modulus": 4.0, "modulus_ratio": 4.0, EDGE: 4.0}
+_SMALL_SIZE_TERM = 0.3
+# levels that a law of several N asks for: four parameters and two to spare
+_LEVELS = 6
 # edges of the bins of vibrational states [sqrt(energy_scale / mass) / diameter]
 _FREQUENCIES = np.logspace(-3.6, 0.8, 67)
 # the method starts here, where pressures are not asked for [energy_scale / diameter^d]
@@ -62,7 +68,25 @@ _JAMMED_AT = 1e-6
 class Exponent(NamedTuple):
     """quantity = prefactor * x**exponent * (1 + correction * sqrt(x) + finite_size / (N * sqrt(x))).
 
-    The error is one standard deviation of the exponent, over packings. See `JammingScaling.fit` and `fit_sizes`.
+    Attributes
+    ----------
+    exponent, error
+        The exponent and its error, the three below added in squares; nan where one of them cannot be known.
+    prefactor, correction, finite_size
+        Of the law; terms that were not fitted are 0.
+    sampling_error
+        One standard deviation of the exponent over packings (jackknife); nan for a single packing.
+    window_error
+        How far the exponent moves when levels are left out at either end, half of them at the most; nan where too few
+        levels take part to leave one out.
+    size_error
+        How far the finite-size term that packings of this kind have moves the exponent of a fit without it: with
+        packings of one N it cannot be told from the correction. 0 where it was fitted (`fit_sizes`).
+    levels, of_levels, on_plateau
+        How many levels were fitted, of how many, and how many of the fitted ones lie on the plateau that N sets.
+    smallest, largest
+        The x of the levels that were fitted.
+
     """
 
     exponent: float
@@ -70,6 +94,24 @@ class Exponent(NamedTuple):
     prefactor: float
     correction: float = 0.0
     finite_size: float = 0.0
+    sampling_error: float = math.nan
+    window_error: float = math.nan
+    size_error: float = math.nan
+    levels: int = 0
+    of_levels: int = 0
+    on_plateau: int = 0
+    smallest: float = math.nan
+    largest: float = math.nan
+
+    def __repr__(self) -> str:
+        parts = f"packings {self.sampling_error:.2g}, window {self.window_error:.2g}, N {self.size_error:.2g}"
+        terms = [f" {name} {value:.3g}," for name, value in (("c", self.correction), ("b", self.finite_size)) if value]
+        plateau = f", {self.on_plateau} of them on the plateau of N" if self.on_plateau else ""
+        return (
+            f"Exponent: {self.exponent:.4f} +- {self.error:.2g} ({parts}), prefactor {self.prefactor:.4g},"
+            f"{''.join(terms)} from {self.levels} of {self.of_levels} levels, x = {self.smallest:.3g} to "
+            f"{self.largest:.3g}{plateau}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +222,11 @@ class JammingScaling:
         smallest: float | None = None,
         largest: float | None = None,
     ) -> Exponent:
-        """Return the power law of the means, by least squares in logarithms; leaving packings out gives its error.
+        """Return the power law of the means by least squares in logarithms, with what its exponent is known to.
+
+        The error holds the scatter of packings, the choice of levels, and what N does: b / (N sqrt(x)), which falls
+        slowly. `print` says how many levels were fitted. Packings of several N tell N from the correction
+        (`fit_sizes`); of one N, `corrected` takes what N does for part of the correction, and its error says so.
 
         Parameters
         ----------
@@ -191,7 +237,7 @@ class JammingScaling:
         corrected
             Fit prefactor * x^exponent (1 + correction sqrt(x)), the first correction to scaling.
         smallest, largest
-            Values of `over` that take part; None: all from where N does not show (`counted_p`).
+            Values of `over` that take part; None: all above the plateau that N sets (`counted_p`).
 
         Raises
         ------
@@ -211,18 +257,38 @@ class JammingScaling:
             where = f"{chosen} from {x.min():g} to {x.max():g}" + (
                 ""
                 if smallest is not None
-                else f", where N = {self.particles} shows below {self.counted_from:.2g} above jamming: give smallest"
+                else f", where N = {self.particles} sets a plateau below {self.counted_from:.2g} above jamming: give "
+                "smallest"
             )
             raise ValueError(f"smallest must leave at least {needed} levels, got {len(np.unique(x[part]))} of {where}")
 
-        def line(rows: NDArray[np.int64]) -> tuple[float, float, float]:
-            return _power_law(*self._fitted(name, chosen, rows, part), corrected)
-
-        slope, prefactor, correction = line(rows)
-        error = math.nan
+        x, y = self._fitted(name, chosen, rows, part)
+        slope, prefactor, correction = _power_law(x, y, corrected)
+        sampling = math.nan
         if len(rows) > 1:
-            error = float(_jackknife(np.array([line(np.delete(rows, k))[0] for k in range(len(rows))])))
-        return Exponent(slope, error, prefactor, correction)
+            left = [self._fitted(name, chosen, np.delete(rows, k), part) for k in range(len(rows))]
+            sampling = float(_jackknife(np.array([_power_law(*one, corrected)[0] for one in left])))
+        order = np.argsort(x)
+        windows = [order[low:high] for low, high in _windows(len(x), needed)]
+        moved = [abs(_power_law(x[w], y[w], corrected)[0] - slope) for w in windows]
+        window = max(moved, default=math.nan)
+        # what is left when the usual term of N is taken out
+        usual = _SIZE_TERM.get(name, _SMALL_SIZE_TERM) / (self.particles * np.sqrt(self._means("distance", rows)[part]))
+        size = abs(_power_law(x, y / (1.0 + usual), corrected)[0] - slope)
+        return Exponent(
+            slope,
+            math.hypot(sampling, window, size),
+            prefactor,
+            correction,
+            sampling_error=sampling,
+            window_error=window,
+            size_error=size,
+            levels=len(x),
+            of_levels=len(self.level_p),
+            on_plateau=int(np.count_nonzero(part & ~self.counted_p)),
+            smallest=float(x.min()),
+            largest=float(x.max()),
+        )
 
     def __repr__(self) -> str:
         """Return what was followed, in a line."""
@@ -272,6 +338,13 @@ def _jackknife(left_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt((count - 1) * ((left_s - left_s.mean(axis=0)) ** 2).mean(axis=0)))
 
 
+def _windows(levels: int, needed: int) -> list[tuple[int, int]]:
+    """Return the first and last (exclusive) of the levels in order of x that are left when ends are left out."""
+    shortest = max(needed, (levels + 1) // 2)
+    pairs = [(low, high) for low in range(levels) for high in range(low + shortest, levels + 1)]
+    return [pair for pair in pairs if pair != (0, levels)]
+
+
 def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) -> tuple[float, float, float]:
     """Return exponent, prefactor and correction of y = prefactor x^exponent (1 + correction sqrt(x))."""
     log_x, log_y, root = np.log(x), np.log(y), np.sqrt(x)
@@ -295,9 +368,10 @@ def fit_sizes(scalings: Sequence[JammingScaling], name: str, *, largest: float |
     """Return one power law over the distance x of packings of several N, with its corrections in x and in N.
 
     prefactor * x^exponent (1 + correction sqrt(x) + finite_size / (N sqrt(x))) is fitted by least squares of relative
-    deviations to all levels above the plateau of each N (`JammingScaling.counted_p`); leaving packings out gives the
-    error. What N sets falls behind the power law only as slowly as (N^2 x)^-1/2, so that from one N alone it cannot be
-    known apart from the other correction.
+    deviations to all levels above the plateau of each N (`JammingScaling.counted_p`). The error holds the scatter of
+    packings, and how far the exponent moves when the lowest or the highest level of each N is left out. What N sets
+    falls behind the power law only as slowly as (N^2 x)^-1/2, so that from one N alone it cannot be known apart from
+    the other correction.
 
     Parameters
     ----------
@@ -339,25 +413,56 @@ def fit_sizes(scalings: Sequence[JammingScaling], name: str, *, largest: float |
     parts = [one.counted_p & (one.mean_p("distance") <= top) for one in scalings]
     counts = [int(np.count_nonzero(part)) for part in parts]
     sizes = sorted({one.particles for one, count in zip(scalings, counts, strict=True) if count})
-    if sum(counts) < 6 or len(sizes) < 2:
+    if sum(counts) < _LEVELS or len(sizes) < 2:
         words = f"{sum(counts)} of N = {sizes}"
-        raise ValueError(f"largest must leave at least 6 levels of two N above their plateaus, got {words}")
-    inverse = np.repeat([1.0 / one.particles for one in scalings], counts)
+        raise ValueError(f"largest must leave at least {_LEVELS} levels of two N above their plateaus, got {words}")
 
-    def law(rows: Sequence[NDArray[np.int64]]) -> NDArray[np.float64]:
-        pairs = [one._fitted(name, "distance", r, p) for one, r, p in zip(scalings, rows, parts, strict=True)]
+    def law(rows: Sequence[NDArray[np.int64]], parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.float64]:
+        taking = [(one, r, p) for one, r, p in zip(scalings, rows, parts, strict=True) if p.any()]
+        pairs = [one._fitted(name, "distance", r, p) for one, r, p in taking]
         x, y = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
+        inverse = np.repeat([1.0 / one.particles for one, _, _ in taking], [len(pair[0]) for pair in pairs])
         return _sized_power_law(x, y, inverse)
 
-    best = law(rows)
+    best = law(rows, parts)
     variance = 0.0
     for k, own in enumerate(rows):
         if len(own) > 1:
-            left = [law([*rows[:k], np.delete(own, j), *rows[k + 1 :]])[1] for j in range(len(own))]
+            left = [law([*rows[:k], np.delete(own, j), *rows[k + 1 :]], parts)[1] for j in range(len(own))]
             variance += float(_jackknife(np.array(left))) ** 2
         else:
             variance = math.nan
-    return Exponent(float(best[1]), math.sqrt(variance), math.exp(best[0]), float(best[2]), float(best[3]))
+    moved = []
+    for end in (0, -1):
+        fewer = [_without_an_end(one.mean_p("distance"), part, end) for one, part in zip(scalings, parts, strict=True)]
+        kept = [np.count_nonzero(part) for part in fewer]
+        if sum(kept) >= _LEVELS and np.count_nonzero(kept) > 1:
+            moved.append(abs(law(rows, fewer)[1] - best[1]))
+    window = max(moved, default=math.nan)
+    reached = np.concatenate([one.mean_p("distance")[part] for one, part in zip(scalings, parts, strict=True)])
+    return Exponent(
+        float(best[1]),
+        math.hypot(math.sqrt(variance), window),
+        math.exp(best[0]),
+        float(best[2]),
+        float(best[3]),
+        sampling_error=math.sqrt(variance),
+        window_error=window,
+        size_error=0.0,
+        levels=sum(counts),
+        of_levels=sum(len(one.level_p) for one in scalings),
+        smallest=float(reached.min()),
+        largest=float(reached.max()),
+    )
+
+
+def _without_an_end(distance: NDArray[np.float64], part: NDArray[np.bool_], end: int) -> NDArray[np.bool_]:
+    """Return which levels take part without the nearest (end = 0) or the farthest (-1) of them."""
+    left = part.copy()
+    inside = np.nonzero(part)[0]
+    if len(inside):
+        left[inside[np.argsort(distance[inside])[end]]] = False
+    return left
 
 
 def _sized_power_law(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive_array, real
 from packmech.ensemble.table import Ensemble
-from packmech.linalg.line import fit_line
+from packmech.linalg.line import Line, fit_line
 
 # what is taken of the values of a group
 STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
@@ -217,7 +217,11 @@ def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] |
 
 
 class PowerLawFit(NamedTuple):
-    """value = limit + prefactor * size**exponent, each with its standard error; `chi_square` per degree of freedom."""
+    """value = limit + prefactor * size**exponent, each with its standard error; `chi_square` per degree of freedom.
+
+    Where chi_square is above one the law misses the values by more than their errors, and the errors of the fit are
+    larger by its root.
+    """
 
     exponent: float
     exponent_error: float
@@ -268,7 +272,9 @@ def fit_power_law(
         value = positive_array("value_g", value_g, shape=size.shape, what="group")
         # about the middle, where slope and height are least dependent
         middle = float(np.exp(np.log(size).mean()))
-        slope, height, slope_error, height_error, chi = fit_line(np.log(size / middle), np.log(value), error / value)
+        slope, height, slope_error, height_error, chi = _missed(
+            fit_line(np.log(size / middle), np.log(value), error / value)
+        )
         prefactor = math.exp(height) * middle**-slope
         relative = math.hypot(height_error, math.log(middle) * slope_error)
         return PowerLawFit(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
@@ -276,8 +282,14 @@ def fit_power_law(
     if power == 0.0:
         raise ValueError(f"exponent must differ from zero, where the law is its limit alone, got {exponent!r}")
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
-    slope, height, slope_error, height_error, chi = fit_line(size**power, value, error)
+    slope, height, slope_error, height_error, chi = _missed(fit_line(size**power, value, error))
     return PowerLawFit(power, 0.0, slope, slope_error, height, height_error, chi)
+
+
+def _missed(line: Line) -> Line:
+    """Return a line whose errors hold what it misses the points by beyond theirs."""
+    wider = math.sqrt(max(1.0, line.chi_square))
+    return line._replace(slope_error=line.slope_error * wider, height_error=line.height_error * wider)
 
 
 def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.int64]]]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
 from scipy.special import j1, spherical_jn
 
 from packmech.box import Box
@@ -28,6 +29,8 @@ _BLOCK = 64
 _WEIGHTS = 2_000_000
 # steps of scoring of a line of two parameters, which converges quadratically
 _SCORINGS = 30
+# largest index of packings that count as hyperuniform
+_HYPERUNIFORM = 1e-3
 # indices beyond this, times the fraction, leave fewer digits of the phase than are promised
 _LARGEST_INDEX = 2**20
 
@@ -379,7 +382,11 @@ class ShellAverage:
     count_b: NDArray[np.int64]
 
     def power_law(self, k_min: float, k_max: float) -> SpectrumFit:
-        """Return the fit of amplitude * k^exponent between two wave numbers, see `SpectrumFit`.
+        """Return the fits of amplitude * k^exponent and of value_at_zero + c * k^a between two wave numbers.
+
+        Values at single wave vectors are distributed exponentially, so that means over shells follow a gamma
+        distribution; both fits are the likeliest under it. Errors hold the scatter of the shells, and how far the fit
+        moves when the lowest or the highest quarter of the shells is left out.
 
         Parameters
         ----------
@@ -399,31 +406,30 @@ class ShellAverage:
                 f"k_min and k_max must enclose at least three shells of positive values, got {int(inside.sum())} "
                 f"shells between {low:g} and {high:g}"
             )
-        # values at single wave vectors are distributed exponentially: the likeliest line in the logarithms, by scoring,
-        # has no bias where shells have few vectors, as a line through logarithms of means would
-        x, v, count = np.log(self.k_b[inside]), self.value_b[inside], self.count_b[inside].astype(float)
-        root = np.sqrt(count)
-        line = np.polyfit(x, np.log(v), 1, w=root)
-        for _ in range(_SCORINGS):
-            ratio = v / np.exp(np.polyval(line, x))
-            line, covariance = np.polyfit(x, np.polyval(line, x) + ratio - 1.0, 1, w=root, cov="unscaled")
-        scatter = float((count * (v / np.exp(np.polyval(line, x)) - 1.0) ** 2).sum()) / (len(x) - 2)
-        # k = 0 of a parabola through the shells, as usual where no power law is known
-        k, weight = self.k_b[inside], root / np.exp(np.polyval(line, x))
-        parabola, spread = np.polyfit(k, v, 2, w=weight, cov="unscaled")
-        off = weight * (v - np.polyval(parabola, k))
-        wide = float(off @ off) / max(len(k) - 3, 1)
+        k, value, count = self.k_b[inside], self.value_b[inside], self.count_b[inside].astype(float)
+        quarter = max(1, len(k) // 4)
+        windows = (slice(quarter, None), slice(None, -quarter))
+        line, line_error = _spectral_line(k, value, count)
+        moved = math.nan
+        if len(k) - quarter >= 3:
+            moved = max(abs(_spectral_line(k[w], value[w], count[w])[0][0] - line[0]) for w in windows)
+        zero, zero_error = math.nan, math.nan
+        if len(k) - quarter >= 4:
+            zero, scatter = _spectral_limit(k, value, count)
+            shifts = [_spectral_limit(k[w], value[w], count[w])[0] - zero for w in windows]
+            zero_error = math.hypot(scatter, max(abs(one) for one in shifts))
         peak = float(self.value_b.max())
         return SpectrumFit(
             exponent=float(line[0]),
-            exponent_error=math.sqrt(scatter * covariance[0, 0]),
+            exponent_error=math.hypot(line_error, moved),
             amplitude=float(np.exp(line[1])),
-            value_at_zero=float(parabola[2]),
-            value_at_zero_error=math.sqrt(wide * spread[2, 2]),
-            hyperuniformity_index=float(parabola[2]) / peak,
+            value_at_zero=zero,
+            value_at_zero_error=zero_error,
+            hyperuniformity_index=zero / peak,
+            hyperuniformity_index_error=zero_error / peak,
             k_min=low,
             k_max=high,
-            shells=int(inside.sum()),
+            shells=len(k),
         )
 
     def __repr__(self) -> str:
@@ -442,13 +448,14 @@ class SpectrumFit:
     Attributes
     ----------
     exponent, exponent_error
-        Of amplitude * k^exponent, and its standard error from the scatter of the shells [1].
+        Of amplitude * k^exponent, and its standard error [1]: the scatter of the shells, and how far the exponent moves
+        when the lowest or the highest quarter of them is left out; nan where fewer than three shells would be left.
     amplitude
         At k = 1.
     value_at_zero, value_at_zero_error
-        Of a parabola in k through the same shells, at k = 0, and its standard error.
-    hyperuniformity_index
-        That over the highest shell of all [1]; effectively hyperuniform packings have 1e-3 or less.
+        Of value_at_zero + c k^a through the same shells, and its error, made likewise; nan with fewer than five shells.
+    hyperuniformity_index, hyperuniformity_index_error
+        That over the highest shell of all [1].
     k_min, k_max, shells
         The window [1/length] and the number of shells in it.
 
@@ -460,9 +467,62 @@ class SpectrumFit:
     value_at_zero: float
     value_at_zero_error: float
     hyperuniformity_index: float
+    hyperuniformity_index_error: float
     k_min: float
     k_max: float
     shells: int
+
+    @property
+    def hyperuniformity(self) -> str:
+        """What the window says: hyperuniform, not hyperuniform, or ambiguous.
+
+        Packings count as effectively hyperuniform when the index is at most 1e-3 (Torquato 2018, Physics Reports 745,
+        section 2). The answer is ambiguous when that bound lies within two errors of the index.
+        """
+        index, error = self.hyperuniformity_index, 2.0 * self.hyperuniformity_index_error
+        if abs(index) + error <= _HYPERUNIFORM:
+            return "hyperuniform"
+        return "not hyperuniform" if index - error > _HYPERUNIFORM else "ambiguous"
+
+
+def _spectral_line(
+    k: NDArray[np.float64], value: NDArray[np.float64], count: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Return exponent and log(amplitude) of the likeliest power law of shells, and the error of the exponent."""
+    # by scoring: a line through logarithms of means would have a bias where shells have few vectors
+    x, root = np.log(k), np.sqrt(count)
+    line = np.polyfit(x, np.log(value), 1, w=root)
+    for _ in range(_SCORINGS):
+        ratio = value / np.exp(np.polyval(line, x))
+        line, covariance = np.polyfit(x, np.polyval(line, x) + ratio - 1.0, 1, w=root, cov="unscaled")
+    scatter = float((count * (value / np.exp(np.polyval(line, x)) - 1.0) ** 2).sum()) / (len(x) - 2)
+    return line, math.sqrt(scatter * covariance[0, 0])
+
+
+def _spectral_limit(
+    k: NDArray[np.float64], value: NDArray[np.float64], count: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the value at k = 0 of the likeliest value_at_zero + c k^a through shells, and its error by their scatter.
+
+    Spectra that rise (a > 0, c > 0) and that fall (c < 0) are tried from several powers, and the likeliest is kept.
+    """
+    unit = float(np.median(value))
+    q, seen = k / float(np.exp(np.log(k).mean())), value / unit
+
+    def deviance(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        # square roots of the deviance of gamma distributions, signed; what is not positive cannot be the mean
+        ratio = seen / np.maximum(guess[0] + guess[1] * q ** guess[2], 1e-12)
+        return np.asarray(np.sign(ratio - 1.0) * np.sqrt(2.0 * count * np.maximum(ratio - 1.0 - np.log(ratio), 0.0)))
+
+    starts = [(seen.min() / 2.0, 1.0, power) for power in (0.5, 1.0, 2.0, 4.0)]
+    starts += [(seen.max(), -0.1, power) for power in (1.0, 2.0)]
+    fits = [
+        least_squares(deviance, one, bounds=([-np.inf, -np.inf, 0.05], [np.inf, np.inf, 8.0]), xtol=1e-13, gtol=1e-13)
+        for one in starts
+    ]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    spread = np.linalg.pinv(best.jac.T @ best.jac)[0, 0] * 2.0 * best.cost / max(len(k) - 3, 1)
+    return unit * float(best.x[0]), unit * math.sqrt(spread)
 
 
 def shell_average(box: Box, index_kd: ArrayLike, value_k: ArrayLike, *, width: float | None = None) -> ShellAverage:

@@ -372,7 +372,8 @@ class CorrelationLength:
     length
         Decay length [length]; nan with less than three maxima, inf where they do not decay.
     error
-        Its standard error from the scatter about the line [length].
+        Its standard error from the scatter about the line, and how far the length moves when the first or the last
+        maximum is left out of four or more [length].
     amplitude
         Value of the line at r = 0 [value].
     r_m, value_m
@@ -471,4 +472,7 @@ def correlation_length(
         amplitude = float(np.exp(line[1]))
         length = -1.0 / float(line[0]) if line[0] < 0.0 else math.inf
         error = slope_error * length**2 if line[0] < 0.0 else math.inf
+        if len(top) > 3 and math.isfinite(length):
+            ends = [-np.polyfit(r[part], np.log(value[part]), 1)[0] for part in (top[1:], top[:-1])]
+            error = math.hypot(error, max(abs(1.0 / one - length) if one > 0.0 else math.inf for one in ends))
     return CorrelationLength(length, error, amplitude, r[top], value[top], noise)

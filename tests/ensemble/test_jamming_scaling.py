@@ -98,10 +98,11 @@ def test_what_n_sets_is_told_from_the_correction_by_packings_of_several_n():
     found = pm.fit_sizes(sized, "shear_modulus")
     assert found.exponent == pytest.approx(0.5, abs=1e-8)
     assert (found.prefactor, found.correction, found.finite_size) == pytest.approx((2.0, 1.5, -0.8))
-    assert 0.0 < found.error < 1e-3
-    # one N takes what N sets for the other correction
+    assert 0.0 < found.error < 1e-3 and found.window_error < 1e-7 and found.size_error == 0.0
+    assert found.levels == found.of_levels == 21
+    # one N takes what N sets for the other correction, and its error says so
     alone = sized[0].fit("shear_modulus", corrected=True)
-    assert alone.exponent > 0.52
+    assert alone.exponent > 0.52 and abs(alone.exponent - 0.5) < alone.error
     assert pm.fit_sizes(sized, "shear_modulus", largest=0.03).exponent == pytest.approx(0.5, abs=1e-8)
     # levels where N shows too much for the first order take no part
     assert pm.fit_sizes(sized[1:], "shear_modulus").finite_size == pytest.approx(-0.8)
@@ -154,7 +155,48 @@ def test_an_exact_power_law_is_found_with_no_error_and_only_where_it_is_fitted()
     value[2:] = 7.0
     fit = made(np.stack([value, value, value]), pressure).fit("shear_modulus")
     assert fit.exponent == pytest.approx(0.5, abs=1e-12) and fit.prefactor == pytest.approx(3.0)
-    assert fit.error == pytest.approx(0.0, abs=1e-12)
+    assert fit.sampling_error == pytest.approx(0.0, abs=1e-12)
+    # of two levels none can be left out
+    assert math.isnan(fit.window_error) and math.isnan(fit.error)
+    assert (fit.levels, fit.of_levels, fit.smallest, fit.largest) == (2, 4, 1e-3, 1e-2)
+    assert "from 2 of 4 levels, x = 0.001 to 0.01" in repr(fit)
+
+
+# exponent, correction and finite size of G, omega*, excess contacts, P and B of discs: recordings/scaling
+LAWS = {
+    "shear_modulus": (0.5, 0.6, 4.0),
+    "plateau_edge": (0.5, 1.5, 3.5),
+    "excess_coordination": (0.5, 0.0, -1.0),
+    "pressure": (1.0, 1.6, 0.0),
+    "bulk_modulus": (0.0, 3.4, 0.0),
+}
+
+
+@pytest.mark.parametrize("corrected", [False, True])
+@pytest.mark.parametrize("particles", [128, 256, 1024])
+@pytest.mark.parametrize("name", ["shear_modulus", "excess_coordination", "pressure", "bulk_modulus"])
+def test_the_error_of_an_exponent_holds_the_choice_of_levels_and_what_n_does(name, particles, corrected):
+    """Laws with the corrections that discs have, without any scatter of packings: off by at most three errors."""
+    power, correction, finite = LAWS[name]
+    level = 10.0 ** np.arange(-6.0, -0.9, 0.5)
+    value = level**power * (1.0 + correction * np.sqrt(level) + finite / (particles * np.sqrt(level)))
+    scaling = made(np.stack([np.maximum(value, 1e-9)] * 2), level, particles, control="distance")
+    scaling.value_sp[name][:] = np.maximum(value, 1e-9)
+    fit = scaling.fit(name, over="distance", corrected=corrected)
+    assert fit.sampling_error == pytest.approx(0.0, abs=1e-9)
+    assert abs(fit.exponent - power) <= 3.0 * fit.error < 1.5
+    assert fit.levels == np.count_nonzero(scaling.counted_p) < fit.of_levels == 11
+
+
+def test_levels_on_the_plateau_of_n_widen_the_error_and_are_counted():
+    """G = x^.5 (1 + 4 / (N sqrt(x))) is flat where N shows: the exponent falls with these levels, its error holds that."""
+    level, count = 10.0 ** np.arange(-7.0, -0.9, 0.5), 64
+    value = np.sqrt(level) + 4.0 / count
+    scaling = made(np.stack([value] * 3), level, count, control="distance")
+    fit = scaling.fit("shear_modulus", smallest=1e-6)
+    assert fit.exponent < 0.25 and abs(fit.exponent - 0.5) <= 2.0 * fit.error
+    assert fit.on_plateau == np.count_nonzero(level < scaling.counted_from) - 2
+    assert f"{fit.on_plateau} of them on the plateau of N" in repr(fit)
 
 
 def test_the_error_is_that_of_the_mean_of_independent_packings():
@@ -165,7 +207,7 @@ def test_the_error_is_that_of_the_mean_of_independent_packings():
     slope = 0.5 + spread * rng.standard_normal(count)
     table = made(pressure[None, :] ** slope[:, None], pressure)
     # large values lead in a mean of powers: small spreads keep the mean of slopes
-    assert table.fit("shear_modulus").error == pytest.approx(spread / math.sqrt(count), rel=0.2)
+    assert table.fit("shear_modulus").sampling_error == pytest.approx(spread / math.sqrt(count), rel=0.2)
 
 
 def test_packings_that_did_not_come_to_rest_are_left_out():

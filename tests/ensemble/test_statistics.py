@@ -39,6 +39,17 @@ def test_a_fit_to_noisy_powers_is_within_its_own_error():
     assert np.std(off) == pytest.approx(1.0, abs=0.2)
 
 
+def test_the_error_of_a_law_that_misses_its_points_grows_by_how_much_it_misses():
+    size = np.array([32.0, 64.0, 128.0, 256.0, 1024.0])
+    value = 0.4 * size**-0.5 * (1.0 + 5.0 / np.sqrt(size))
+    for error in (1e-3, 1e-5):
+        found = fit_power_law(size, value, error * value)
+        # the errors of the points do not matter where the law misses them by far more
+        assert found.exponent_error == pytest.approx(0.014, rel=0.1)
+        assert found.chi_square > 1.0
+    assert fit_power_law(size, value, value, exponent=-0.5).prefactor_error > 0.0
+
+
 def test_a_histogram_is_a_density_of_all_values():
     value = np.random.default_rng(4).normal(size=1000)
     found = histogram(value)

@@ -141,11 +141,65 @@ def test_points_at_random_scatter_evenly_and_a_shuffled_crystal_as_the_square_of
     index = pm.wave_indices(shuffled.box, 1.5)
     average = pm.shell_average(shuffled.box, index, pm.structure_factor(shuffled, index))
     fit = average.power_law(0.2, 1.5)
-    assert abs(fit.exponent - 2.0) < 4.0 * fit.exponent_error + 0.05 and 0.0 < fit.exponent_error < 0.1
+    assert abs(fit.exponent - 2.0) < 2.0 * fit.exponent_error and 0.0 < fit.exponent_error < 0.2
     assert fit.amplitude == pytest.approx(0.01, rel=0.15)
     assert abs(fit.value_at_zero) < 4.0 * fit.value_at_zero_error
     with pytest.raises(ValueError, match="at least three shells"):
         average.power_law(0.2, 0.25)
+
+
+def shells(value, wave=None):
+    """Shells of a plane, and one at a peak of 2.5."""
+    k = np.linspace(0.2, 1.5, 14) if wave is None else wave
+    count = (200.0 * k).astype(int)
+    return pm.ShellAverage(
+        np.append(k, 6.0), np.append(value(k, count), 2.5), np.zeros(len(k) + 1), np.append(count, 99)
+    )
+
+
+# by name: S(k), and S(0)
+SPECTRA = {
+    "3 / 10 k^1.3": (lambda k: 0.3 * k**1.3, 0.0),
+    "k^4": (lambda k: k**4, 0.0),
+    "a little, and k^1.3": (lambda k: 1e-3 + 0.3 * k**1.3, 1e-3),
+    "a line": (lambda k: 0.02 + 0.3 * k, 0.02),
+    "a parabola": (lambda k: 0.1 + 0.5 * k**2, 0.1),
+    "two powers": (lambda k: 0.05 + 0.2 * k + 0.1 * k**2, 0.05),
+    "a liquid": (lambda k: 0.05 / (1.0 - 0.3 * k**2), 0.05),
+    "flat": (lambda k: np.full_like(k, 0.2), 0.2),
+    "falling": (lambda k: 0.2 + 0.1 * np.exp(-k), 0.3),
+    "saturating": (lambda k: k / (1.0 + k), 0.0),
+}
+
+
+@pytest.mark.parametrize("name", SPECTRA)
+def test_the_value_at_zero_of_a_spectrum_is_within_three_of_its_errors(name):
+    law, zero = SPECTRA[name]
+    fit = shells(lambda k, _: law(k)).power_law(0.1, 2.0)
+    assert abs(fit.value_at_zero - zero) <= 3.0 * fit.value_at_zero_error + 1e-9
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        # means of exponentially distributed values, as those of wave vectors are
+        noisy = shells(lambda k, count: law(k) * rng.gamma(count / 2, 2 / count)).power_law(0.1, 2.0)
+        assert abs(noisy.value_at_zero - zero) <= 4.0 * noisy.value_at_zero_error
+
+
+def test_packings_are_called_hyperuniform_only_where_the_window_knows_it():
+    exact = shells(lambda k, _: 0.3 * k**1.3).power_law(0.1, 2.0)
+    assert exact.hyperuniformity == "hyperuniform" and abs(exact.value_at_zero) < 1e-12
+    above = shells(lambda k, _: 0.005 + 0.3 * k**1.3).power_law(0.1, 2.0)
+    assert above.hyperuniformity == "not hyperuniform"
+    assert above.hyperuniformity_index == pytest.approx(0.005 / 2.5, rel=1e-6)
+    rng = np.random.default_rng(1)
+    noisy = shells(lambda k, count: 0.3 * k**1.3 * rng.gamma(count / 2, 2 / count)).power_law(0.1, 2.0)
+    assert noisy.hyperuniformity == "ambiguous"
+    few = shells(lambda k, _: 0.3 * k**1.3, np.linspace(0.5, 1.5, 4)).power_law(0.1, 2.0)
+    assert few.hyperuniformity == "ambiguous" and np.isnan(few.value_at_zero)
+
+
+def test_the_error_of_an_exponent_holds_the_window_where_the_spectrum_is_no_power():
+    fit = shells(lambda k, _: 0.1 + 0.5 * k**2).power_law(0.1, 2.0)
+    assert 0.2 < fit.exponent_error and abs(fit.exponent - 2.0) < 3.0 * fit.exponent_error
 
 
 def test_errors_of_shells_count_opposite_vectors_once(scattered):

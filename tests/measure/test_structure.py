@@ -169,6 +169,14 @@ def test_maxima_of_noise_do_not_lengthen_a_decay():
             pm.correlation_length(r, wave, count, noise_b=wrong)
 
 
+def test_the_error_of_a_length_holds_the_choice_of_maxima():
+    """A decay that slows down, exp(-r / 2) + .02: no one length, and no scatter either."""
+    r = np.linspace(0.0, 8.0, 1601)
+    wave = (np.exp(-r / 2.0) + 0.02) * np.cos(2.0 * np.pi * r)
+    all_, near = (pm.correlation_length(r[:n], wave[:n], np.full(n, 10**8)) for n in (1601, 801))
+    assert abs(all_.length - near.length) < 2.0 * all_.error
+
+
 @pytest.mark.parametrize("separation", [0.0, 0.4])
 def test_maxima_in_troughs_do_not_end_a_decay(separation):
     r = np.linspace(0.0, 10.0, 1001)

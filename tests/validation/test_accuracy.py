@@ -62,6 +62,7 @@ def test_an_exact_power_law_is_fitted_exactly_and_without_floor(order, prefactor
     fit = fit_power_law(settings, [prefactor * h**order for h in settings])
     assert fit.order == pytest.approx(order, rel=1e-9)
     assert fit.floor == 0.0
+    assert fit.order_error < 1e-9
 
 
 @given(order=st.floats(1.0, 4.0), kept=st.integers(3, 6))
@@ -71,6 +72,13 @@ def test_a_floor_is_found_where_the_errors_stop_falling(order, kept):
     fit = fit_power_law(settings, [max(h**order, floor) for h in settings])
     assert fit.order == pytest.approx(order, rel=1e-6)
     assert fit.floor == pytest.approx(floor, rel=1e-6)
+
+
+def test_the_error_of_an_order_holds_settings_that_are_too_coarse_for_it():
+    settings = [10.0**-k for k in range(6)]
+    fit = fit_power_law(settings, [h**2 + 3.0 * h**3 for h in settings])
+    assert 1e-3 < abs(fit.order - 2.0) < 1.5 * fit.order_error
+    assert np.isnan(fit_power_law([0.1, 0.01], [1e-2, 1e-4]).order_error)
 
 
 def test_an_order_needs_two_errors_above_zero():
