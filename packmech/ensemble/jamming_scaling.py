@@ -20,7 +20,7 @@ from packmech.check import function, instance, one_of, positive
 from packmech.effects import pair_energy
 from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
 from packmech.honors import declare
-from packmech.linalg.line import fit_line
+from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.loop.run_loop import Progress
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import energy
@@ -269,7 +269,7 @@ class JammingScaling:
             left = [self._fitted(name, chosen, np.delete(rows, k), part) for k in range(len(rows))]
             sampling = float(_jackknife(np.array([_power_law(*one, corrected)[0] for one in left])))
         order = np.argsort(x)
-        windows = [order[low:high] for low, high in _windows(len(x), needed)]
+        windows = [order[part] for part in windows_without_ends(len(x), needed)]
         moved = [abs(_power_law(x[w], y[w], corrected)[0] - slope) for w in windows]
         window = max(moved, default=math.nan)
         # what is left when the usual term of N is taken out
@@ -336,13 +336,6 @@ def _jackknife(left_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return standard errors of figures from their values with one packing left out."""
     count = len(left_s)
     return np.asarray(np.sqrt((count - 1) * ((left_s - left_s.mean(axis=0)) ** 2).mean(axis=0)))
-
-
-def _windows(levels: int, needed: int) -> list[tuple[int, int]]:
-    """Return the first and last (exclusive) of the levels in order of x that are left when ends are left out."""
-    shortest = max(needed, (levels + 1) // 2)
-    pairs = [(low, high) for low in range(levels) for high in range(low + shortest, levels + 1)]
-    return [pair for pair in pairs if pair != (0, levels)]
 
 
 def _power_law(x: NDArray[np.float64], y: NDArray[np.float64], corrected: bool) -> tuple[float, float, float]:

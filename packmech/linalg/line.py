@@ -47,3 +47,26 @@ def fit_line(x: NDArray[np.float64], y: NDArray[np.float64], error: NDArray[np.f
     freedom = len(x) - 2
     chi = float(off @ off) / freedom if freedom > 0 else float("nan")
     return Line(float(found[0]), float(found[1]), float(slope_error), float(height_error), chi)
+
+
+def windows_without_ends(count: int, shortest: int) -> list[slice]:
+    """Return the windows that are left of points in order when some are left out at either end, half at the most.
+
+    Fits in these show how far a result depends on where its points begin and end.
+
+    Parameters
+    ----------
+    count
+        Number of points.
+    shortest
+        Fewest points that a fit needs; with no more than these there is no window.
+
+    Examples
+    --------
+    >>> windows_without_ends(4, 3)
+    [slice(0, 3, None), slice(1, 4, None)]
+
+    """
+    least = max(shortest, (count + 1) // 2)
+    pairs = [(low, high) for low in range(count) for high in range(low + least, count + 1)]
+    return [slice(low, high) for low, high in pairs if high - low < count]

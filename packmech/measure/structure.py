@@ -18,6 +18,7 @@ from packmech.check import brief, finite_array, instance, integer, positive, rea
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
+from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.packing import DISCRETE_SIZES, Packing
 
 # a distance this near below the edge of a bin lies on it: shells of crystals are not split by rounding
@@ -372,8 +373,8 @@ class CorrelationLength:
     length
         Decay length [length]; nan with less than three maxima, inf where they do not decay.
     error
-        Its standard error from the scatter about the line, and how far the length moves when the first or the last
-        maximum is left out of four or more [length].
+        Its standard error from the scatter about the line, and how far the length moves when maxima are left out at
+        either end, half of them at the most and three being left [length].
     amplitude
         Value of the line at r = 0 [value].
     r_m, value_m
@@ -472,7 +473,8 @@ def correlation_length(
         amplitude = float(np.exp(line[1]))
         length = -1.0 / float(line[0]) if line[0] < 0.0 else math.inf
         error = slope_error * length**2 if line[0] < 0.0 else math.inf
-        if len(top) > 3 and math.isfinite(length):
-            ends = [-np.polyfit(r[part], np.log(value[part]), 1)[0] for part in (top[1:], top[:-1])]
+        windows = [top[part] for part in windows_without_ends(len(top), 3)]
+        if windows and math.isfinite(length):
+            ends = [-fit_line(r[w], np.log(value[w])).slope for w in windows]
             error = math.hypot(error, max(abs(1.0 / one - length) if one > 0.0 else math.inf for one in ends))
     return CorrelationLength(length, error, amplitude, r[top], value[top], noise)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.check import function, integer, positive
-from packmech.linalg.line import fit_line
+from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
 
@@ -23,8 +23,8 @@ from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings
 class OrderFit:
     """error = prefactor * setting**order, down to a floor; floor is 0 where none was reached.
 
-    `order_error` is how far the order moves when the coarsest or the finest setting above the floor is left out; nan
-    where only two are above it.
+    `order_error` is how far the order moves when settings above the floor are left out at either end, half of them at
+    the most; nan where only two are above it.
     """
 
     order: float
@@ -165,8 +165,8 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
             residual += float(np.sum((log_e_t[bend:] - level) ** 2))
             floor = math.exp(level)
         if best is None or residual < best[0] * (1.0 - 1e-9) - 1e-24:
-            ends = [fit_line(log_h_t[:bend][part], log_e_t[:bend][part]).slope for part in _ENDS] if bend > 2 else []
-            moved = max((abs(one - line.slope) for one in ends), default=math.nan)
+            slopes = [fit_line(log_h_t[part], log_e_t[part]).slope for part in windows_without_ends(bend, 2)]
+            moved = max((abs(one - line.slope) for one in slopes), default=math.nan)
             best = (residual, OrderFit(line.slope, math.exp(line.height), floor, moved))
     assert best is not None
     return best[1]
@@ -180,8 +180,6 @@ def _short(value: float) -> str:
 __all__ = ["Answer", "OrderFit", "Trial", "WorkPrecision", "fit_power_law", "work_precision"]
 
 Solver = Callable[[float], Any]
-# settings without the coarsest, and without the finest
-_ENDS = (slice(1, None), slice(None, -1))
 ErrorMeasure = Callable[[Any, Any], float | Mapping[str, float]]
 Quantities = Mapping[str, npt.ArrayLike]
 

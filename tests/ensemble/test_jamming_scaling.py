@@ -99,7 +99,8 @@ def test_what_n_sets_is_told_from_the_correction_by_packings_of_several_n():
     assert found.exponent == pytest.approx(0.5, abs=1e-8)
     assert (found.prefactor, found.correction, found.finite_size) == pytest.approx((2.0, 1.5, -0.8))
     assert 0.0 < found.error < 1e-3 and found.window_error < 1e-7 and found.size_error == 0.0
-    assert found.levels == found.of_levels == 21
+    # the nearest of N = 128 lies on its plateau
+    assert (found.levels, found.of_levels) == (20, 21)
     # one N takes what N sets for the other correction, and its error says so
     alone = sized[0].fit("shear_modulus", corrected=True)
     assert alone.exponent > 0.52 and abs(alone.exponent - 0.5) < alone.error
@@ -178,18 +179,18 @@ LAWS = {
 def test_the_error_of_an_exponent_holds_the_choice_of_levels_and_what_n_does(name, particles, corrected):
     """Laws with the corrections that discs have, without any scatter of packings: off by at most three errors."""
     power, correction, finite = LAWS[name]
-    level = 10.0 ** np.arange(-6.0, -0.9, 0.5)
+    level = 10.0 ** np.arange(-6.0, -0.9, 0.25)
     value = level**power * (1.0 + correction * np.sqrt(level) + finite / (particles * np.sqrt(level)))
     scaling = made(np.stack([np.maximum(value, 1e-9)] * 2), level, particles, control="distance")
     scaling.value_sp[name][:] = np.maximum(value, 1e-9)
     fit = scaling.fit(name, over="distance", corrected=corrected)
     assert fit.sampling_error == pytest.approx(0.0, abs=1e-9)
     assert abs(fit.exponent - power) <= 3.0 * fit.error < 1.5
-    assert fit.levels == np.count_nonzero(scaling.counted_p) < fit.of_levels == 11
+    assert fit.levels == np.count_nonzero(scaling.counted_p) < fit.of_levels == 21
 
 
 def test_levels_on_the_plateau_of_n_widen_the_error_and_are_counted():
-    """G = x^.5 (1 + 4 / (N sqrt(x))) is flat where N shows: the exponent falls with these levels, its error holds that."""
+    """G = x^.5 (1 + 4 / (N sqrt(x))) is flat where N shows, and the exponent falls."""
     level, count = 10.0 ** np.arange(-7.0, -0.9, 0.5), 64
     value = np.sqrt(level) + 4.0 / count
     scaling = made(np.stack([value] * 3), level, count, control="distance")
@@ -308,7 +309,7 @@ def test_a_scene_that_is_given_twice_counts_twice_and_laws_that_differ_are_refus
 def test_where_every_level_is_in_the_plateau_there_is_no_fit_and_a_figure_all_the_same(tmp_path):
     found = pm.jamming_scaling(starts(2, 32), [1e-3, 1e-4])
     with pytest.raises(
-        ValueError, match="smallest must leave at least 2 levels, got 0 of pressure from .* N = 32 shows"
+        ValueError, match="smallest must leave at least 2 levels, got 0 of pressure from .* N = 32 sets a plateau"
     ):
         found.fit("shear_modulus")
     draw_scaling(found, tmp_path / "scaling.png")
