@@ -161,8 +161,8 @@ def _write(found: JammingScaling, out: Path, several: bool) -> None:
     rows, reasons = fits(found)
     show(table(title, head, rows, right=tuple(range(2, len(head)))))
     show(
-        "+-: scatter of packings, choice of levels (nan: too few to leave one out), and what N does, which one N cannot "
-        "tell from c (several N: --particles 64 256 1024)"
+        "+-: scatter of packings, choice of levels (nan: too few to leave one out), and what N does, which one N "
+        "cannot tell from c (several N: --particles 64 256 1024)"
     )
     for reason in reasons:
         show(f"-: {reason}")
