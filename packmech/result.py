@@ -53,12 +53,68 @@ class Outcome(Enum):
         "The time step is too long: links were lost or energy grew by more than work explains; "
         "the state is the last good one."
     )
-    INTERRUPTED = "Stopped from outside; the packing is the last one that was finished."
+    TIME_LIMIT = (
+        "The time limit was reached before the end; the packing is the last one that was finished: "
+        "raise time_limit, or go on from it."
+    )
+    NOT_AT_PRESSURE = "The pressure measured is not the one asked for, within its error and the tolerance."
+    NOT_STEADY = "What was measured still changed over the time it was measured in."
+    INTERRUPTED = "Stopped by Ctrl-C or a signal; the packing is the last one that was finished."
 
     @property
     def ok(self) -> bool:
         """Whether the answer may be used without a further look."""
         return self in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR, Outcome.UNJAMMED, Outcome.FINISHED)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A figure that a run reached, beside the one that was asked for.
+
+    Attributes
+    ----------
+    name
+        What it is, in words.
+    reached, asked
+        The figures.
+    tolerance
+        Largest difference between them over the one asked for at which the condition is met [1]; None where the figure
+        asked for is an upper bound.
+    hint
+        What to change so that it is met.
+
+    Examples
+    --------
+    >>> print(Condition("pressure", 5e-4, 1e-4, tolerance=1e-6))
+    pressure 0.0005 where 0.0001 was asked for
+    >>> print(Condition("force residual", 2e-6, 1e-10), Condition("force residual", 2e-12, 1e-10).met)
+    force residual 2e-06 where 1e-10 at most was asked for True
+
+    """
+
+    name: str
+    reached: float
+    asked: float
+    tolerance: float | None = None
+    hint: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether it is met; what is not a number meets none."""
+        if self.tolerance is None:
+            return bool(self.reached <= self.asked)
+        return bool(abs(self.reached - self.asked) <= self.tolerance * abs(self.asked))
+
+    def __str__(self) -> str:
+        digits = next((n for n in (4, 8) if f"{self.reached:.{n}g}" != f"{self.asked:.{n}g}"), 17)
+        bound = " at most" if self.tolerance is None else ""
+        hint = f" ({self.hint})" if self.hint else ""
+        return f"{self.name} {self.reached:.{digits}g} where {self.asked:.{digits}g}{bound} was asked for{hint}"
+
+
+def unmet_conditions(outcome: Outcome, *conditions: Condition) -> tuple[Condition, ...]:
+    """Return those of the conditions that a run which ended so does not meet; none where it is a success."""
+    return () if outcome.ok else tuple(one for one in conditions if not one.met)
 
 
 @dataclass(frozen=True)
@@ -258,6 +314,8 @@ class Run:
         Quantities against step, when asked for.
     report
         Further named results of a protocol (numbers, texts, arrays).
+    unmet
+        What was asked for and not reached, with both figures; empty where the run is a success.
 
     """
 
@@ -271,6 +329,7 @@ class Run:
     stages: tuple[Stage, ...] = ()
     trace: Trace | None = None
     report: Mapping[str, Any] = field(default_factory=dict)
+    unmet: tuple[Condition, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -289,6 +348,7 @@ class Run:
             "particles": self.packing.particles,
             "dimension": self.packing.dimension,
             "outcome": self.outcome.name.lower(),
+            **({"unmet": "; ".join(map(str, self.unmet))} if self.unmet else {}),
             "force_residual": self.residual,
             "steps": self.steps,
             "force_evaluations": self.force_evaluations,
@@ -296,6 +356,11 @@ class Run:
             "build_seconds": self.build_seconds,
             **{name: _plain(value) for name, value in reported.items()},
         }
+
+    def outcome_rows(self) -> list[Row]:
+        """Return how the run ended, and each condition that it does not meet."""
+        ended = ("outcome", self.outcome.name.lower().replace("_", " "), self.outcome.value)
+        return [ended, *(("not met", one.name, str(one)) for one in self.unmet)]
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
@@ -305,7 +370,7 @@ class Run:
             if isinstance(value, bool | int | float | str) and name != "particles"
         }
         return [
-            ("outcome", self.outcome.name.lower().replace("_", " "), self.outcome.value),
+            *self.outcome_rows(),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
             *(
                 (
@@ -384,4 +449,6 @@ class NotConverged(RuntimeError):  # noqa: N818 - the outcome is a value first a
 
     def __init__(self, run: Run, message: str = "") -> None:
         self.run = run
-        super().__init__(message or f"{run.outcome.value} (residual {run.residual:.3g} after {run.steps} steps)")
+        unmet = f" Not met: {'; '.join(map(str, run.unmet))}." if run.unmet else ""
+        reached = f"(residual {run.residual:.3g} after {run.steps} steps)"
+        super().__init__(message or f"{run.outcome.value}{unmet} {reached}")

@@ -36,7 +36,7 @@ from packmech.effects import Bonds
 from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
-from packmech.result import Run
+from packmech.result import NotConverged, Run
 from packmech.scene import Scene
 from packmech.scenes import run as run_drive
 from packmech.scenes import takes_checkpoint
@@ -178,7 +178,7 @@ def carry_out(wanted: Wanted) -> int:
         for one, label in _labeled(done):
             if isinstance(one, Run) and not one.ok:
                 what = f"{label}: " if label else ""
-                show(f"packmech: {what}{one.outcome.value} (residual {one.residual:.1e})", error=True)
+                show(f"packmech: {what}{NotConverged(one)}", error=True)
                 code = FAILED
     return code
 

@@ -57,7 +57,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.observables import State, added_arrays, added_rows, measure_added
 from packmech.packing import Packing
-from packmech.result import Outcome, Row, Run, Stage, Trace
+from packmech.result import Condition, Outcome, Row, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
 
 # what its checkpoints say they are of
@@ -252,7 +252,7 @@ class Simulation(Run):
             lines = ["  ".join(f"{entry + 0.0:12.5g}" for entry in row) for row in numbers["stress"][name]]
             for k, line in enumerate(lines):
                 rows.append((f"{name} stress" if k == 0 else "", line, note if k == 0 else unit if k == 1 else ""))
-        return [*super().rows()[:1], *rows]
+        return [*self.outcome_rows(), *rows]
 
 
 class Snapshot(NamedTuple):
@@ -733,6 +733,7 @@ class SimulationTask:
             spin_nk=self.spin_nk,
             strain=float(last[STRAIN]),
             held_n=settings.held_n,
+            unmet=unmet_conditions(outcome, Condition("steps", self.reached, settings.steps, 0.0)),
         )
 
     def _packing(self, *, final: bool = False) -> Packing:

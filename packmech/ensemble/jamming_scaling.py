@@ -654,7 +654,7 @@ def followed(
         elif len(goals) > 1:
             runs = (*runs, *sweep_pressure(here, goals[1:], check=False, **left()))
     ended = next((run for run in runs if not run.outcome.ok), runs[-1])
-    if ended.outcome is Outcome.INTERRUPTED:
+    if ended.outcome is Outcome.TIME_LIMIT:
         raise TimeoutError(f"time_limit must suffice for a packing, got {time_limit:g} s")
     if len(runs) < len(goals) or not ended.outcome.ok:
         stalled = {"outcome": ended.outcome.name, "residual": ended.residual, "steps": ended.steps}

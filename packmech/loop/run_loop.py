@@ -1,7 +1,7 @@
 """The run loop: the clock, Ctrl-C and SIGTERM, the time limit, progress and checkpoints of everything that is stepped.
 
 How a run ends: what it reached decides (CONVERGED, FINISHED, STEP_TOO_LONG, ...), else the limit that it met first
-(STEP_LIMIT, or INTERRUPTED when time is up); Ctrl-C and SIGTERM are a KeyboardInterrupt whose `.run` has INTERRUPTED.
+(STEP_LIMIT, or TIME_LIMIT when time is up); Ctrl-C and SIGTERM are a KeyboardInterrupt whose `.run` has INTERRUPTED.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class RunSettings:
     Attributes
     ----------
     time_limit
-        CPU time after which a run ends with Outcome.INTERRUPTED [s].
+        CPU time after which a run ends with Outcome.TIME_LIMIT [s].
     step_limit
         Steps after which it ends with Outcome.STEP_LIMIT.
     checkpoint, checkpoint_every
@@ -113,7 +113,7 @@ def run_settings(
 
 
 class TimeUp(Exception):  # noqa: N818 - no error
-    """Raised within a piece of work where the time limit has passed; `RunLoop.run` then ends as INTERRUPTED."""
+    """Raised within a piece of work where the time limit has passed; `RunLoop.run` then ends as TIME_LIMIT."""
 
 
 class Task(Protocol):
@@ -216,7 +216,7 @@ class RunLoop:
                 if figures is not None:
                     self.settings.progress(*figures)
             if self.late and not isinstance(task.next_stop(), Outcome):
-                return Outcome.INTERRUPTED
+                return Outcome.TIME_LIMIT
 
     def _is_due(self, steps: int) -> bool:
         every = self.settings.checkpoint_every
@@ -265,7 +265,7 @@ class RunLoop:
                     try:
                         outcome = work()
                     except TimeUp:
-                        outcome = Outcome.INTERRUPTED
+                        outcome = Outcome.TIME_LIMIT
                 if self._save is not None:
                     failure = self._write(self._save)
                 run = finished(outcome)

@@ -24,7 +24,7 @@ from packmech.minimize.program import Evaluation, Minimization, Minimizer, Progr
 from packmech.minimize.second_order.newton import Newton, polish
 from packmech.observables import State, measure_added
 from packmech.packing import Packing
-from packmech.result import Outcome, Run, Stage, Trace
+from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
 from packmech.shapes import Beads
 
@@ -84,7 +84,7 @@ def quench(
     trace_positions
         Keep the positions with them.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), figures a dict with "steps" and "residual".
     check
@@ -303,6 +303,7 @@ class _Descent:
             build_seconds=self.build_seconds,
             stages=tuple(self.stages),
             trace=trace,
+            unmet=unmet_conditions(outcome, Condition("force residual", end.residual, tolerance)),
             report=_crossings(self.scene.packing, packing),
         )
 

@@ -92,7 +92,7 @@ def anneal_shape(
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check
@@ -161,7 +161,7 @@ def anneal_shape(
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
         runs.append(dataclasses.replace(run, report={"aspect": aspect, **run.report}))
-        if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+        if run.outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
             break
         packing = run.packing
     return tuple(runs)
@@ -231,7 +231,7 @@ def tap(
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures), and as progress("tap", figures) after each tap, with "tap", "packing" and
         "packing_fraction".
@@ -285,7 +285,7 @@ def tap(
             run = _jammed_again(shaken, settings, ends, **asked)
             report = {"tap": count, "amplitude": float(amplitude), **run.report}
             runs.append(dataclasses.replace(run, report=report))
-            if run.outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+            if run.outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
                 break
             if progress is not None:
                 progress("tap", {"tap": count, "packing": run.packing, "packing_fraction": report["packing_fraction"]})

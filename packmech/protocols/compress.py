@@ -70,7 +70,7 @@ def compress(
     iteration_limit
         Maximum number of interior-point iterations for the onset.
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.INTERRUPTED.
+        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check
@@ -135,11 +135,12 @@ class _Ascent:
     def climb(self, goal: float) -> Outcome:
         """Go on to the distance; return how that ended."""
         protocol = self.protocol
+        protocol.report["distance"] = goal
         place = self._start() if self.place is None else self.place
         if place is None:
             return Outcome.NOT_JAMMED
         self.rearrangements = self.iterations = 0
-        protocol.report.update(distance=goal, onset=place.fraction)
+        protocol.report["onset"] = place.fraction
         with protocol.stage("compression") as figures:
             state = self._advance(place.packing, place.fraction, place.depth, goal)
             protocol.last = protocol.restored(state.packing)

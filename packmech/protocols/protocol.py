@@ -6,6 +6,7 @@ Compiled scene, reduced units, stages, relaxation in a given box; figures recomp
 from __future__ import annotations
 
 import functools
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -42,7 +43,7 @@ from packmech.minimize.program import Minimization, Minimizer, Program, Relaxati
 from packmech.minimize.quench import find_crossings, pairs_crossing
 from packmech.minimize.second_order.soft_network import Load, Units, length_unit, scaled_load
 from packmech.packing import Packing
-from packmech.result import Outcome, Run, Stage
+from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 from packmech.shapes import Beads
 
@@ -50,6 +51,8 @@ from packmech.shapes import Beads
 _PORTION, _WATCHED = 5_000_000, 20
 # rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
 _ROUNDING = 1e-11
+# relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
+_PRESSED = 1e-6
 
 
 class Figures:
@@ -140,8 +143,8 @@ class Protocol:
             with compile_clock() as clock:
                 yield figures
                 compiling = clock()
-        except (KeyboardInterrupt, TimeUp):
-            figures.note = figures.note or "interrupted"
+        except (KeyboardInterrupt, TimeUp) as stop:
+            figures.note = figures.note or ("time limit" if isinstance(stop, TimeUp) else "interrupted")
             raise
         finally:
             seconds = time.process_time() - began
@@ -213,7 +216,7 @@ class Protocol:
         )
         done = task.relaxation(self.loop.advance(task))
         self.last = done.packing
-        if done.outcome is Outcome.INTERRUPTED:
+        if done.outcome is Outcome.TIME_LIMIT:
             raise TimeUp
         return self.last, done
 
@@ -248,7 +251,7 @@ class Protocol:
             step_limit=step_limit,
             watch=watch,
         )
-        if self.loop.advance(task) is Outcome.INTERRUPTED:
+        if self.loop.advance(task) is Outcome.TIME_LIMIT:
             self.last = task.packing
             raise TimeUp
         return task.relaxation()
@@ -491,6 +494,13 @@ def _finish_shaped(
 def _run_of(
     protocol: Protocol, packing: Packing, outcome: Outcome, residual: float, report: dict[str, Any], began: float
 ) -> Run:
+    asked, tolerance = report["pressure_asked"], protocol.force_tolerance
+    conditions = [Condition("force residual", residual, tolerance)]
+    if asked is not None:
+        conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, _PRESSED)))
+    if "distance" in report:
+        above = report["packing_fraction"] - report.get("onset", math.nan)
+        conditions.append(Condition("packing fraction above the onset", above, report["distance"], _PRESSED))
     return Run(
         packing=packing,
         outcome=outcome,
@@ -501,6 +511,7 @@ def _run_of(
         build_seconds=protocol.build_seconds,
         stages=tuple(protocol.stages),
         report=report,
+        unmet=unmet_conditions(outcome, *conditions),
     )
 
 
@@ -580,7 +591,7 @@ def follow_series(
                     return finish(protocol, protocol.last, outcome, goal if pressures else None, method, began)
 
                 runs.append(protocol.loop.run(functools.partial(work, goal), finished))
-                if runs[-1].outcome in (Outcome.NOT_JAMMED, Outcome.INTERRUPTED):
+                if runs[-1].outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
                     break
                 protocol.stages, began = [], time.process_time()
         except KeyboardInterrupt as stop:

@@ -18,7 +18,7 @@ from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_mean
-from packmech.result import Outcome, Row, Run, Stage
+from packmech.result import Condition, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 
 # time between two looks at the stress, over that of a contact, and most strain between them
@@ -113,7 +113,7 @@ class PressureShear(Run):
             ("contacts a particle", "mean_contacts", ""),
         )
         return [
-            *super().rows()[:1],
+            *self.outcome_rows(),
             ("inertial number", f"{self.inertial_number:.4g}", f"at the rate {self.rate:g}"),
             *((words, f"{numbers[name]:.5g} +- {numbers[name + '_error']:.2g}", what) for words, name, what in named),
         ]
@@ -164,7 +164,7 @@ def shear_at_pressure(
     dt
         Time step; a tenth of the shortest time of a contact unless given.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     check
@@ -236,9 +236,12 @@ class _Shearing:
         self.spans = Spans(scene, dt, threads=threads)
         self.volume = packing_fraction(packing) * packing.box.volume
         self.rows: list[tuple[float, ...]] = []
+        # the strain at the end
+        self.goal = math.inf
 
     def until(self, strain: float, loop: RunLoop) -> Outcome:
         """Shear up to a strain."""
+        self.goal = strain
         spans = math.ceil(strain / (self.rate * self.spans.dt * self.steps_of_span) * (1.0 - 1e-12))
         d = self.spans.scene.packing.dimension
         for _ in range(spans):
@@ -269,6 +272,8 @@ class _Shearing:
         """Return the run as far as it came."""
         spans = self.spans
         seconds = time.process_time() - self.began
+        # spans end a little beyond the strain asked for
+        reached = min(spans.steps * spans.dt * self.rate, self.goal)
         strain, stress, pressure, fraction, contacts, sliding = np.array(self.rows).reshape(-1, 6).T.copy()
         return PressureShear(
             packing=spans.scene.packing,
@@ -288,4 +293,7 @@ class _Shearing:
             sliding_t=sliding.astype(np.int64),
             steady_t=strain > skip * (1.0 + 1e-12),
             blocks=blocks,
+            unmet=unmet_conditions(
+                outcome, Condition("shear strain", spans.steps * spans.dt * self.rate, self.goal, 1e-12)
+            ),
         )

@@ -19,7 +19,7 @@ from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
 from packmech.mechanics.elasticity import elastic_moduli
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
-from packmech.result import NotConverged, Outcome, Row, Run, Stage
+from packmech.result import Condition, NotConverged, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.rheology.arguments import AtRest, StrainSettings, check_arguments, listed
 from packmech.rheology.oscillatory import characteristic_time, frequency_of, rest_row
 from packmech.rheology.strain_run import StrainRun, StrainTask
@@ -125,7 +125,7 @@ def equilibrate(
     step_limit
         Largest number of time steps.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     checkpoint
@@ -172,7 +172,7 @@ def equilibrate(
     if frictionless or (frictionless is None and not bonded):
         minimum = _Minimum(_frictionless(scene), settings)
         packing, stages, start = minimum.packing, minimum.stages, minimum.outcome
-        if start is Outcome.INTERRUPTED:
+        if start is Outcome.TIME_LIMIT:
             # the file keeps whole minimizations only
             settings = dataclasses.replace(settings, file=None)
     if expected_stress is not None:
@@ -214,6 +214,7 @@ def equilibrate(
         expected_stress=expected,
         periods=periods,
         baseline=run,
+        unmet=unmet_conditions(outcome, Condition("residual oscillation", oscillation / expected, largest)),
     )
     if settings.loop.settings.check and not made.ok:
         raise NotConverged(made)
@@ -242,7 +243,7 @@ class _Minimum:
             check=False,
         )
         self.packing, self.stages, self.outcome = found.packing, list(found.stages), found.outcome
-        if loop.settings.check and not found.ok and found.outcome is not Outcome.INTERRUPTED:
+        if loop.settings.check and not found.ok and found.outcome is not Outcome.TIME_LIMIT:
             raise NotConverged(found)
         if file is not None and found.ok:
             file.write(self, finished=True)

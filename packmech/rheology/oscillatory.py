@@ -143,7 +143,7 @@ class OscillatoryShear(StrainRun):
             rows.append(rest_row(self.report["oscillation_ratio"], self.report["expected_stress"]))
         sliding = numbers["mean_sliding_fraction"]
         return [
-            *Run.rows(self)[:1],
+            *self.outcome_rows(),
             *rows,
             ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"),
             ("mean pressure", f"{numbers['mean_pressure']:.6g}", unit),
@@ -271,7 +271,7 @@ def oscillatory_shear(
     frames
         Positions are kept so many times, evenly spaced, the start and the end among them.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), figures a dict with "steps", "of", "time" and "strain".
     checkpoint

@@ -365,9 +365,9 @@ class Creep(StrainRun):
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        numbers, (outcome, *rest) = self.to_dict(), super().rows()
+        numbers, rest = self.to_dict(), super().rows()[len(self.outcome_rows()) :]
         return [
-            outcome,
+            *self.outcome_rows(),
             ("strain under stress", f"{numbers['strain_under_stress']:.6g}", "when the stress ends"),
             ("compliance", f"{numbers['compliance']:.6g}", "that strain over the stress"),
             *rest,

@@ -53,7 +53,7 @@ from packmech.observables import (
     make_table,
     measure_added,
 )
-from packmech.result import Outcome, Row, Run, Stage
+from packmech.result import Condition, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.rheology.arguments import StrainSettings
 from packmech.rheology.walls import WallForces
 from packmech.scene import Scene
@@ -175,7 +175,7 @@ class StrainRun(Run):
         """Return what the run reached: name, value, and what the value is."""
         numbers, unit = self.to_dict(), self.stress_unit
         return [
-            *super().rows()[:1],
+            *self.outcome_rows(),
             ("strain at the end", f"{numbers['strain']:.6g}", ""),
             ("stress at the end", f"{numbers['stress']:.6g}", f"largest {numbers['largest_stress']:.6g}; {unit}"),
             ("pressure at the end", f"{numbers['pressure']:.6g}", unit),
@@ -517,6 +517,7 @@ class StrainTask:
             "orientation_fnq": orientations_at(snapshots),
             "held_n": settings.held_n,
             "added": columns_of(self.added) if self.added and self.added[0] else {},
+            "unmet": unmet_conditions(outcome, Condition("steps", engine.steps, self.end, 0.0)),
         }
 
 

@@ -174,7 +174,7 @@ def test_a_signal_in_the_middle_of_a_loop_leaves_a_whole_checkpoint(tmp_path):
 def test_a_run_out_of_time_goes_on_to_the_same_end(tmp_path):
     scene, manner = dimers()
     run = pm.simulate(scene, steps=STEPS, checkpoint=tmp_path / "run.npz", time_limit=1e-9, check=False, **manner)
-    assert run.outcome is pm.Outcome.INTERRUPTED
+    assert run.outcome is pm.Outcome.TIME_LIMIT
     assert bits(pm.resume(tmp_path / "run.npz", scene)) == bits(uninterrupted("dimers"))
 
 

@@ -227,9 +227,9 @@ def test_one_particle_flies_on():
     assert run.packing.position_nd == pytest.approx(np.array([[41.0, -119.0]]), rel=1e-12)
 
 
-def test_time_limit_interrupts(jammed):
+def test_a_time_limit_is_an_outcome(jammed):
     run = pm.simulate(pm.Scene(jammed, REPULSION), steps=10**9, temperature=1e-4, seed=1, time_limit=0.1, check=False)
-    assert run.outcome is pm.Outcome.INTERRUPTED
+    assert run.outcome is pm.Outcome.TIME_LIMIT
     assert 0 < run.steps < 10**9
 
 

@@ -60,7 +60,7 @@ def test_stops_are_those_of_the_task_however_it_is_cut(monkeypatch):
 def test_a_time_limit_is_kept_inside_one_long_stretch(seconds):
     task = Counting(10**9, 10**9, seconds=seconds)
     began = time.process_time()
-    assert RunLoop(run_settings(time_limit=0.5)).advance(task) is pm.Outcome.INTERRUPTED
+    assert RunLoop(run_settings(time_limit=0.5)).advance(task) is pm.Outcome.TIME_LIMIT
     assert 0.5 <= time.process_time() - began < 0.8
     assert task.steps > 0
 
@@ -71,7 +71,7 @@ def test_a_time_limit_of_a_quench_is_kept_where_a_step_takes_long():
     given = {"force_tolerance": 1e-15, "method": pm.GradientDescent(step=1e-6), "check": False}
     pm.quench(scene, step_limit=3, **given)
     run = pm.quench(scene, time_limit=0.5, step_limit=10**9, **given)
-    assert run.outcome is pm.Outcome.INTERRUPTED
+    assert run.outcome is pm.Outcome.TIME_LIMIT
     assert 0.4 <= run.seconds < 0.9
 
 

@@ -307,18 +307,18 @@ def test_newtons_method_succeeds_with_a_higher_limit_as_its_failure_advises():
     assert run.outcome is pm.Outcome.CONVERGED
 
 
-def test_a_time_limit_interrupts_newtons_method_too():
+def test_a_time_limit_ends_newtons_method_too():
     scene = random_scene(512)
     run = pm.quench(scene, force_tolerance=1e-10, method=pm.Newton(), time_limit=1e-3, check=False)
-    assert run.outcome is pm.Outcome.INTERRUPTED
+    assert run.outcome is pm.Outcome.TIME_LIMIT
     assert run.steps < 20
 
 
-def test_a_time_limit_interrupts():
+def test_a_time_limit_ends_a_quench():
     run = pm.quench(
         random_scene(2048), force_tolerance=1e-14, method=pm.GradientDescent(), time_limit=1e-3, check=False
     )
-    assert run.outcome is pm.Outcome.INTERRUPTED
+    assert run.outcome is pm.Outcome.TIME_LIMIT
     assert 0 < run.steps < 10_000
 
 

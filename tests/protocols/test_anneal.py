@@ -80,7 +80,7 @@ def test_discs_become_dimers_of_equal_area():
 
 def test_time_is_limited_in_all_and_interrupts_pass_on_what_was_finished():
     runs = pm.anneal_shape(discs(), [1.1, 1.2], seed=1, time_limit=1e-9, check=False)
-    assert len(runs) == 1 and runs[0].outcome is pm.Outcome.INTERRUPTED
+    assert len(runs) == 1 and runs[0].outcome is pm.Outcome.TIME_LIMIT
     seen = []
 
     def stop(stage, figures):

@@ -124,7 +124,7 @@ def test_what_is_not_jammed_is_refused():
 
 def test_what_was_finished_is_kept_where_time_is_up_and_at_ctrl_c():
     run = pm.shear_families(jammed().packing, 5.0, step=0.01, time_limit=0.1, check=False)
-    assert run.outcome is pm.Outcome.INTERRUPTED and len(run.strain_t) > 1
+    assert run.outcome is pm.Outcome.TIME_LIMIT and len(run.strain_t) > 1
 
     def stop(stage, figures):
         if figures["strain"] > 0.025:

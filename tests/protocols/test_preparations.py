@@ -146,8 +146,8 @@ def test_time_is_limited_in_all_and_interrupts_pass_on_what_was_finished(name):
     all_three = CALLS[name](whole)
     assert all(run.ok and run.seconds > 0.0 and run.force_evaluations > 0 and run.stages for run in all_three)
     runs = CALLS[name](whole, time_limit=1e-9, check=False)
-    assert len(runs) == 1 and runs[0].outcome is pm.Outcome.INTERRUPTED
-    assert runs[0].to_dict()["outcome"] == "interrupted"
+    assert len(runs) == 1 and runs[0].outcome is pm.Outcome.TIME_LIMIT
+    assert runs[0].to_dict()["outcome"] == "time_limit"
     seen = []
 
     def stop(stage, figures):

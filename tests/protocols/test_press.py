@@ -88,7 +88,7 @@ def test_limits_are_outcomes():
     with pytest.raises(pm.NotConverged):
         pm.jam(scene, pressure=1e-3, method=pm.Press(step_limit=500))
     late = pm.jam(scene, pressure=1e-3, time_limit=1e-6, check=False)
-    assert late.outcome is pm.Outcome.INTERRUPTED
+    assert late.outcome is pm.Outcome.TIME_LIMIT
 
 
 @pytest.mark.parametrize(

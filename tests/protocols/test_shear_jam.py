@@ -66,6 +66,6 @@ def test_limits_are_outcomes():
     assert few.outcome is pm.Outcome.STEP_LIMIT
     assert few.steps <= 1000
     late = pm.shear_jam(scene, **SETTINGS, time_limit=1e-3, check=False)
-    assert late.outcome is pm.Outcome.INTERRUPTED
+    assert late.outcome is pm.Outcome.TIME_LIMIT
     with pytest.raises(ValueError, match="would ignore, got Walls"):
         pm.shear_jam(scene.replace(effects=(*scene.effects, pm.Walls(1, 0.0, 5.0))), **SETTINGS)

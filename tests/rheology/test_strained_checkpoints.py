@@ -145,7 +145,7 @@ def test_the_frictionless_minimum_is_found_once(scene, tmp_path, monkeypatch):
 def test_a_run_out_of_time_goes_on_with_the_same_bits(scene, tmp_path):
     call, given = CALLS["sine"]
     early = call(scene, time_limit=1e-9, check=False, checkpoint=tmp_path / "run.npz", **given)
-    assert early.outcome is pm.Outcome.INTERRUPTED
+    assert early.outcome is pm.Outcome.TIME_LIMIT
     assert bits(call(scene, checkpoint=tmp_path / "run.npz", **given)) == bits(call(scene, **given))
 
 

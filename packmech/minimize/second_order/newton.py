@@ -23,7 +23,7 @@ from packmech.mechanics.hessian import bond_sums
 from packmech.minimize.second_order.soft_network import Units, energy_change, length_unit
 from packmech.minimize.second_order.soft_newton import descend, judge
 from packmech.packing import Packing
-from packmech.result import NotConverged, Outcome, Run
+from packmech.result import Condition, NotConverged, Outcome, Run, unmet_conditions
 from packmech.scene import Scene
 
 
@@ -279,7 +279,7 @@ def polish(
     method
         Newton() unless given.
     deadline
-        Stop, with Outcome.INTERRUPTED, when `time.process_time()` has passed this [s].
+        Stop, with Outcome.TIME_LIMIT, when `time.process_time()` has passed this [s].
 
     Examples
     --------
@@ -322,7 +322,7 @@ def polish(
                 outcome = Outcome.STEP_LIMIT
                 break
             if time.process_time() > deadline:
-                outcome = Outcome.INTERRUPTED
+                outcome = Outcome.TIME_LIMIT
                 break
             curvature = _curvature(landscape, state, regularization)
             step = curvature.step(state.net_nd)
@@ -414,6 +414,7 @@ def newton(
         force_evaluations=done.force_evaluations,
         seconds=time.process_time() - start,
         report={"regularized_steps": done.regularized, "negative_modes": done.negative},
+        unmet=unmet_conditions(done.outcome, Condition("force residual", done.residual, force_tolerance)),
     )
     if check and not run.ok:
         raise NotConverged(run)

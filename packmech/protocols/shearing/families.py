@@ -30,7 +30,7 @@ from packmech.packing import Packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.protocol import Protocol
 from packmech.protocols.shearing.hard_shape_path import HardShapePath, ShapeChange, ShapeVertex
-from packmech.result import Outcome, Row, Run, Stage, csv_text
+from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
 
 # a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
@@ -155,7 +155,7 @@ class ShearFamilies(Run):
         largest = f", the largest by {found['largest_jump']:.3g}" if found["jumps"] else ""
         jumps = f"to other packings{largest}"
         return [
-            super().rows()[0],
+            *self.outcome_rows(),
             ("shear strain", f"{found['strain']:.6g}", "at the end"),
             (
                 "packing fraction",
@@ -222,7 +222,7 @@ def shear_families(
     keep
         Strains at which to keep the packings.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress("families", figures) after each step, figures with "strain", "packing_fraction", "changes".
     check
@@ -359,6 +359,8 @@ class _Rows:
 
     def __init__(self, axes: tuple[int, int], began: float) -> None:
         self.axes, self.began = axes, began
+        # the strain at the end
+        self.goal = 0.0
         self.numbers: dict[frozenset[tuple[int, ...]], int] = {}
         self.rows: list[tuple[float, ...]] = []
         self.changes: list[FamilyChange] = []
@@ -381,6 +383,7 @@ class _Rows:
         return ShearFamilies(
             packing=packing,
             outcome=outcome,
+            unmet=unmet_conditions(outcome, Condition("shear strain", float(columns["strain"][-1]), self.goal, 0.0)),
             residual=residual,
             steps=steps,
             force_evaluations=0,
@@ -405,6 +408,7 @@ class _HardWalk:
     def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
         """Go through all strains."""
         path, found = self.path, self.found
+        found.goal = float(goals[-1])
         for goal in goals.tolist():
             # a fall ends a little beyond the strain where it begins
             while abs(path.vertex.strain) < abs(goal):

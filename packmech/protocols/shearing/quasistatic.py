@@ -23,7 +23,7 @@ from packmech.protocols.jam import free_strains, is_jammed
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, finish, pairs_of
 from packmech.protocols.shearing.strain_path import Located, Sheared, StrainPath, work_between
-from packmech.result import Outcome, Row, Run, Stage, csv_text
+from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
 
 _COLUMNS = (
@@ -214,7 +214,7 @@ class QuasistaticShear(Run):
         yields = "of the largest stress" if math.isfinite(self.yield_strain) else "the stress grows up to the end"
         what = "none was located" if first is None else f"a contact {'opens' if first.opened else 'closes'}"
         return [
-            super().rows()[0],
+            *self.outcome_rows(),
             ("shear strain", f"{found['strain']:.6g}", "at the end"),
             ("shear stress", f"{found['shear_stress']:.6g}", unit),
             ("shear modulus", f"{found['modulus']:.6g}", f"{unit}, at the start"),
@@ -278,7 +278,7 @@ def quasistatic_shear(
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress("shear", figures) after each step, figures with "strain", "shear_stress", "avalanches".
     check
@@ -359,7 +359,7 @@ def cyclic_shear(
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
-        Stop after so much CPU time in all [s]; the cycle in hand ends with Outcome.INTERRUPTED.
+        Stop after so much CPU time in all [s]; the cycle in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress("shear", figures) after each step, and as progress("cycle", figures) after each cycle, with
         "cycle", "packing", "packing_fraction" and "displacement".
@@ -501,6 +501,8 @@ class _Shear:
         self.work = self.growth = 0.0
         # whether contacts have changed, located or not
         self.changed = False
+        # the strain at the end
+        self.goal = 0.0
         self.path: StrainPath | None = None
 
     def run(self, goals: NDArray[np.float64]) -> QuasistaticShear:
@@ -511,6 +513,7 @@ class _Shear:
     def through(self, goals: NDArray[np.float64]) -> Outcome:
         """Go to the pressure, then through all strains."""
         protocol, unit = self.protocol, self.protocol.scene.pressure_unit
+        self.goal = float(goals[-1])
         if self.asked is not None:
             outcome = PressurePath(protocol).go(self.asked)
             if not outcome.ok:
@@ -631,9 +634,11 @@ class _Shear:
         stage = Stage("quasistatic shear", residual, iterations, iterations, seconds, f"{len(self.rows)} equilibria")
         packing = self.protocol.last
         small, _ = packing.box.reduced()
+        strain = self.rows[-1][0] if self.rows else 0.0
         return QuasistaticShear(
             packing=packing.replace(box=small).wrapped(),
             outcome=outcome,
+            unmet=unmet_conditions(outcome, Condition("shear strain", strain, self.goal, 0.0)),
             residual=residual,
             steps=iterations,
             force_evaluations=iterations,

@@ -16,7 +16,7 @@ from packmech.effects import BackgroundDamping
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
-from packmech.result import Outcome, Run, Stage
+from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 
 # time of a span over that of a contact, and fraction of the shortest time of a contact that a step takes
@@ -68,7 +68,7 @@ def shear_jam(
     step_limit
         Maximum number of time steps.
     time_limit
-        Stop after so much CPU time [s], with Outcome.INTERRUPTED.
+        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     check
@@ -136,7 +136,7 @@ class _Shearing:
         self.steps_of_span = max(1, math.ceil(step / self.rate / (self.spans_of_step * dt)))
         self.dt = step / self.rate / (self.spans_of_step * self.steps_of_span)
         self.spans = Spans(scene, self.dt)
-        self.strain = 0.0
+        self.strain = self.goal = 0.0
         self.rows: list[tuple[float, float, float]] = []
 
     def until(self, largest_strain: float) -> Outcome:
@@ -144,7 +144,7 @@ class _Shearing:
         d = self.spans.scene.packing.dimension
         along = np.zeros((d, d))
         along[self.axes] = self.rate
-        taken = 0
+        taken, self.goal = 0, largest_strain
         outcome = self._rest()
         while outcome is Outcome.UNJAMMED and self.strain < largest_strain * (1.0 - 1e-12):
             self.spans.scene = self.spans.scene.replace(effects=self.dragged)
@@ -196,7 +196,7 @@ class _Shearing:
         spans, seconds = self.spans, time.process_time() - self.began
         strain, pressure, stress = np.array(self.rows).reshape(-1, 3).T.copy()
         report: dict[str, Any] = {"strain": self.strain}
-        residual = 0.0
+        residual, balance = 0.0, Condition("force residual", spans.residual, self.force_tolerance)
         if outcome is Outcome.CONVERGED:
             forces = self._forces()
             residual = forces.residual
@@ -213,4 +213,5 @@ class _Shearing:
             seconds=seconds,
             stages=(Stage("shear and rest", residual, spans.steps, spans.steps, seconds, ""),),
             report=report,
+            unmet=unmet_conditions(outcome, Condition("shear strain", self.strain, self.goal, 1e-12), balance),
         )
