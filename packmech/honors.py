@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
@@ -44,6 +44,13 @@ INSTEAD = {
     "held": "pm.simulate or pm.quench",
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
+}
+# what no call honors in one scene, and what to do instead of leaving one of them out
+_NOT_BESIDE = {
+    ("friction", "walls"): (
+        "walls are smooth, and grains would slide on them as if without friction",
+        "make rough walls of held particles (pm.FixedParticles, or held_n where a box deforms)",
+    ),
 }
 
 
@@ -124,6 +131,17 @@ class Honors:
         moves = self.at_rest and column == "held" and getattr(effect, "moves", False)
         return pushes or moves or self.answer(column) == REFUSED
 
+    def _check_beside(self, name: str, effects: Sequence[Any]) -> None:
+        """Refuse effects of which the call honors each, but which no call honors in one scene."""
+        found = {column: (k, type(one).__qualname__) for k, one in enumerate(effects) for column in columns_of(one)}
+        for (one, other), (why, way) in _NOT_BESIDE.items():
+            if one in found and other in found and {one, other} <= set(self.columns):
+                (k, kind), (m, beside) = found[one], found[other]
+                raise ValueError(
+                    f"{name}.effects must not hold {kind} beside {beside} for pm.{self.call}: {why}, got them at {k} "
+                    f"and {m}: {way}, or leave one out with scene.without(pm.{beside})"
+                )
+
     def check(self, name: str, subject: Any) -> None:
         """Refuse what a scene or a packing holds and the call does not honor; other values pass, and fail there.
 
@@ -141,6 +159,7 @@ class Honors:
                     f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}: leave it "
                     f"out with scene.without(pm.{kind}), or use {self.instead(column)}"
                 )
+        self._check_beside(name, getattr(subject, "effects", ()))
         packing = getattr(subject, "packing", subject)
         links, shapes = getattr(packing, "links", None), getattr(packing, "shapes", None)
         where = f"{name}.packing" if packing is not subject else name
@@ -182,11 +201,12 @@ def declare(
     at_rest, packing_only, rough, shaped
         As in `Honors`.
     apart
-        What it honors, but not both at once: "friction+links friction+shapes".
+        What it honors, but not both at once: "friction+links friction+shapes"; friction with walls goes without saying.
 
     """
     named = tuple(columns.split())
     pairs = tuple((one, other) for one, _, other in (pair.partition("+") for pair in apart.split()))
+    pairs += tuple(pair for pair in _NOT_BESIDE if set(pair) <= set(named))
     unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")

@@ -241,11 +241,29 @@ def test_every_effect_changes_a_call_that_honors_it(call):
     sheared = dict.fromkeys(("shear_at_pressure", "shear_jam"), ("gravity", "walls", "held"))
     left_out = {"simulate": (), **sheared}.get(call, ("held",))
     assert honored == [column for column in EFFECTS if column not in left_out]
-    whole = MOVING[call](scene_of(*honored))
-    assert np.isfinite(whole).all()
-    for column in honored:
-        changed = np.abs(MOVING[call](scene_of(*honored, silent=column)) - whole).max()
-        assert changed > 1e-9, column
+    # walls are smooth: no scene has them and friction
+    rough, smooth = ([column for column in honored if column != other] for other in ("walls", "friction"))
+    for together, looked_at in ((rough, rough), (smooth, ["walls"] if "walls" in honored else [])):
+        whole = MOVING[call](scene_of(*together)) if looked_at else np.zeros(0)
+        assert np.isfinite(whole).all()
+        for column in looked_at:
+            changed = np.abs(MOVING[call](scene_of(*together, silent=column)) - whole).max()
+            assert changed > 1e-9, column
+
+
+@pytest.mark.parametrize("call", sorted(name for name in CALLS if not CALLS[name].packing_only))
+def test_no_call_takes_friction_beside_walls(call):
+    """A disc that slides on a floor would go on sliding; at first it must be told apart from what is honored alone."""
+    both = scene_of("repulsion", "friction", "walls")
+    alone = {CALLS[call].answer(column) for column in ("friction", "walls")}
+    assert (("friction", "walls") in CALLS[call].apart) == (alone == {HONORED})
+    refuses(
+        call,
+        both,
+        r"must not hold Friction beside Walls .*held particles \(pm.FixedParticles"
+        if alone == {HONORED}
+        else "would ignore",
+    )
 
 
 @pytest.mark.parametrize("call", sorted(RESTING))
@@ -264,7 +282,7 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         tangential=pm.TangentialDisplacements(contacts.i_c, contacts.j_c, contacts.image_cd, springs)
     )
     # what pressing does with friction takes its time: tests/protocols/test_press.py
-    # smooth walls know no friction
+    # what touches walls has no friction
     left_out = {"jam", "wall_contacts"}
     honoring = [name for name in RESTING if CALLS[name].answer("friction") == HONORED and name not in left_out]
     assert {"contact_forces", "elastic_moduli", "frictional_modes", "stiffness_matrix", "torques"} <= set(honoring)

@@ -1,9 +1,9 @@
 """Where particles with shapes touch a wall: one distance each, with its slopes and curvatures.
 
-The law of a wall is taken as that of a disc at twice the distance D of its center and at its diameter, as if a mirror
-image came from behind. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
-rho = 2 D r / h, by which it must be scaled to touch, times the diameter 2 r. A rigid body has a distance for each bead,
-as that is a disc or sphere.
+The distance is that of the particle and its mirror image, `packmech.effects.Walls`: rho = 2 D for a disc whose center is
+D from the wall. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
+rho = 2 D r / h, the diameter 2 r times the scale D / h at which it would just touch. A rigid body has a distance for
+each bead, as that is a disc or sphere. Of the energy u(rho) of both the particle has half.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class WallTouches(NamedTuple):
         (W,) distances at which the law is taken, and those at which they would just touch [length].
     slope_wx, curvature_wxx
         (W, X) slopes and (W, X, X) second derivatives of the distance along the position and the rotation of the
-        particle, X = 3 in a plane and 6 in space.
+        particle, X = 3 in a plane and 6 in space; the mirror image moves with it.
 
     """
 

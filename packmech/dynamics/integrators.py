@@ -127,8 +127,8 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     """Return the largest stiffness k [energy/length^2], damping c [mass/time] and background drag [1/time] of a scene.
 
     k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
-    at their rest lengths, and for walls, by half their stiffness, as a single particle moves there where otherwise two
-    do. Of rigid bodies the beads touch, with their sizes. All count as often as `stiffening` says.
+    at their rest lengths, and for walls, by half their stiffness: that of a particle and its mirror image. Of rigid
+    bodies the beads touch, with their sizes. All count as often as `stiffening` says.
     """
     packing = scene.packing
     diameter = packing.diameter_n

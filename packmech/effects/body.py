@@ -59,11 +59,19 @@ class BackgroundDamping(NamedTuple):
 class Walls(NamedTuple):
     """Two smooth walls across an axis (0, 1 or 2), at `low` and `high`; particles touch them as they touch each other.
 
-    The law's distance is twice that of a particle's center from the wall and its contact distance the diameter, as if
-    a mirror image came from behind. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it
-    where the distance D of its center is smaller: the law's distance is 2 D r / h then, with the diameter 2 r, and a
-    wall turns it; of a rigid body every bead touches for itself. The dashpot sees the rate of that distance, twice the
-    speed of a disc. Walls stand still; the box must leave room for them.
+    A contact with a wall is one with the particle's mirror image, which moves as its mirror image does. At a distance D
+    of the center the law is that of the distance rho = 2 D and the contact distance 2 r. The force on the particle is
+    that of the pair, -u'(rho) - damping d(rho)/dt, where the image comes closer twice as fast as the particle: a
+    dashpot brakes a disc of speed v by 2 v damping. As only one of the two is there, it has half the pair's energy,
+    u(rho) / 2, whose slope by D is the force, and a stiffness of 2 u''(rho). A particle rebounds from a wall as each of
+    two equal ones that meet head on, and is pressed by the same force at the same overlap.
+
+    An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it where D is smaller; as its image
+    touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body every
+    bead touches its own image, not those of other beads, which only beads pressed deep into a wall would reach.
+
+    Walls are smooth: scenes with friction are refused, and need rough walls, of particles that are held. Walls stand
+    still; the box must leave room for them.
     """
 
     axis: float = 1.0
@@ -91,9 +99,9 @@ class Walls(NamedTuple):
             at, speed = z, w
         push = 0.0
         if at - self.low < radius:
-            push += -2.0 * law_first(self.law, 2.0 * (at - self.low), 2.0 * radius) - self.damping * speed
+            push -= law_first(self.law, 2.0 * (at - self.low), 2.0 * radius) + 2.0 * self.damping * speed
         if self.high - at < radius:
-            push += 2.0 * law_first(self.law, 2.0 * (self.high - at), 2.0 * radius) - self.damping * speed
+            push += law_first(self.law, 2.0 * (self.high - at), 2.0 * radius) - 2.0 * self.damping * speed
         if self.axis == 0.0:
             return push, 0.0, 0.0
         if self.axis == 1.0:
@@ -109,9 +117,9 @@ class Walls(NamedTuple):
             at = z
         energy = 0.0
         if at - self.low < radius:
-            energy += law_energy(self.law, 2.0 * (at - self.low), 2.0 * radius)
+            energy += 0.5 * law_energy(self.law, 2.0 * (at - self.low), 2.0 * radius)
         if self.high - at < radius:
-            energy += law_energy(self.law, 2.0 * (self.high - at), 2.0 * radius)
+            energy += 0.5 * law_energy(self.law, 2.0 * (self.high - at), 2.0 * radius)
         return energy
 
     def body_second(
@@ -125,9 +133,9 @@ class Walls(NamedTuple):
             at = z
         second = 0.0
         if at - self.low < radius:
-            second += 4.0 * law_second(self.law, 2.0 * (at - self.low), 2.0 * radius)
+            second += 2.0 * law_second(self.law, 2.0 * (at - self.low), 2.0 * radius)
         if self.high - at < radius:
-            second += 4.0 * law_second(self.law, 2.0 * (self.high - at), 2.0 * radius)
+            second += 2.0 * law_second(self.law, 2.0 * (self.high - at), 2.0 * radius)
         if self.axis == 0.0:
             return second, 0.0, 0.0, 0.0, 0.0, 0.0
         if self.axis == 1.0:
@@ -136,7 +144,7 @@ class Walls(NamedTuple):
 
     def body_stiffness(self, radius: float) -> float:
         """Return the stiffness at contact [energy/length^2]."""
-        return 4.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
+        return 2.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
 
 
 # fields that may be negative

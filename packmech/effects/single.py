@@ -250,9 +250,11 @@ def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
     second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
     for _, wall, _, touches in wall_sides(effects, packing):
         terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
-        np.add.at(energy, touches.particle_w, terms.energy_c)
-        np.add.at(slope, touches.particle_w, terms.first_c[:, None] * touches.slope_wx)
-        steep = touches.slope_wx[:, :, None] * touches.slope_wx[:, None, :] * terms.second_c[:, None, None]
-        np.add.at(stiffness, touches.particle_w, steep)
-        np.add.at(second, touches.particle_w, steep + terms.first_c[:, None, None] * touches.curvature_wxx)
+        # half of what the particle and its mirror image have together
+        first, steep = 0.5 * terms.first_c, 0.5 * terms.second_c
+        np.add.at(energy, touches.particle_w, 0.5 * terms.energy_c)
+        np.add.at(slope, touches.particle_w, first[:, None] * touches.slope_wx)
+        steep_wxx = steep[:, None, None] * touches.slope_wx[:, :, None] * touches.slope_wx[:, None, :]
+        np.add.at(stiffness, touches.particle_w, steep_wxx)
+        np.add.at(second, touches.particle_w, steep_wxx + first[:, None, None] * touches.curvature_wxx)
     return ShapedTerms(energy, slope, second, stiffness)

@@ -196,8 +196,9 @@ def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
     Tangential forces are the stiffness of `Friction` times the packing's tangential displacements
-    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Smooth walls have
-    contacts of their own (`wall_contacts`); their pushes and weights count in the net forces.
+    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Walls, where
+    there is no friction, have contacts of their own (`wall_contacts`); their pushes and weights count in the net
+    forces.
 
     Parameters
     ----------

@@ -56,8 +56,8 @@ def energy(scene: Scene) -> float:
 
     Equation 19 of the polymer source, with 1/w instead of its double sum. Friction adds that of the tangential springs
     as they are stretched; gravity and walls theirs, with particles at their places in the cell. Ellipses and spheroids
-    have the law's energy at s (r_i + r_j), s the scale at which a pair touches, and on a wall at distance D that at
-    2 D r / h with the contact distance 2 r, h how far they reach toward it; rigid bodies that of each bead.
+    have the law's energy at s (r_i + r_j), s the scale at which a pair touches, and rigid bodies that of
+    each bead. On a wall every particle has half the energy of itself and its mirror image (`Walls`).
 
     Parameters
     ----------

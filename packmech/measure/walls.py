@@ -83,7 +83,8 @@ def _of_shapes(effects: tuple[Any, ...], packing: Packing, held_n: NDArray[np.bo
     found = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, d)), np.zeros(0))]
     for k, wall, side, touches in wall_sides(effects, packing):
         terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
-        force = -terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
+        # the slope of half the energy of the particle and its mirror image
+        force = -0.5 * terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
         kept = force != 0.0
         if held_n is not None:
             kept &= ~held_n[touches.particle_w]
@@ -113,7 +114,7 @@ def wall_contacts(scene: Scene) -> WallContacts:
     >>> ball = pm.Packing([[1.0, 1.45]], [0.5], pm.Box.cubic(4.0, 2))
     >>> floor = pm.wall_contacts(pm.Scene(ball, (pm.Repulsion(), pm.Walls(1, 1.0, 3.0))))
     >>> floor.on_walls().round(12).tolist()
-    [0.0, -0.2]
+    [0.0, -0.1]
 
     """
     instance("scene", scene, Scene)
@@ -135,8 +136,7 @@ def rattlers_of_scene(
     packing, contacts, effects
         The packing, its contacts and the scene's effects.
     cones
-        Friction of the contacts; None without. Walls are smooth: with friction, who touches one counts as held, for the
-        cones are those of particles.
+        Friction of the contacts; None without. Scenes with friction have no walls.
 
     """
     count = packing.particles
@@ -147,7 +147,6 @@ def rattlers_of_scene(
     if not all(isinstance(one, Walls) for one in single_effects(effects)):
         return np.asarray((contacts.count_n() == 0) & ~on_wall & ~held_n)
     if cones is not None:
-        held_n = held_n | on_wall
         return rattling_bodies(contacts.i_c, contacts.j_c, contacts.normal_cd, count, cones, held_n)
     # each contact with a wall is one with a body of its own, which is held
     own = count + np.arange(len(walls))

@@ -77,8 +77,8 @@ def bond(**numbers):
         ((pm.BackgroundDamping(8.0),), 1.0 / 8.0),
         # dashpots and drag slow the same motion
         ((pm.ContactDamping(5.0), pm.BackgroundDamping(8.0)), 1.0 / 13.0),
-        # a wall is a mirror that only one particle moves at
-        ((pm.Walls(1.0, 0.0, 10.0, law=pm.LinearSpring(8.0)),), 16.0**-0.5),
+        # a wall is a mirror: the step is that of a particle and its image
+        ((pm.Walls(1.0, 0.0, 10.0, law=pm.LinearSpring(8.0)),), 8.0**-0.5),
         ((pm.Walls(1.0, 0.0, 10.0, damping=30.0),), 1.0 / 30.0),
         ((pm.Gravity(),), 1.0),
     ],

@@ -77,7 +77,7 @@ def test_discs_written_as_round_ellipses_bounce_off_walls_as_discs_do():
 def test_an_ellipse_rocks_on_a_floor_with_the_period_of_its_shape():
     radius, aspect, weight, stiffness = 0.5, 2.0, 0.01, 50.0
     a, b = radius * math.sqrt(aspect), radius / math.sqrt(aspect)
-    height = b * (1.0 - math.pi * radius**2 * weight * b / (4.0 * stiffness * radius**2))
+    height = b * (1.0 - math.pi * radius**2 * weight * b / (2.0 * stiffness * radius**2))
     tilt = 1e-3
     shapes = pm.Spheroids([aspect], [[math.cos(tilt), math.sin(tilt)]])
     packing = pm.Packing([[2.0, 1.0 + height]], [radius], pm.Box.cubic(4.0, 2), shapes=shapes)

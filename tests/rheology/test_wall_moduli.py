@@ -151,6 +151,7 @@ def test_a_run_with_plates_goes_on_from_its_checkpoint_with_the_same_bits(slab, 
 
 @pytest.mark.slow
 def test_smooth_walls_bear_no_shear_and_the_flag_tells(slab):
+    slab = slab.without(pm.Friction)
     walled = slab.replace(effects=(*slab.effects[:-1], pm.Walls(axis=1, low=-0.5, high=8.5, law=LAW)))
     walls = shear(walled, None, carried=True).walls
     assert both(walls)[0] == 0.0 and not walls.agree

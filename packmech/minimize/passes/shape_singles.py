@@ -1,8 +1,9 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """What effects on single particles do to shapes in compiled loops: walls push and turn them, all else acts on centers.
 
-Distances from walls are those of `packmech.contacts.wall_touches`; a wall's dashpot sees their rate, which for discs is
-twice the speed. Shapes are the records of `shape_rows`, and decide by their type.
+Distances from walls are those of `packmech.contacts.wall_touches`, between a particle and its mirror image, whose energy it
+has half of; a wall's dashpot sees their rate, which for discs is twice the speed. Shapes are the records of
+`shape_rows`, and decide by their type.
 """
 
 from __future__ import annotations
@@ -67,8 +68,8 @@ def _reach(wall, shapes, i):
 
 @inlined
 def _pull(wall, distance, sigma, rate):
-    """Return du/drho of a wall, its dashpot's part in it."""
-    return law_first(wall.law, distance, sigma) + 0.25 * wall.damping * rate
+    """Return half of du/drho of a wall, its dashpot's part in it: what the particle has of it."""
+    return 0.5 * (law_first(wall.law, distance, sigma) + wall.damping * rate)
 
 
 @inlined
@@ -157,9 +158,9 @@ def _spheroid_on_walls(wall, shapes, i, x, y, z):
     for side in range(2):
         distance = at - wall.low if side == 0 else wall.high - at
         if distance < size:
-            energy += law_energy(wall.law, share * distance, sigma)
+            energy += 0.5 * law_energy(wall.law, share * distance, sigma)
             turn = share * distance / size * bend / shapes.gyration_n[i]
-            stiffness += abs(law_second(wall.law, share * distance, sigma)) * (share * share + turn * turn)
+            stiffness += 0.5 * abs(law_second(wall.law, share * distance, sigma)) * (share * share + turn * turn)
     return energy, stiffness
 
 
@@ -175,8 +176,8 @@ def _beads_on_walls(wall, shapes, i, x, y, z):
             arm = _component(wall.axis, u, v, w)
             distance = at + arm - wall.low if side == 0 else wall.high - at - arm
             if distance < radius:
-                energy += law_energy(wall.law, 2.0 * distance, 2.0 * radius)
-                stiffness += 4.0 * abs(law_second(wall.law, 2.0 * distance, 2.0 * radius)) * (1.0 + turn)
+                energy += 0.5 * law_energy(wall.law, 2.0 * distance, 2.0 * radius)
+                stiffness += 2.0 * abs(law_second(wall.law, 2.0 * distance, 2.0 * radius)) * (1.0 + turn)
     return energy, stiffness
 
 

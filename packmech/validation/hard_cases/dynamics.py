@@ -257,9 +257,9 @@ def _grazing_with_friction() -> float:
 
 def _squeezed() -> float:
     """Largest error, over the amplitude, of a disc between two walls nearer than its diameter, for 20 periods."""
-    # each wall pushes with 4 k (r - distance): w^2 = 8 k/m
+    # each wall pushes with 2 k (r - distance): w^2 = 4 k/m
     stiffness, gap, aside, periods = 1.0, 0.8, 0.05, 20
-    omega = math.sqrt(8.0 * stiffness)
+    omega = math.sqrt(4.0 * stiffness)
     walls = pm.Walls(axis=1, low=5.0, high=5.0 + gap, law=pm.LinearSpring(stiffness))
     packing = pm.Packing(
         np.array([[5.0, 5.0 + 0.5 * gap + aside]]), np.array([0.5]), pm.Box.cubic(12.0, 2), mass_n=[1.0]
