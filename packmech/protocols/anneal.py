@@ -18,9 +18,9 @@ from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
-from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
-from packmech.protocols.protocol import Protocol, finish, sequence
+from packmech.protocols.protocol import Protocol, finish, is_jammed, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids

@@ -11,8 +11,9 @@ from packmech.files.records import is_record
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, follow_jammed, press
+from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
 from packmech.protocols.linked_jam import decompress_linked
+from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
 
@@ -66,6 +67,8 @@ class Decompression:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
         start = self.start_packing_fraction
         if not protocol.scene.packing.plain:
+            if protocol.continues:
+                return follow_jammed(protocol, pressure)
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
         if protocol.continues:
             return follow_jammed(

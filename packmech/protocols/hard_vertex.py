@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from packmech.jamming.hard_packing import HardPacking, HardState, certify, densi
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.second_order.soft_newton import judge
 from packmech.packing import Packing
-from packmech.protocols.pressure_path import PressurePath
+from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.protocols.soft import follow_pressure, search_pressure
 from packmech.result import Outcome
@@ -25,8 +24,6 @@ _ONSET, _ONSETS = 0.03, (0.001, 0.2)
 # dense enough that a quench ends jammed, and not much denser than the packing that is looked for
 START = {2: 0.87, 3: 0.68}
 _BARRIERS = (1e-12, 1e-13, 1e-14)
-# pressure [energy_scale / diameter^d] down to which a jammed packing is followed before its hard packing is looked for
-_FOLLOWED_TO = 1e-5
 # how often a packing found at a saddle is kicked off it
 _KICKS = 3
 
@@ -145,30 +142,6 @@ class HardVertex:
         if hard is None:
             return protocol.last, Outcome.NOT_JAMMED
         return press(protocol, hard, pressure)
-
-
-def follow_jammed(
-    protocol: Protocol, pressure: float, search: Callable[[Packing], HardPacking | None]
-) -> tuple[Packing, Outcome]:
-    """Return the scene's packing, which is jammed, followed to the pressure along its network, and how that ended.
-
-    Parameters
-    ----------
-    protocol
-        The protocol; stages are added to it, and the figures of the hard packing to its report.
-    pressure
-        Pressure to reach [energy_scale / diameter^d].
-    search
-        Returns the exact hard packing near a packing at a small pressure, or None.
-
-    """
-    down = PressurePath(protocol)
-    if down.pressure > protocol.reduced_pressure(_FOLLOWED_TO):
-        down.go(_FOLLOWED_TO)
-    if search(protocol.restored(down.packing)) is None:
-        return protocol.last, Outcome.NOT_JAMMED
-    outcome = PressurePath(protocol).go(pressure)
-    return protocol.last, outcome
 
 
 def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int) -> HardPacking | None:

@@ -14,18 +14,13 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.friction import friction_of
-from packmech.measure.stress import force_balance
-from packmech.measure.stress import pressure as pressure_of
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol, finish, finish_pressed
+from packmech.protocols.protocol import Protocol, finish, finish_pressed, is_jammed
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
-
-# largest net force over mean contact force of a packing that a protocol goes on from
-_BALANCED = 1e-3
 
 
 def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
@@ -43,12 +38,6 @@ def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
         isotropic: NDArray[np.float64] = np.eye(dimension)[None] / np.sqrt(dimension)
         return isotropic
     return mandel_basis(dimension).copy()
-
-
-def is_jammed(scene: Scene) -> bool:
-    """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
-    largest, mean = force_balance(scene)
-    return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
 
 def check_method(method: Any) -> None:

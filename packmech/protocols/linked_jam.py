@@ -13,7 +13,8 @@ from packmech.measure.stress import pressure
 from packmech.minimize.bodies_apart import separate
 from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge
 from packmech.packing import Packing
-from packmech.protocols.protocol import Protocol, at_packing_fraction
+from packmech.protocols.pressure_path import PressurePath, onset_depth, report_onset
+from packmech.protocols.protocol import Protocol, at_packing_fraction, is_jammed
 from packmech.result import Outcome
 
 # lowest pressure over the smallest distance asked for, and its bounds: below, rounding of positions leaves too few
@@ -183,6 +184,9 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
         Maximum number of FIRE steps in one box.
 
     """
+    if pressure is not None and is_jammed(protocol.scene):
+        outcome = PressurePath(protocol).go(pressure)
+        return protocol.last, outcome
     if pressure is not None:
         packing, now = compress_linked(protocol, protocol.scene.packing, pressure, _FIRE_TOLERANCES[0], step_limit)
         if now < pressure:
@@ -252,9 +256,9 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
             else:
                 factor = max(_BOLDEST, factor**1.5)
             taken += 1
-            before = _depth(state.packing)
+            before = onset_depth(state.packing)
             state, now = trial, ahead
-            _extrapolate(protocol, before, _depth(state.packing))
+            report_onset(protocol, before, onset_depth(state.packing))
             protocol.last = protocol.restored(state.packing)
             figures.residual = state.residual
             protocol.loop.report(name, pressure=now, packing=protocol.last, residual=state.residual)
@@ -302,16 +306,3 @@ def _searched(protocol: Protocol, packing: Packing, pressure: float | None, stag
         if done.merit > tolerance or evaluations > _VAIN:
             break
     return None, evaluations
-
-
-def _depth(packing: Packing) -> tuple[float, float]:
-    """Return packing fraction and mean relative overlap."""
-    overlap = touching_pairs(packing).overlap_c
-    return packing_fraction(packing), float(overlap.mean()) if len(overlap) else 0.0
-
-
-def _extrapolate(protocol: Protocol, before: tuple[float, float], after: tuple[float, float]) -> None:
-    """Put the packing fraction at which the overlaps would vanish into the report: the line through two packings."""
-    if before[1] > after[1]:
-        slope = (before[0] - after[0]) / (before[1] - after[1])
-        protocol.report["jamming_packing_fraction"] = after[0] - slope * after[1]

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.shape_contacts import touching_pairs
+from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
-from packmech.minimize.second_order.soft_network import Load
-from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge, newton
+from packmech.minimize.second_order.soft_network import Load, isochoric_part
+from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge, newton, standing
 from packmech.packing import Packing
-from packmech.protocols.protocol import Protocol, pairs_of, report_changes
+from packmech.protocols.protocol import CHANGES, Protocol, pairs_of, report_changes
 from packmech.protocols.soft import extrapolated, search_pressure
 from packmech.result import Outcome
 
@@ -24,6 +26,12 @@ _ALMOST = 0.01
 # logarithms of a ratio of pressures that count as much as a change of the rest of the load by the pressure
 _TURN = 10.0
 _ITERATIONS = 25
+# pressure [energy_scale / diameter^d] down to which a jammed packing is followed before its onset is looked for, and
+# the second of the two on the line to the onset, in units of the first
+_FOLLOWED_TO, _SECOND = 1e-5, 0.5
+# missing stress over pressure up to which a packing in balance stays as it is: its packing fraction would change by
+# less than this part of the overlaps [1]
+_THERE = 1e-8
 
 
 class PressurePath:
@@ -33,31 +41,41 @@ class PressurePath:
     ----------
     protocol
         The protocol.
-    shears
-        Whether loads are stresses with parts that are no pressure, to begin with that of the packing.
+    packing
+        Where it begins; None: the scene's.
 
     """
 
-    def __init__(self, protocol: Protocol, *, shears: bool = False) -> None:
+    def __init__(self, protocol: Protocol, packing: Packing | None = None) -> None:
         self.protocol = protocol
-        scene = protocol.scene
+        scene = protocol.scene if packing is None else protocol.scene.replace(packing=packing)
         self.packing = protocol.reduced(scene.packing)
         self.pressure = protocol.reduced_pressure(pressure_of(scene) / scene.pressure_unit)
+        # where strains are free that a pressure alone does not change, the stress that they bear now
+        shears = len(isochoric_part(protocol.basis_kdd, scene.packing.dimension)) > 0
         self.rest_dd = Load.of(stress_tensor(scene)).rest_dd if shears else None
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
         self.pairs = pairs_of(touching_pairs(scene.packing))
 
     def go(self, pressure: float, rest_dd: NDArray[np.float64] | None = None) -> Outcome:
-        """Go on to a load, its pressure in units of [energy_scale / diameter^d]; return how that ended."""
+        """Go on to a load, its pressure in units of [energy_scale / diameter^d]; return how that ended.
+
+        A packing that is at rest under the load stays as it is, to the last bit. Where strains are free and no rest of
+        the load is given, the stress becomes isotropic on the way, little by little.
+        """
         protocol, rearrangements, iterations = self.protocol, 0, 0
+        tolerance = max(protocol.force_tolerance, 1e-7)
+        if rest_dd is None and self.rest_dd is not None and float(np.abs(self.rest_dd).max()) > tolerance:
+            rest_dd = np.zeros_like(self.rest_dd)
         way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
         place, factor = way.start, _FIRST
         if rest_dd is not None:
             self.before = None
-        tolerance = max(protocol.force_tolerance, 1e-7)
         with protocol.stage("following the pressure" if rest_dd is None else "following the stress") as figures:
-            while True:
+            state = standing(self.packing, protocol.units, protocol.basis_kdd, way.load(way.end))
+            there = self._there(state)
+            while not there:
                 protocol.loop.check_time()
                 further = way.further(place, factor)
                 load = way.load(further)
@@ -97,6 +115,10 @@ class PressurePath:
         self.pairs = report_changes(protocol, rearrangements, self.pairs)
         return judge(state, protocol.force_tolerance)
 
+    def _there(self, state: SoftState) -> bool:
+        """Return whether the packing, as it stands, is in stable balance under the load."""
+        return state.sound(self.protocol.force_tolerance) and state.stress_error <= max(_THERE, state.least_error)
+
     def _step(self, place: float, further: float, load: float | Load) -> SoftState:
         """Return the packing at another load, looked for on the line through the last two."""
         start = self.packing
@@ -106,6 +128,67 @@ class PressurePath:
         if not start.plain:
             return descend(start, units, basis, load)
         return newton(start, units, basis, load, iterations=_ITERATIONS)
+
+
+def follow_jammed(
+    protocol: Protocol, pressure: float, search: Callable[[Packing], object | None] | None = None
+) -> tuple[Packing, Outcome]:
+    """Return the scene's packing, which is jammed, followed to the pressure from where it stands, and how that ended.
+
+    The packing fraction at which its overlaps would vanish goes into the report: that of the exact hard packing nearby,
+    or that on the line through two packings where the search for one does not know the way. Both are looked for
+    below 1e-5, where the packing is followed, too; `onset_rearrangements` says how often it rearranged on that way.
+
+    Parameters
+    ----------
+    protocol
+        The protocol; stages are added to it, and the figures of the hard packing to its report.
+    pressure
+        Pressure to reach [energy_scale / diameter^d].
+    search
+        Returns the exact hard packing near a packing at a small pressure, or None; None with links or shapes.
+
+    """
+    outcome = PressurePath(protocol).go(pressure)
+    reached, changes = protocol.last, {name: protocol.report[name] for name in CHANGES}
+    if outcome.ok:
+        onset = _find_onset(protocol, reached, search)
+        protocol.report.update(changes, onset_rearrangements=onset)
+    protocol.last = reached
+    return reached, outcome
+
+
+def _find_onset(
+    protocol: Protocol, packing: Packing, search: Callable[[Packing], object | None] | None
+) -> int | None:
+    """Report the onset of jamming of a packing; return how often it rearranged on the way, None if it was lost."""
+    path = PressurePath(protocol, packing)
+    rearrangements, near = 0, packing
+    if path.pressure > protocol.reduced_pressure(_FOLLOWED_TO):
+        if not path.go(_FOLLOWED_TO).ok:
+            return None
+        rearrangements, near = protocol.report["rearrangements"], protocol.last
+    if search is not None:
+        search(near)
+        return rearrangements
+    depth = onset_depth(path.packing)
+    if not path.go(_SECOND * path.pressure / protocol.reduced_pressure(1.0)).ok:
+        return None
+    report_onset(protocol, depth, onset_depth(path.packing))
+    return rearrangements + protocol.report["rearrangements"]
+
+
+def onset_depth(packing: Packing) -> tuple[float, float]:
+    """Return packing fraction and mean relative overlap."""
+    overlap = touching_pairs(packing).overlap_c
+    return packing_fraction(packing), float(overlap.mean()) if len(overlap) else 0.0
+
+
+def report_onset(protocol: Protocol, before: tuple[float, float], after: tuple[float, float]) -> None:
+    """Put the packing fraction at which the overlaps would vanish into the report: the line through two packings."""
+    if before[1] > after[1]:
+        slope = (before[0] - after[0]) / (before[1] - after[1])
+        protocol.report["jamming_packing_fraction"] = after[0] - slope * after[1]
 
 
 class _Way:

@@ -13,7 +13,8 @@ from packmech.contacts.network import candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import HardPacking, HardState, kicked
 from packmech.linalg.linear_programs import LinearProgram, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, follow_jammed, press
+from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, press
+from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
 

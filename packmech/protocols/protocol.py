@@ -32,6 +32,7 @@ from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
 from packmech.measure.shaped import check_pairs_only
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
+from packmech.measure.stress import pressure as pressure_of
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.shaped import shaped_network
@@ -47,12 +48,20 @@ from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 from packmech.shapes import Beads
 
+# largest net force over mean contact force of a packing that a protocol goes on from
+_BALANCED = 1e-3
 # numbers times steps of a relaxation between two packings that an interrupt leaves, and steps where someone watches
 _PORTION, _WATCHED = 5_000_000, 20
 # rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
 _ROUNDING = 1e-11
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 _PRESSED = 1e-6
+
+
+def is_jammed(scene: Scene) -> bool:
+    """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
+    largest, mean = force_balance(scene)
+    return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
 
 class Figures:
@@ -290,8 +299,11 @@ def at_packing_fraction(packing: Packing, value: float) -> Packing:
 
 
 def pairs_of(contacts: Contacts | ShapeContacts) -> set[tuple[int, ...]]:
-    """Return the pairs that touch as (i, j, image)."""
-    return {tuple(row) for row in np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd]).tolist()}
+    """Return the pairs that touch as (i, j, image); with shapes also their sites, of bodies the beads that touch."""
+    columns = [contacts.i_c, contacts.j_c, contacts.image_cd]
+    if isinstance(contacts, ShapeContacts):
+        columns += [contacts.site_i_c, contacts.site_j_c]
+    return {tuple(row) for row in np.column_stack(columns).tolist()}
 
 
 def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
@@ -542,6 +554,10 @@ def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float6
     return positive_array(name, listed(name, values, "positive numbers"), shape=(None,), what=what)
 
 
+# what a packing that is followed reports of the way
+CHANGES = ("rearrangements", "contacts_closed", "contacts_opened")
+
+
 def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Report which contacts closed and opened since there were these pairs; return those of the packing now."""
     now = pairs_of(touching_pairs(protocol.last))
@@ -579,7 +595,7 @@ def follow_series(
 
     def work(goal: float) -> Outcome:
         # what is not reached is not in the report
-        for name in ("rearrangements", "contacts_closed", "contacts_opened"):
+        for name in CHANGES:
             protocol.report.pop(name, None)
         return go(goal)
 

@@ -13,9 +13,9 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.stress import stress_tensor
 from packmech.minimize.second_order.soft_network import Load
 from packmech.packing import no_own_images
-from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.jam import free_strains
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, follow_series, sequence
+from packmech.protocols.protocol import Protocol, follow_series, is_jammed, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -170,7 +170,7 @@ def sweep_stress(
     _jammed(scene)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     protocol = Protocol(scene, free_strains("free", d), "free", tolerance, loop)
-    path = PressurePath(protocol, shears=True)
+    path = PressurePath(protocol)
 
     def go(k: float) -> Outcome:
         for name in ("stress", "stress_error"):

@@ -76,7 +76,12 @@ class SoftState:
 
     def sound(self, tolerance: float) -> bool:
         """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
-        return self.negative == 0 and self.balanced(max(tolerance, _STILL * self.floor))
+        return self.negative == 0 and self.balanced(max(tolerance, self.least_error))
+
+    @property
+    def least_error(self) -> float:
+        """The residual that rounding of positions leaves."""
+        return _STILL * self.floor
 
 
 def network_of(
@@ -165,6 +170,27 @@ def newton(
     return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, evaluations)
 
 
+def standing(
+    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None
+) -> SoftState:
+    """Return the packing as it stands, nothing moved: how far from balance it is, and whether it is stable.
+
+    Parameters
+    ----------
+    packing, units, basis_kdd, pressure
+        As in `newton`.
+
+    """
+    network = network_of(packing, units, basis_kdd, pressure)
+    negative = 0
+    if len(network.contacts):
+        negative = _unstable_directions(packing, units, network.basis_kdd, pressure)
+    return SoftState(
+        packing, network.residual, network.stress_error, 0, negative, 1.0,
+        rounding_floor(network), network.mean_contact_force(), 1,
+    )  # fmt: skip
+
+
 def rounding_floor(network: SoftNetwork) -> float:
     """Return the residual that rounding of positions alone can cause; zero where nothing touches."""
     if not len(network.contacts):
@@ -174,7 +200,9 @@ def rounding_floor(network: SoftNetwork) -> float:
     return float(np.finfo(float).eps * _extent(packing) * network.largest_stiffness / mean)
 
 
-def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
+def _unstable_directions(
+    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None
+) -> int:
     """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
     network = network_of(packing, units, basis_kdd, pressure)
     contacts = network.near(packing)

@@ -19,9 +19,9 @@ from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.measure.counting import find_rattlers, packing_fraction
 from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
-from packmech.protocols.jam import free_strains, is_jammed
+from packmech.protocols.jam import free_strains
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, finish, pairs_of
+from packmech.protocols.protocol import Protocol, finish, is_jammed, pairs_of
 from packmech.protocols.shearing.strain_path import Located, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
