@@ -42,6 +42,8 @@ _WIDE, _WIDEST = 1e2, 1e-3
 _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 # positions are multiples of their last digit: so many floors is as still as a packing can be in double precision
 _STILL = 8.0
+# sizes of the displacements that move a packing off a saddle, one after the other [reduced length]
+_KICKS = (1e-5, 1e-4, 1e-3)
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _NO_FORCE = 0.1
 
@@ -335,6 +337,8 @@ def find_bottom(
 ) -> SoftState:
     """Return the packing that `descend` reaches; where it comes to no balance, that of `descend_smoothed`.
 
+    A symmetric packing goes down to a saddle, where nothing pushes it off its symmetry: small displacements do.
+
     Parameters
     ----------
     packing, units, basis_kdd, pressure, watch
@@ -344,11 +348,33 @@ def find_bottom(
 
     """
     state = descend(packing, units, basis_kdd, pressure, watch=watch)
+    for size in _KICKS:
+        if not state.negative or not replace(state, negative=0).sound(tolerance):
+            break
+        off = descend(_kicked(state.packing, size), units, basis_kdd, pressure, watch=watch)
+        state = replace(
+            off, iterations=state.iterations + off.iterations, evaluations=state.evaluations + off.evaluations
+        )
     if state.sound(tolerance) or state.unjammed:
         return state
     smoothed = descend_smoothed(packing, units, basis_kdd, pressure, watch=watch)
     iterations, evaluations = state.iterations + smoothed.iterations, state.evaluations + smoothed.evaluations
     return replace(smoothed, iterations=iterations, evaluations=evaluations)
+
+
+def _kicked(packing: Packing, size: float) -> Packing:
+    """Return the packing after displacements and turns of a size [reduced length], each along a direction of its own.
+
+    Their mean is taken off: particles that all move alike leave no saddle.
+    """
+    shapes, d = packing.shapes, packing.dimension
+    turns = 0 if shapes is None else shapes.turn_basis(packing.radius_n).shape[1]
+    kick = size * np.random.default_rng(packing.particles).standard_normal((packing.particles, d + turns))
+    moved = packing.replace(position_nd=packing.position_nd + kick[:, :d] - kick[:, :d].mean(axis=0))
+    if shapes is None:
+        return moved
+    turn = np.einsum("nk,nkt->nt", kick[:, d:], shapes.turn_basis(packing.radius_n))
+    return moved.replace(shapes=shapes.turned(turn))
 
 
 def _overlap(network: SoftNetwork) -> float:
