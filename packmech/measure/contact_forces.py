@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.friction_cones import FrictionCones
 from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
@@ -38,8 +39,6 @@ class ContactForces:
         (C,) normal forces, positive for repulsion [force].
     tangential_cd
         (C, d) tangential forces on particle i [force].
-    at_limit_c
-        (C,) contacts at the Coulomb limit, which slide as soon as they are pushed on.
 
     """
 
@@ -47,7 +46,20 @@ class ContactForces:
     contacts: Contacts
     normal_c: NDArray[np.float64]
     tangential_cd: NDArray[np.float64]
-    at_limit_c: NDArray[np.bool_]
+
+    @functools.cached_property
+    def limit(self) -> CoulombLimit:
+        """Which contacts are at the Coulomb limit, which are doubtful, and the bound between (`find_at_limit`)."""
+        size = np.sqrt((self.tangential_cd**2).sum(axis=1))
+        return find_at_limit(size, self.normal_c, _coefficient(self.scene), self.residual)
+
+    @property
+    def at_limit_c(self) -> NDArray[np.bool_]:
+        """The (C,) contacts at the Coulomb limit as well as the residual lets it be known.
+
+        They slide as soon as they are pushed on.
+        """
+        return self.limit.at_limit_c
 
     @property
     def force_cd(self) -> NDArray[np.float64]:
@@ -77,7 +89,7 @@ class ContactForces:
             sum_nk[held] = 0.0
         return sum_nk
 
-    @property
+    @functools.cached_property
     def residual(self) -> float:
         """Largest net force, or net torque over the radius, over the mean normal force [1]; 0 where nothing touches."""
         if not len(self.contacts):
@@ -138,6 +150,12 @@ class ContactForces:
         return 2.0 * int(self._held_c().sum()) / held if held else 0.0
 
     @property
+    def sliding_fraction(self) -> float:
+        """Part of the force-bearing contacts between particles that do not rattle that is at the Coulomb limit [1]."""
+        held = self._held_c()
+        return float(self.at_limit_c[held].mean()) if held.any() else 0.0
+
+    @property
     def at_limit_per_particle(self) -> float:
         """Contacts at the Coulomb limit per particle that does not rattle, n_m [1]."""
         held = int((~self.rattlers_n).sum())
@@ -163,6 +181,7 @@ class ContactForces:
             "bearing_contacts": int(self._held_c().sum()),
             "rattlers": int(self.rattlers_n.sum()),
             "contacts_at_limit": int((self._held_c() & self.at_limit_c).sum()),
+            "doubtful_at_limit": int((self._held_c() & self.limit.doubtful_c).sum()),
             "coordination_number": self.coordination_number,
             "isostatic_coordination": self.isostatic_coordination,
             "pressure": self.pressure,
@@ -227,7 +246,7 @@ def contact_forces(scene: Scene) -> ContactForces:
     contacts = find_contacts(packing, gap_tolerance=0.0)
     first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
     found = tangential_forces(scene, contacts, -first)
-    return ContactForces(scene, contacts, -first, found.force_cd, found.at_limit_c)
+    return ContactForces(scene, contacts, -first, found.force_cd)
 
 
 @honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")

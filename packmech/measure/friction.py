@@ -12,16 +12,12 @@ from packmech.effects import Friction
 from packmech.links import named_rows
 from packmech.scene import Scene
 
-# a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-_LIMIT = 1.0 - 1e-9
-
 
 class TangentialForces(NamedTuple):
-    """(C, d) tangential forces on particle i [force], (C,) energies of their springs, (C,) which are at the limit."""
+    """(C, d) tangential forces on particle i [force], and (C,) energies of their springs."""
 
     force_cd: NDArray[np.float64]
     energy_c: NDArray[np.float64]
-    at_limit_c: NDArray[np.bool_]
 
 
 def friction_of(scene: Scene) -> Friction | None:
@@ -45,8 +41,7 @@ def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.flo
     count, d, friction = len(contacts), contacts.dimension, friction_of(scene)
     springs = scene.packing.tangential
     if friction is None or springs is None:
-        none = np.zeros((count, d)), np.zeros(count), np.zeros(count, dtype=bool)
-        return TangentialForces(*none)
+        return TangentialForces(np.zeros((count, d)), np.zeros(count))
     displacement = np.zeros((count, 1 if d == 2 else 3))
     place = named_rows((contacts.i_c, contacts.j_c, contacts.image_cd), (springs.i_c, springs.j_c, springs.image_cd))
     displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
@@ -56,13 +51,11 @@ def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.flo
     size = np.sqrt((force**2).sum(axis=1))
     cap = friction.coefficient * np.abs(normal_c)
     force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
-    # without friction nothing is at its limit
-    limit = (cap > 0.0) & (size >= _LIMIT * cap)
     if d == 2:
         force = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1) * force
     # a spring that gave way holds what its force is worth
     stretch = np.minimum(size, cap) / friction.stiffness if friction.stiffness > 0.0 else np.zeros(count)
-    return TangentialForces(force, 0.5 * friction.stiffness * stretch**2, limit)
+    return TangentialForces(force, 0.5 * friction.stiffness * stretch**2)
 
 
 def _laid_across(displacement_c3: NDArray[np.float64], normal_c3: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import instance, one_of, positive
+from packmech.check import finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
@@ -30,8 +30,11 @@ from packmech.measure.shaped import ShapeForces
 from packmech.measure.stress import contact_stress, sum_forces
 from packmech.mechanics.frictional import (
     AT_LIMIT,
+    FrictionalNetwork,
+    SlidingResponse,
     acting_friction,
     check_frictional,
+    find_sliding,
     frictional_network,
     frictional_system,
     relax_frictional,
@@ -47,6 +50,7 @@ _INCONSISTENT = 1e-6
 _REFINEMENTS = 8
 # components of unit strains below this are rounding
 _TOUCHED = 1e-8
+_NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -131,9 +135,12 @@ class Moduli:
         packing at rest: when this is not small they mean little.
     seconds
         CPU time.
-    at_limit_k
-        With friction the contacts at the Coulomb limit that took part, by their numbers in `contact_forces(scene)`;
-        what they did is the argument `contacts_at_limit`. Empty without.
+    at_limit_k, sliding_k
+        With friction the contacts at the Coulomb limit that took part, and those of them that slide, by their numbers
+        in `contact_forces(scene)`; what they do is the argument `contacts_at_limit`. Empty without.
+    doubtful_at_limit
+        How many contacts are so near to the bound between those at the limit and the others that moduli may rest on
+        where it lies (`ContactForces.limit`).
 
     """
 
@@ -154,6 +161,8 @@ class Moduli:
     force_residual: float
     seconds: float
     at_limit_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    sliding_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    doubtful_at_limit: int = 0
 
     @property
     def dimension(self) -> int:
@@ -514,7 +523,7 @@ def elastic_moduli(
     kind: str = "exact",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
-    contacts_at_limit: str = "stick",
+    contacts_at_limit: str | ArrayLike = "stick",
 ) -> Moduli:
     """Return the elastic moduli of a packing at rest, its particles free to relax.
 
@@ -546,7 +555,13 @@ def elastic_moduli(
         Pairs with a gap up to this times the contact distance [1] are contacts; those that do not overlap count with
         u''(1-). None: the rule of `find_contacts`. With friction contacts are pairs that overlap, and no others.
     contacts_at_limit
-        With friction, what contacts at the Coulomb limit do: "stick" or "slip", as in `stiffness_matrix`.
+        With friction, what contacts at the Coulomb limit do: all "stick" or all "slip", as in `stiffness_matrix`; or a
+        (d, d) strain, such as [[0, 1], [1, 0]] for the shear that `shear_modulus` answers to: those slide that it loads
+        and those stick that it unloads, together with the motion that follows. Its sign matters and its size does not.
+        The moduli are then the response to this strain, and to others that let the same contacts slide: they hold for
+        strains that change forces by more than the distances to the limit of `at_limit_k` and by less than those of
+        other contacts. No strain need do what "stick" or "slip" say; its moduli mostly lie between the two, though
+        with forces that derive from no energy these are no bounds.
 
     Returns
     -------
@@ -581,11 +596,11 @@ def elastic_moduli(
     start = time.process_time()
     instance("scene", scene, Scene)
     one_of("kind", kind, KINDS)
-    one_of("contacts_at_limit", contacts_at_limit, AT_LIMIT)
+    at_limit = _at_limit(contacts_at_limit, scene.packing.dimension)
     if scene.packing.shapes is not None:
         return _shaped_moduli(scene, kind, rattlers, gap_tolerance, start)
     if acting_friction(scene) is not None:
-        return _frictional_moduli(scene, kind, rattlers, gap_tolerance, contacts_at_limit, start)
+        return _frictional_moduli(scene, kind, rattlers, gap_tolerance, at_limit, start)
     # a coefficient of zero holds nothing, and springs of such contacts are slack
     scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
     with single_thread():
@@ -621,7 +636,6 @@ def elastic_moduli(
             particles=contacts.particles,
             contacts=len(contacts),
             force_residual=largest / float(force.mean()) if force.any() else 0.0,
-            at_limit=np.zeros(0, dtype=np.int64),
             start=start,
         )
 
@@ -654,36 +668,65 @@ def _shaped_moduli(scene: Scene, kind: str, rattlers: str, gap_tolerance: float 
             particles=one.particles,
             contacts=len(one),
             force_residual=largest / mean if mean > 0.0 else 0.0,
-            at_limit=np.zeros(0, dtype=np.int64),
             start=start,
         )
 
 
+def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float64]:
+    """Return what contacts at the Coulomb limit do, checked: a name, or the Mandel components of a strain."""
+    if isinstance(given, str):
+        return one_of("contacts_at_limit", given, AT_LIMIT)
+    strain = finite_array("contacts_at_limit", given, shape=(dimension, dimension))
+    if not strain.any():
+        raise ValueError("contacts_at_limit must be a strain that is not zero, 'stick' or 'slip', got zeros")
+    return mandel_vector((strain + strain.T) / 2.0)
+
+
+def _response(
+    network: FrictionalNetwork, kind: str, at_limit: str | NDArray[np.float64], count_n: NDArray[np.int64], push: float
+) -> SlidingResponse:
+    """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
+    if not isinstance(at_limit, str):
+        return find_sliding(network, kind, at_limit, count_n, push)
+    sliding = network.sliding(at_limit)
+    system = frictional_system(network.forces, network.first_c, network.second_c, kind, sliding, network.kept_n)
+    return SlidingResponse(system, relax_frictional(system, count_n, push), sliding, True)
+
+
 def _frictional_moduli(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, contacts_at_limit: str, start: float
+    scene: Scene,
+    kind: str,
+    rattlers: str,
+    gap_tolerance: float | None,
+    at_limit: str | NDArray[np.float64],
+    start: float,
 ) -> Moduli:
     """Return the moduli of a packing whose contacts have tangential springs."""
     # without links "paper" leaves out nothing
     kind = "exact" if kind == "paper" else kind
-    check_frictional(scene, kind, contacts_at_limit, gap_tolerance)
+    check_frictional(scene, kind, gap_tolerance=gap_tolerance)
     with single_thread():
         network = frictional_network(scene, rattlers)
         forces, first, second = network.forces, network.first_c, network.second_c
-        system = frictional_system(forces, first, second, kind, contacts_at_limit, network.kept_n)
         contacts, volume = forces.contacts, scene.packing.box.volume
         count = contacts.count_n()[network.kept_n]
-        relaxation = _Relaxation(*relax_frictional(system, count, _push(contacts, first, second)))
+        found = _response(network, kind, at_limit, count, _push(contacts, first, second))
+        system = found.system
+        relaxation = _Relaxation(*found.relaxation[:4])
         return _moduli(
             (system.corner_ee - relaxation.relief_ee) / volume,
             system.corner_ee / volume,
             forces.stress_dd * (kind == "exact"),
             relaxation,
             np.zeros((0, len(system.corner_ee))),
-            unsolved=int(relaxation.residual > _INCONSISTENT),
+            # without a set that agrees with its motion there is no answer at rest, as along a negative direction
+            unsolved=int(relaxation.residual > _INCONSISTENT or not found.consistent),
             particles=system.particles,
             contacts=len(contacts),
             force_residual=forces.residual,
-            at_limit=network.chosen_c[forces.at_limit_c],
+            sliding=network.chosen_c[found.sliding_c],
+            at_limit=network.chosen_c[network.at_limit_c],
+            doubtful=int(np.count_nonzero(network.doubtful_c)),
             start=start,
         )
 
@@ -704,7 +747,9 @@ def _moduli(
     particles: int,
     contacts: int,
     force_residual: float,
-    at_limit: NDArray[np.int64],
+    at_limit: NDArray[np.int64] = _NONE,
+    sliding: NDArray[np.int64] = _NONE,
+    doubtful: int = 0,
     start: float,
 ) -> Moduli:
     """Return the record of a relaxed stiffness; `unsolved` strains are unstable for want of a relaxation."""
@@ -739,6 +784,8 @@ def _moduli(
         force_residual=force_residual,
         seconds=time.process_time() - start,
         at_limit_k=at_limit,
+        sliding_k=sliding,
+        doubtful_at_limit=doubtful,
     )
 
 

@@ -12,6 +12,9 @@ particles turn by p and q,
     torque on i         a_i (dn x T + n x dT) + (n.du) (a_i / r) n x T
 
 Where a contact sticks there is no term with mu; where it slides k acts across T only, which in the plane is nowhere.
+A contact at the Coulomb limit sticks where the motion unloads it, k T.ds/|T| < mu dN, and slides where it does not, so
+that the response is linear only among motions that unload the same contacts: each direction of strain has a set of
+sliding contacts that agrees with the motion it leads to (`find_sliding`).
 Then, and wherever contacts carry tangential forces, the matrix is not symmetric (Chattoraj, Gendelman, Pica Ciamarra
 and Procaccia, Phys. Rev. Lett. 123, 098003 (2019)).
 """
@@ -46,6 +49,8 @@ KINDS = ("exact", "unstressed")
 # a matrix whose transpose differs by less, over its largest entry, is symmetric but for rounding
 _SYMMETRIC = 1e-12
 _REFINEMENTS = 12
+# sets of sliding contacts that are tried for one strain
+_SETS = 200
 # eigenvalues below this fraction of the largest are zero; Arnoldi's method looks this far below zero
 _ZERO, _NEAR = 1e-10, 1e-6
 _DENSE_ROWS, _DENSE_LIMIT = 600, 3000
@@ -57,7 +62,9 @@ def acting_friction(scene: Scene) -> Friction | None:
     return None if friction is None or friction.coefficient == 0.0 else friction
 
 
-def check_frictional(scene: Scene, kind: str, contacts_at_limit: str, gap_tolerance: float | None = None) -> None:
+def check_frictional(
+    scene: Scene, kind: str, contacts_at_limit: str = "stick", gap_tolerance: float | None = None
+) -> None:
     """Check what calls of frictional packings are given."""
     if scene.packing.links is not None:
         raise ValueError(
@@ -84,9 +91,12 @@ def contact_blocks(
     first_c: NDArray[np.float64],
     second_c: NDArray[np.float64],
     kind: str,
-    contacts_at_limit: str,
-) -> NDArray[np.float64]:
-    """Return the (C, d + 2 k, d + 2 k) derivatives of contacts: force and torques on i and j, by du and two rotations.
+    sliding_c: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return derivatives of contacts by du and two rotations: of force and torques on i and j, and of what passes mu N.
+
+    The first are (C, d + 2 k, d + 2 k); the others, (C, d + 2 k), are those of the force of a spring that sticks, along
+    the tangential force, less those of the limit.
 
     Parameters
     ----------
@@ -96,8 +106,8 @@ def contact_blocks(
         (C,) derivatives of the pair energies [force], [force/length].
     kind
         "exact", or "unstressed": what forces add where contacts turn is left out.
-    contacts_at_limit
-        "stick" or "slip".
+    sliding_c
+        (C,) which contacts slide.
 
     """
     contacts, scene = forces.contacts, forces.scene
@@ -108,8 +118,8 @@ def contact_blocks(
     n, tangential = np.zeros((count, 3)), np.zeros((count, 3))
     n[:, :d], tangential[:, :d] = contacts.normal_cd, forces.tangential_cd
     size = np.sqrt((tangential**2).sum(axis=1))
-    sliding = forces.at_limit_c & (size > 0.0) & (contacts_at_limit == "slip")
-    along = np.where(sliding[:, None], tangential / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
+    ahead = tangential / np.where(size > 0.0, size, 1.0)[:, None]
+    along = np.where(sliding_c[:, None], ahead, 0.0)
     # without forces contacts turn for nothing
     pull, push = (tangential, first_c) if kind == "exact" else (0.0 * tangential, 0.0 * first_c)
     r, sigma = contacts.distance_c, contacts.contact_distance_c
@@ -137,10 +147,11 @@ def contact_blocks(
         arm[:, k, None, None] * bent + share[:, k, None, None] * spin[:, :, None] * stretch[:, None] for k in range(2)
     ]
     whole = np.concatenate([force, *torque], axis=1)
+    beyond = stiffness * np.einsum("ca,cab->cb", ahead, slip) - limit[:, None] * stretch
     if d == 3:
-        return np.asarray(whole)
+        return np.asarray(whole), beyond
     plane = np.array([0, 1, 5, 8])
-    return np.asarray(whole[:, plane[:, None], plane])
+    return np.asarray(whole[:, plane[:, None], plane]), beyond[:, plane]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +166,9 @@ class FrictionalSystem:
         (N (d + k), s) forces and torques by strains, and (s, N (d + k)) stress times volume by motions.
     corner_ee
         (s, s) stress times volume by strains [energy].
+    beyond_cx, beyond_ce
+        (C, N (d + k)) sparse and (C, s): forces of springs that stick, along the tangential forces, less those of the
+        Coulomb limit, by motions and strains.
     particles, dimension
         N and d.
 
@@ -164,6 +178,8 @@ class FrictionalSystem:
     column_xe: NDArray[np.float64]
     row_ex: NDArray[np.float64]
     corner_ee: NDArray[np.float64]
+    beyond_cx: sp.csr_array
+    beyond_ce: NDArray[np.float64]
     particles: int
     dimension: int
 
@@ -180,7 +196,7 @@ def frictional_system(
     first_c: NDArray[np.float64],
     second_c: NDArray[np.float64],
     kind: str,
-    contacts_at_limit: str,
+    sliding_c: NDArray[np.bool_],
     kept_n: NDArray[np.bool_] | None = None,
 ) -> FrictionalSystem:
     """Return the system of the given contacts, and of the kept particles only, renumbered."""
@@ -190,11 +206,12 @@ def frictional_system(
             "packing must have no coincident centers where second derivatives are asked for, "
             f"got particles {contacts.i_c[c]} and {contacts.j_c[c]} at one place"
         )
-    block = contact_blocks(forces, first_c, second_c, kind, contacts_at_limit)
+    block, beyond = contact_blocks(forces, first_c, second_c, kind, sliding_c)
     count, d = len(contacts), contacts.dimension
     k = 1 if d == 2 else 3
     # rows of what acts on x_i, x_j and the two rotations: minus force, plus force, minus torques
     block[:, d:] *= -1.0
+    # du and rotations by x_i, x_j and the two rotations
     spread = np.zeros((d + 2 * k, 2 * (d + k)))
     spread[:d, :d], spread[:d, d : 2 * d], spread[d:, 2 * d :] = -np.eye(d), np.eye(d), np.eye(2 * k)
     number = np.arange(contacts.particles) if kept_n is None else np.cumsum(kept_n) - 1
@@ -221,7 +238,10 @@ def frictional_system(
     np.add.at(column_xe, place, spread.T @ block @ strain + held)
     np.add.at(row_xe, place, (strain.transpose(0, 2, 1) @ block @ spread).transpose(0, 2, 1) + held)
     corner = np.einsum("cam,cab,cbk->mk", strain, block, strain)
-    return FrictionalSystem(matrix, column_xe, row_xe.T, corner, particles, d)
+    row = np.repeat(np.arange(count), width)
+    beyond_cx = sp.csr_array(sp.coo_array(((beyond @ spread).ravel(), (row, place.ravel())), shape=(count, size)))
+    beyond_ce = np.einsum("ca,cam->cm", beyond, strain)
+    return FrictionalSystem(matrix, column_xe, row_xe.T, corner, beyond_cx, beyond_ce, particles, d)
 
 
 class FrictionalNetwork(NamedTuple):
@@ -232,6 +252,12 @@ class FrictionalNetwork(NamedTuple):
     second_c: NDArray[np.float64]
     kept_n: NDArray[np.bool_]
     chosen_c: NDArray[np.int64]
+    at_limit_c: NDArray[np.bool_]
+    doubtful_c: NDArray[np.bool_]
+
+    def sliding(self, contacts_at_limit: str) -> NDArray[np.bool_]:
+        """Return the (C,) contacts that slide where those at the limit all stick, or all slip."""
+        return self.at_limit_c & (contacts_at_limit == "slip")
 
 
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
@@ -242,19 +268,22 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     chosen = np.flatnonzero(kept[found.contacts.i_c] & kept[found.contacts.j_c])
     contacts = found.contacts.select(chosen)
     terms = closed_terms(scene, contacts)
-    forces = ContactForces(
-        scene, contacts, found.normal_c[chosen], found.tangential_cd[chosen], found.at_limit_c[chosen]
+    forces = ContactForces(scene, contacts, found.normal_c[chosen], found.tangential_cd[chosen])
+    # a contact without a tangential force has no direction to slide in
+    limit = found.limit.at_limit_c & found.tangential_cd.any(axis=1)
+    return FrictionalNetwork(
+        forces, terms.first_c, terms.second_c, kept, chosen, limit[chosen], found.limit.doubtful_c[chosen]
     )
-    return FrictionalNetwork(forces, terms.first_c, terms.second_c, kept, chosen)
 
 
 class FrictionalRelaxation(NamedTuple):
-    """The (s, s) stiffness that relaxation takes from the strains, and what the system of motions is like."""
+    """The (s, s) stiffness that relaxation takes from the strains, what the system is like, and (x, s) motions."""
 
     relief_ee: NDArray[np.float64]
     negative: int
     floppy: int
     residual: float
+    motion_xe: NDArray[np.float64]
 
 
 def _factored(matrix: Any) -> Any:
@@ -270,7 +299,7 @@ def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push:
     """
     d, size, strains = system.dimension, system.matrix.shape[0], len(system.corner_ee)
     if not size:
-        return FrictionalRelaxation(np.zeros((strains, strains)), 0, 0, 0.0)
+        return FrictionalRelaxation(np.zeros((strains, strains)), 0, 0, 0.0, np.zeros((0, strains)))
     moving = np.ones(size, dtype=bool)
     held = int(np.argmax(count_n))
     moving[held * d : (held + 1) * d] = False
@@ -303,7 +332,54 @@ def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push:
             break
         solution, rest, reached = better, left, error
     relief = -system.row_ex[:, moving] @ solution
-    return FrictionalRelaxation(relief, negative, floppy, reached / push if push else 0.0)
+    motion = np.zeros((size, strains))
+    motion[moving] = solution
+    return FrictionalRelaxation(relief, negative, floppy, reached / push if push else 0.0, motion)
+
+
+class SlidingResponse(NamedTuple):
+    """A system with the contacts that slide in it, how it relaxes, and whether that set agrees with the motion."""
+
+    system: FrictionalSystem
+    relaxation: FrictionalRelaxation
+    sliding_c: NDArray[np.bool_]
+    consistent: bool
+
+
+def find_sliding(
+    network: FrictionalNetwork, kind: str, strain_e: NDArray[np.float64], count_n: NDArray[np.int64], push: float
+) -> SlidingResponse:
+    """Return the response to a strain in which just those contacts at the limit slide that it loads.
+
+    Sets are tried from all that stick on: every contact at the limit changes over that disagrees with the motion, and
+    where that goes round in circles the first of them alone (Murty's rule for linear complementarity problems).
+
+    Parameters
+    ----------
+    network
+        The network.
+    kind
+        As in `stiffness_matrix`.
+    strain_e
+        (s,) Mandel strain; its size is of no matter, its sign is.
+    count_n, push
+        As in `relax_frictional`.
+
+    """
+    sliding, seen = np.zeros(len(network.at_limit_c), dtype=bool), set[bytes]()
+    numbers = np.flatnonzero(network.at_limit_c)
+    for _ in range(_SETS):
+        system = frictional_system(network.forces, network.first_c, network.second_c, kind, sliding, network.kept_n)
+        relaxation = relax_frictional(system, count_n, push)
+        beyond = (system.beyond_cx @ relaxation.motion_xe + system.beyond_ce) @ strain_e
+        wrong = numbers[(beyond[numbers] > 0.0) != sliding[numbers]]
+        if not len(wrong):
+            return SlidingResponse(system, relaxation, sliding, True)
+        sliding = sliding.copy()
+        changed = wrong if sliding.tobytes() not in seen else wrong[:1]
+        seen.add(sliding.tobytes())
+        sliding[changed] ^= True
+    return SlidingResponse(system, relaxation, sliding, False)
 
 
 @honors("repulsion friction", at_rest=True, shaped="pm.hessian")
@@ -332,10 +408,11 @@ def stiffness_matrix(
     kind
         "exact", or "unstressed": as if no contact carried a force.
     contacts_at_limit
-        "stick": contacts at the Coulomb limit are springs like the others, as in motions that unload them. "slip":
-        their tangential force follows the coefficient times the change of the normal force. Which is right depends on
-        the motion; with less and less friction moduli go over to those without it smoothly if contacts slip only
-        (Henkes, van Hecke and van Saarloos, EPL 90, 14003 (2010)).
+        "stick": contacts at the Coulomb limit are springs like the others, as in motions that unload them all. "slip":
+        their tangential force follows the coefficient times the change of the normal force, as in motions that load
+        them all. Most motions do neither: some contacts stick and some slip, which `elastic_moduli` finds for a given
+        strain. With less and less friction moduli go over to those without it smoothly if contacts slip only (Henkes,
+        van Hecke and van Saarloos, EPL 90, 14003 (2010)).
     strain_scale
         As in `hessian`.
 
@@ -360,7 +437,8 @@ def stiffness_matrix(
     if strain not in ("none", "free"):
         raise ValueError(f"strain must be 'none' or 'free' for pm.stiffness_matrix, got {strain!r}")
     network = frictional_network(scene, "keep")
-    system = frictional_system(network.forces, network.first_c, network.second_c, kind, contacts_at_limit)
+    sliding = network.sliding(contacts_at_limit)
+    system = frictional_system(network.forces, network.first_c, network.second_c, kind, sliding)
     if strain == "none":
         return system.matrix
     scale = scale_of_strain(scene.packing, strain_scale)
@@ -491,7 +569,7 @@ def frictional_modes(
     root = np.sqrt(np.concatenate([np.repeat(mass, d), np.repeat(inertia, k)]))
     with single_thread():
         system = frictional_system(
-            network.forces, network.first_c, network.second_c, kind, contacts_at_limit, network.kept_n
+            network.forces, network.first_c, network.second_c, kind, network.sliding(contacts_at_limit), network.kept_n
         )
         matrix = sp.csr_array(system.matrix.multiply(1.0 / root[:, None]).multiply(1.0 / root[None, :]))
         shift = np.zeros((len(root), d))
