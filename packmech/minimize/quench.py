@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, positive
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.redundancy import workable_links
 from packmech.contacts import crossing_links
 from packmech.effects import FixedParticles, Harmonic, Repulsion, held_particles, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.mechanics.stability import Stability, stability
 from packmech.minimize.bodies_apart import deep_overlaps, separate
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.lbfgs import LBFGS
@@ -32,11 +35,13 @@ from packmech.shapes import Beads
 _HAND_OVER = 1e-6
 # beyond this ratio of sizes stiffnesses differ so much that FIRE, which knows one time scale, falls behind L-BFGS
 _BROAD = 20.0
-# a symmetric start can lead to a saddle: so often, and so far [reference diameter], particles are moved off it
-_KICKS, _KICK = 4, 1e-4
+# a symmetric start can lead to a saddle: so often particles are moved off it, the tolerance a tenth each time but for
+# the first, as contacts that bear no more than the tolerance may be what bends
+_ROUNDS, _TIGHTER, _TIGHTEST = 8, 0.1, 1e-15
+# step off a saddle [smallest diameter]: the first that is tried, the shortest, the longest
+_KICK, _SHORTEST, _LONGEST = 1e-4, 1e-10, 0.1
 # an overlap [1] at which a law that diverges at the center must not be the one to part the particles
 _DEEP = 0.2
-_IRRATIONAL = np.sqrt([2.0, 3.0, 5.0])
 # forces within this many floors of balance may be rounding
 _FLOORS = 8.0
 
@@ -132,37 +137,36 @@ def quench(
         if failed is not None:
             return failed
         if method is None:
-            return _default_route(descent, tolerance)
+            return descent.to_minimum(lambda goal, note: _default_route(descent, goal, note), tolerance)
         if isinstance(method, Newton):
-            return descent.polish(tolerance, method, descent.step_limit - descent.steps)
-        return descent.follow(type(method).__name__, method, tolerance)
+            return descent.to_minimum(
+                lambda goal, note: descent.polish(goal, method, descent.step_limit - descent.steps, note), tolerance
+            )
+        return descent.to_minimum(
+            lambda goal, note: descent.follow(type(method).__name__ + note, method, goal), tolerance
+        )
 
     return descent.loop.run(work, lambda outcome: descent.finish(outcome, tolerance))
 
 
-def _default_route(descent: _Descent, tolerance: float) -> Outcome:
-    """FIRE or L-BFGS until contacts settle, then Newton's method; the first again where that finds no minimum."""
+def _default_route(descent: _Descent, tolerance: float, note: str) -> Outcome:
+    """FIRE or L-BFGS until contacts settle, then Newton's method; the first again where that finds no balance."""
     radius = descent.scene.packing.radius_n
     method: Any
     name, method = ("L-BFGS", LBFGS()) if radius.max() > _BROAD * radius.min() else ("FIRE", Fire())
-    outcome = descent.follow(name, method, max(tolerance, _HAND_OVER))
+    outcome = descent.follow(name + note, method, max(tolerance, _HAND_OVER))
     if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
         return outcome
     if descent.to_the_end:
         return descent.follow(f"{name}, to the end", method, tolerance)
-    for _ in range(_KICKS):
-        before = descent.program.coordinates()
-        polished = descent.polish(tolerance)
-        if polished.ok or outcome is Outcome.STEP_LIMIT:
-            return polished if polished.ok else outcome
-        if polished is not Outcome.UNSTABLE:
-            descent.program.place(before)
-            return descent.follow(f"{name}, to the end", method, tolerance)
-        descent.kick()
-        outcome = descent.follow(f"{name}, off the saddle", method, max(tolerance, _HAND_OVER))
-        if outcome is not Outcome.CONVERGED:
-            return outcome
-    return Outcome.UNSTABLE
+    before = descent.program.coordinates()
+    polished = descent.polish(tolerance)
+    if polished.ok or outcome is Outcome.STEP_LIMIT:
+        return polished if polished.ok else outcome
+    if polished is Outcome.UNSTABLE:
+        return polished
+    descent.program.place(before)
+    return descent.follow(f"{name}, to the end", method, tolerance)
 
 
 class _Descent:
@@ -182,6 +186,9 @@ class _Descent:
         # Newton's, which no limit counts
         self.newton_steps = 0
         self.evaluations = 0
+        # where the last stage ended, and what is known of the stability there
+        self.reached = self.program.evaluate()
+        self.stability: Stability | None = None
         self._trace = trace
         effects = scene.effects
         acting = [one for one in effects if hasattr(type(one), "body_energy")]
@@ -214,9 +221,44 @@ class _Descent:
         self.program.place(reached)
         return None if outcome.ok or outcome is Outcome.STEP_LIMIT else outcome
 
+    def to_minimum(self, attempt: Callable[[float, str], Outcome], tolerance: float) -> Outcome:
+        """Minimize until the particles rest in a minimum; return how that ended.
+
+        Where forces balance on a saddle, particles are moved off it along a direction in which the energy falls, and
+        the minimizer goes on from there.
+
+        Parameters
+        ----------
+        attempt
+            The minimizer: takes a tolerance and a note on its stage, returns how it ended.
+        tolerance
+            When forces balance [1].
+
+        """
+        goal, note = tolerance, ""
+        for number in range(_ROUNDS):
+            outcome = attempt(goal, note)
+            now = self.reached
+            met = outcome is not Outcome.TIME_LIMIT and now.mean_force > 0.0 and now.residual <= tolerance
+            if outcome is Outcome.UNJAMMED:
+                self.stability = Stability(0)
+            if outcome is Outcome.UNJAMMED or not (met or outcome.ok or outcome is Outcome.UNSTABLE):
+                return outcome
+            found = self.stability
+            if found is None or found.negative:
+                self.stability = found = stability(self.scene.replace(packing=self.packing()), now.max_force)
+            if not found.negative:
+                # Newton's method counts less exactly with links and shapes
+                return Outcome.CONVERGED if met or outcome is Outcome.UNSTABLE else outcome
+            if number < _ROUNDS - 1:
+                self.step_off(found)
+            goal, note = max(tolerance * _TIGHTER**number, min(tolerance, _TIGHTEST)), ", off the saddle"
+        return Outcome.UNSTABLE
+
     def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:
         """Advance by one method until it ends or a limit is met; return how it ended."""
         began, before, trace = self._now(), self.steps, self._trace
+        self.stability = None
         self.program.velocity_nd[:] = 0.0
         task = Minimization(
             self.program,
@@ -235,7 +277,7 @@ class _Descent:
             self.evaluations += task.force_evaluations
             self._keep(name, self.program.evaluate(), task.steps, task.force_evaluations, began)
 
-    def polish(self, tolerance: float, method: Any = None, step_limit: int = 60) -> Outcome:
+    def polish(self, tolerance: float, method: Any = None, step_limit: int = 60, note: str = "") -> Outcome:
         """Take Newton steps; return how they ended."""
         began = self._now()
         done = polish(
@@ -250,19 +292,40 @@ class _Descent:
         self.steps += done.steps
         self.newton_steps += done.steps
         self.evaluations += done.force_evaluations
-        note = f"{done.negative} unstable directions" if done.negative else ""
-        self._keep("Newton", self.program.evaluate(), done.steps, done.force_evaluations, began, note)
+        # with links or shapes only as far as the last step saw
+        self.stability = Stability(done.negative) if done.outcome.ok and self.scene.packing.plain else None
+        unstable = f"{done.negative} unstable directions" if done.negative else ""
+        self._keep("Newton" + note, self.program.evaluate(), done.steps, done.force_evaluations, began, unstable)
         return done.outcome
 
-    def kick(self) -> None:
-        """Move every particle a little, each in a fixed direction of its own."""
-        packing = self.scene.packing
-        turn = np.modf((np.arange(packing.particles)[:, None] + 1.0) * _IRRATIONAL[: packing.dimension])[0]
-        kick = _KICK * packing.reference_diameter * (2.0 * turn - 1.0)
-        held = held_particles(self.scene.effects, packing.particles)
-        if held is not None:
-            kick[held] = 0.0
-        self.program.place(self.program.positions() + kick)
+    def step_off(self, found: Stability) -> None:
+        """Move particles off a saddle, along an unstable direction as far as the energy falls."""
+        packing, direction = self.packing(), found.direction()
+        diameter = float(packing.diameter_n.min())
+        start = self._energy_at(packing)
+        size, sign, best = _KICK * diameter, 1.0, start
+        while size > _SHORTEST * diameter and best >= start:
+            # where contacts close nearby, and where the curvature is small, only short steps go down
+            for side in (1.0, -1.0):
+                energy = self._energy_at(_displaced(packing, side * size * direction))
+                if energy < best:
+                    sign, best = side, energy
+            size *= 1.0 if best < start else 0.1
+        if best >= start:
+            # the energy falls by less than its last digit
+            size = _KICK * diameter
+        while best < start and 2.0 * size <= _LONGEST * diameter:
+            energy = self._energy_at(_displaced(packing, sign * 2.0 * size * direction))
+            if not energy < best:
+                break
+            size, best = 2.0 * size, energy
+        self.program.put(_displaced(packing, sign * size * direction))
+
+    def _energy_at(self, packing: Packing) -> float:
+        """Return the energy with the particles where a packing has them."""
+        self.program.put(packing)
+        self.evaluations += 1
+        return self.program.evaluate().energy
 
     def packing(self) -> Packing:
         """Return the packing as it is now."""
@@ -276,6 +339,7 @@ class _Descent:
         self, name: str, now: Evaluation, steps: int, evaluations: int, began: tuple[float, float], note: str = ""
     ) -> None:
         self.evaluations += 1
+        self.reached = now
         seconds, compiling = (end - start for start, end in zip(began, self._now(), strict=True))
         note = compiling_noted(note, compiling, seconds)
         self.stages.append(Stage(name, now.residual, steps, evaluations, seconds, note))
@@ -293,6 +357,9 @@ class _Descent:
         if self._trace is not None:
             self._trace.add(self.steps, self.program)
             trace = self._trace.build()
+        judged = {} if self.stability is None else {"negative_modes": self.stability.negative}
+        if self.stability is not None and self.stability.reason:
+            judged["not_judged"] = f"minimum or saddle: {self.stability.reason}"
         return Run(
             packing=packing,
             outcome=outcome,
@@ -304,8 +371,18 @@ class _Descent:
             stages=tuple(self.stages),
             trace=trace,
             unmet=unmet_conditions(outcome, Condition("force residual", end.residual, tolerance)),
-            report=_crossings(self.scene.packing, packing),
+            report={**_crossings(self.scene.packing, packing), **judged},
         )
+
+
+def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
+    """Return the packing after displacements and turns, its links at their lengths."""
+    d, shapes = packing.dimension, packing.shapes
+    moved = packing.replace(position_nd=packing.position_nd + direction_nq[:, :d])
+    if shapes is not None:
+        turn_nt = np.einsum("nk,nkt->nt", direction_nq[:, d:], shapes.turn_basis(packing.radius_n))
+        return moved.replace(shapes=shapes.turned(turn_nt))
+    return moved if packing.links is None else ConstraintFactor(packing, workable_links(packing)).projected(moved)
 
 
 def find_crossings(packing: Packing) -> set[tuple[int, ...]] | None:

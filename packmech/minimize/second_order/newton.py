@@ -17,9 +17,10 @@ from packmech.contacts import Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import contact_terms, held_particles, needs_second, refuse_single, single_effects, single_terms
 from packmech.jit.blas import single_thread
-from packmech.linalg.factor import Factorization, NotDefinite, factorize
+from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factorize
 from packmech.measure.stress import sum_forces
 from packmech.mechanics.hessian import bond_sums
+from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import Units, energy_change, length_unit
 from packmech.minimize.second_order.soft_newton import descend, judge
 from packmech.packing import Packing
@@ -31,8 +32,7 @@ class Polished(NamedTuple):
     """What Newton's method made of a packing.
 
     `residual` is the largest net force over the mean contact force; `steps` counts the steps taken, `regularized`
-    those of them whose Hessian had to be made definite, `negative` the unstable directions of the particles that are
-    held, at the end.
+    those of them whose Hessian had to be made definite, `negative` the unstable directions of all particles at the end.
     """
 
     packing: Packing
@@ -168,8 +168,11 @@ class _Landscape:
         ends = np.concatenate([state.touching.i_c, state.touching.j_c])
         stiffness_n = np.bincount(ends, np.tile(state.second_c, 2), minlength=len(state.position_nd))
         stiffness = (stiffness_n + np.abs(state.single_ndd).sum(axis=2).max(axis=1)).max(initial=0.0)
-        extent = max(float(np.abs(state.position_nd).max()), float(np.abs(self.packing.box.lattice_dd).max()))
-        return float(stiffness * np.spacing(extent))
+        return float(stiffness * np.spacing(self.extent(state)))
+
+    def extent(self, state: _State) -> float:
+        """Return the largest coordinate, whose last digit is the error of positions."""
+        return max(float(np.abs(state.position_nd).max()), float(np.abs(self.packing.box.lattice_dd).max()))
 
     def energy_change(self, start: _State, position_nd: NDArray[np.float64]) -> float:
         """Return the energy at new positions less that at the start, free of cancellation."""
@@ -198,7 +201,6 @@ class _Curvature:
 
     factor: Factorization
     free_n: NDArray[np.bool_]
-    negative: int
     changed: bool
 
     def step(self, net_nd: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -235,24 +237,41 @@ def _curvature(landscape: _Landscape, state: _State, regularization: float) -> _
     sums.diagonal_ndd[:] += state.single_ndd
     matrix = sums.position_matrix(free)
     if not matrix.shape[0]:
-        return _Curvature(factorize(matrix), free, 0, False)
+        return _Curvature(factorize(matrix), free, False)
     diagonal = np.abs(matrix.diagonal())
     diagonal = np.maximum(diagonal, 1e-3 * diagonal.mean())
     held = np.repeat(~rattling[free], touching.dimension)
     added = np.where(held, regularization, max(regularization, 1e-3)) * diagonal
-    negative = -1
     while True:
         try:
             whole = matrix + sp.diags_array(added, format="csr") if added.any() else matrix
             factor = factorize(whole, kind="symmetric")
-            unstable = factor.inertia.negative
-            negative = unstable if negative < 0 else negative
             if factor.inertia.positive == matrix.shape[0]:
-                return _Curvature(factor, free, negative, bool((added > 0.0)[held].any()))
+                return _Curvature(factor, free, bool((added > 0.0)[held].any()))
         except NotDefinite:
-            negative = max(negative, 0)
+            pass
         regularization = max(10.0 * regularization, 1e-8)
         added = np.maximum(added, regularization * diagonal)
+
+
+def _unstable_directions(landscape: _Landscape, state: _State) -> int:
+    """Return the negative eigenvalues of the second derivative by all particles that can move, rattlers among them."""
+    near = state.near
+    rounding = 4.0 * np.finfo(float).eps * landscape.extent(state)
+    # contacts that touch to rounding count as closed
+    contacts = near.select(near.gap_c < rounding)
+    moves = np.ones(contacts.particles, dtype=bool) if landscape.held_n is None else ~landscape.held_n
+    contacts = contacts.select(moves[contacts.i_c] | moves[contacts.j_c])
+    terms = contact_terms(landscape.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
+    sums = bond_sums(contacts, terms.first_c, terms.second_c)
+    sums.diagonal_ndd[:] += state.single_ndd
+    matrix = sums.position_matrix(moves)
+    stiffest = float(np.abs(matrix.diagonal()).max(initial=0.0))
+    bound = stability_bound(stiffest, state.max_force, float(landscape.packing.radius_n.min()))
+    try:
+        return eigenvalues_below(matrix, -bound) if bound > 0.0 else 0
+    except NotDefinite:
+        return 1
 
 
 def polish(
@@ -314,7 +333,7 @@ def polish(
                 outcome = Outcome.UNJAMMED
                 break
             if state.residual <= tolerance or state.max_force <= floor:
-                negative = _curvature(landscape, state, 0.0).negative
+                negative = _unstable_directions(landscape, state)
                 outcome = Outcome.CONVERGED if state.residual <= tolerance else Outcome.ROUNDING_FLOOR
                 outcome = Outcome.UNSTABLE if negative else outcome
                 break
@@ -330,7 +349,7 @@ def polish(
             reached = _descend(landscape, state, step)
             if reached is None or (reached.max_force > 0.5 * best.max_force and best.max_force <= _FLOORS * floor):
                 near_floor = best.max_force <= _FLOORS * landscape.floor(best)
-                negative = _curvature(landscape, best, 0.0).negative
+                negative = _unstable_directions(landscape, best)
                 outcome = Outcome.ROUNDING_FLOOR if near_floor else Outcome.STALLED
                 outcome = Outcome.UNSTABLE if near_floor and negative else outcome
                 state = best

@@ -1,0 +1,200 @@
+"""Is a scene at rest in a minimum of its energy? The signs of its second derivative on all motions in its box.
+
+Every particle counts that bears a force, rattlers among them, and everything that acts on single ones. One sparse
+factorization gives the number of unstable directions (Sylvester's law of inertia); a few more, only where there are
+some, one of these directions.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.redundancy import workable_links
+from packmech.contacts import Contacts, find_contacts
+from packmech.effects import contact_terms, held_particles, single_terms
+from packmech.linalg.block_system import gather
+from packmech.linalg.factor import NotDefinite
+from packmech.mechanics.hessian import bond_sums, prestressed
+from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator
+from packmech.mechanics.shaped import shaped_hessian
+from packmech.scene import Scene
+
+# a curvature is that of a saddle below minus this part of the largest, whatever forces are left
+_CERTAIN = 5e-9
+# forces that do not balance bend contacts sideways: so many times their size over the smallest radius may be theirs
+_SIDEWAYS = 4.0
+# inverse iterations for an unstable direction: it is within the last octave of the lowest curvature long before
+_ITERATIONS, _LEAST = 40, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Stability:
+    """What the second derivative of a scene's energy says of its place.
+
+    Attributes
+    ----------
+    negative
+        Number of unstable directions; None where it is not known.
+    reason
+        Why it is not known; empty where it is.
+    bound
+        Curvature, in size, from which on a direction counts as unstable [force/length].
+
+    """
+
+    negative: int | None
+    reason: str = ""
+    bound: float = 0.0
+    _operator: Operator | None = None
+    _free_nq: NDArray[np.bool_] | None = None
+
+    def direction(self) -> NDArray[np.float64]:
+        """Return an (N, q) unstable direction, turns of shapes after positions, its largest entry 1; always the same.
+
+        It lies among the lowest curvatures and has a part along each of those: no symmetry of the packing is kept.
+        """
+        operator, free = self._operator, self._free_nq
+        if not self.negative or operator is None or free is None:
+            raise ValueError(f"scene must be unstable for a direction, got {self.negative} unstable directions")
+        low, high = self.bound, max(2.0 * self.bound, _row_sum(operator))
+        while high > 2.0 * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if operator.below(-middle) else (low, middle)
+        solve = operator.solver(-high)
+        # directions made of the coordinates' numbers
+        vector = operator.project(2.0 * np.modf(np.sqrt(2.0) * (np.arange(operator.size) + 1.0))[0] - 1.0)
+        for number in range(_ITERATIONS):
+            vector = solve(vector)
+            vector /= np.sqrt(vector @ vector)
+            if number >= _LEAST and vector @ operator.apply(vector) < -0.5 * low:
+                break
+        whole = np.zeros(free.shape)
+        whole[free] = vector / np.abs(vector).max()
+        return whole
+
+
+def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
+    """Return whether the scene's energy has a minimum where its particles are, its box as it is.
+
+    Motions that cost nothing are none that destabilize: translations, rattlers, floppy modes. Contacts that just touch
+    count as closed. A direction is unstable where its curvature is negative by more than 1e-10 of the largest, and by
+    more than what forces do not balance explains; but always below -5e-9 of the largest.
+
+    Parameters
+    ----------
+    scene
+        The scene, at rest but for the unbalanced forces.
+    unbalanced
+        The largest net force [force].
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> row = pm.Packing([[0.5 + k, 1.0] for k in range(6)], [0.525] * 6, pm.Box([[6.0, 0.0], [0.0, 3.0]]))
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    >>> [stability(pm.Scene(one, (pm.Repulsion(),))).negative for one in (row, crystal)]
+    [5, 0]
+
+    """
+    reason = _unknown(scene)
+    if reason:
+        return Stability(None, reason)
+    try:
+        operator, free = _curvature(scene)
+        bound = stability_bound(_stiffest(operator), unbalanced, float(scene.packing.radius_n.min()))
+        negative = operator.below(-bound) if bound > 0.0 else 0
+    except NotDefinite:
+        return Stability(None, "the second derivative cannot be factored")
+    return Stability(max(negative, 0), "", bound, operator, free)
+
+
+def stability_bound(stiffest: float, unbalanced: float, radius: float) -> float:
+    """Return the curvature, in size, from which on a negative one is that of a saddle.
+
+    Parameters
+    ----------
+    stiffest
+        Largest second derivative by one coordinate [force/length].
+    unbalanced
+        Largest net force [force].
+    radius
+        Smallest radius [length].
+
+    """
+    return min(max(SOFT * stiffest, _SIDEWAYS * unbalanced / radius), _CERTAIN * stiffest)
+
+
+def _unknown(scene: Scene) -> str:
+    """Return why there is no second derivative, or nothing where there is one."""
+    for effect in scene.effects:
+        kind = type(effect)
+        for energy, second in (("pair_energy", "pair_second"), ("body_energy", "body_second")):
+            if inspect.isfunction(getattr(kind, energy, None)) and not hasattr(kind, second):
+                return f"{kind.__qualname__} has no {second}"
+    return ""
+
+
+def _stiffest(operator: Operator) -> float:
+    return float(np.abs(_matrix(operator).diagonal()).max(initial=0.0))
+
+
+def _row_sum(operator: Operator) -> float:
+    """Return a bound on every curvature."""
+    return float(np.asarray(abs(_matrix(operator)).sum(axis=1)).max(initial=0.0))
+
+
+def _matrix(operator: Operator) -> Any:
+    assert isinstance(operator, FreeOperator | LinkedOperator)
+    return operator.matrix
+
+
+def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
+    """Return the second derivative on the motions that links admit, and which of the (N, q) coordinates can move."""
+    packing, effects = scene.packing, scene.effects
+    if packing.shapes is not None:
+        found = shaped_hessian(scene, "exact", rattlers="keep")
+        free = found.network.free_nq
+        return FreeOperator(found.sums.matrix(free.ravel())), free
+    held = held_particles(effects, packing.particles)
+    moves = np.ones(packing.particles, dtype=bool) if held is None else ~held
+    free = np.repeat(moves[:, None], packing.dimension, axis=1)
+    contacts = find_contacts(packing, gap_tolerance=None)
+    contacts = contacts.select(moves[contacts.i_c] | moves[contacts.j_c])
+    terms = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
+    single = single_terms(effects, packing)
+    links = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
+    tension = None if links is None else _tension(links, contacts, terms.first_c, single.force_nd, moves)
+    pairs = prestressed(contacts, terms, "exact", links, tension)
+    sums = bond_sums(pairs.pairs, pairs.first_c, pairs.second_c)
+    sums.diagonal_ndd[:] += single.second_ndd
+    matrix = sums.position_matrix(moves)
+    if links is None:
+        return FreeOperator(matrix), free
+    rows = sp.csr_array(links.independent_rows()[0][:, free.ravel()])
+    rows = rows[np.diff(rows.indptr) > 0]
+    return LinkedOperator(matrix, rows, packing.dimension), free
+
+
+def _tension(
+    links: ConstraintFactor,
+    contacts: Contacts,
+    first_c: NDArray[np.float64],
+    single_nd: NDArray[np.float64],
+    moves_n: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Return the (L,) forces in the links that balance those of contacts and on single particles that can move."""
+    push = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles) - single_nd
+    if moves_n.all():
+        return links.multipliers(push)
+    free = np.repeat(moves_n, contacts.dimension)
+    gradient = links.gradient_lx[:, free]
+    found = spla.lsqr(gradient.T, -push.ravel()[free], atol=1e-15, btol=1e-15, iter_lim=10 * gradient.shape[0] + 100)
+    return np.asarray(found[0], dtype=np.float64)
