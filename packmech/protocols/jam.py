@@ -18,7 +18,7 @@ from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol, finish, finish_pressed, is_jammed
+from packmech.protocols.protocol import Protocol, finish, finish_pressed, is_jammed, report_start
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -63,8 +63,8 @@ def jam(
     """Return the run that ends in a jammed packing at the pressure asked for.
 
     A packing that is jammed already, its forces balanced under pressure, is followed in pressure from where it stands
-    (`sweep_pressure`) and keeps its contact network as far as pressure lets it; StepHalving begins where it stands. Any
-    other, and where `method` gives the start, is scaled to the start of the protocol, whatever its packing fraction.
+    (`sweep_pressure`) and keeps its contact network as far as pressure lets it; one that is at rest at the pressure
+    asked for stays as it is. Press and StepHalving begin where it stands. Any other, and where `method` gives the start, is scaled to the start of the protocol, whatever its packing fraction.
     Radii and links never change: clusters keep their shape, so that the volume of fused ones, their union, does too.
     Every figure is recomputed from the packing that is returned. Particles that stand so far away that rounding of
     their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
@@ -108,10 +108,12 @@ def jam(
         `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
         (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
-        held redundantly), stress_anisotropy, method, strain, start ("continued" or "anew"), and, where a hard packing
+        held redundantly), stress_anisotropy, method, strain, start ("continued", "rearranged" or "anew"), and, where a hard packing
         was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With
         links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
-        of self stress. Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with
+        of self stress. Of a packing that is followed: rearrangements on the way (none where `start` is "continued"),
+        contacts_closed and contacts_opened, and onset_rearrangements, on the way down to the hard packing; Press and
+        StepHalving cannot count rearrangements and say "rearranged" wherever contacts changed. Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with
         friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)] and kinetic_energy, over
         pressure times volume.
 
@@ -174,13 +176,12 @@ def jam(
 
     def work() -> Outcome:
         given = getattr(method, "start_packing_fraction", None)
-        pressed = isinstance(method, Press)
-        protocol.continues = start == "continue" and given is None and (pressed or is_jammed(scene))
-        protocol.report["start"] = "continued" if protocol.continues else "anew"
+        protocol.continues = start == "continue" and given is None and is_jammed(scene)
         protocol.last, outcome = method.follow(protocol, asked)
         return outcome
 
     def finished(outcome: Outcome) -> Run:
+        report_start(protocol)
         made = finish_pressed if isinstance(method, Press) else finish
         return made(protocol, protocol.last, outcome, aim, type(method).__name__, began)
 

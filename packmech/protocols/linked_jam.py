@@ -57,7 +57,13 @@ def find_onset(protocol: Protocol, distance: float) -> Onset | None:
         if now < PRESSED:
             return None
     low = min(low, now)
-    packing, outcome = follow_pressure(protocol, packing, now, low)
+    if resting:
+        path = PressurePath(protocol)
+        outcome = path.go(low)
+        packing = protocol.last
+        protocol.report["onset_rearrangements"] = protocol.report["rearrangements"]
+    else:
+        packing, outcome = follow_pressure(protocol, packing, now, low)
     if not outcome.ok:
         return None
     with protocol.stage("onset") as figures:

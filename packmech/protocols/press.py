@@ -39,6 +39,8 @@ _LOOK = 10
 class Press:
     """Press particles together in time, with friction or without, until they are at rest under the pressure.
 
+    A packing that is at rest under the pressure already stays as it is.
+
     The box shrinks at a constant rate until most particles touch; then its strains follow the stress, the rate of
     strain being the missing stress over the stiffness of a contact and ten times that of a contact, and never faster
     than before. A drag against the local flow, and the scene's own dashpots, take the energy out; at the end motion is
@@ -79,7 +81,7 @@ class Press:
         scene = protocol.scene
         if self.start_packing_fraction is not None:
             scene = scene.replace(packing=at_packing_fraction(scene.packing, self.start_packing_fraction))
-        elif scene.packing.tangential is None:
+        elif scene.packing.tangential is None and not protocol.continues:
             # overlaps of a random start would press where nothing is jammed
             bare = Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
             with protocol.stage("relaxing the start") as figures:
@@ -91,6 +93,12 @@ class Press:
             if not start.ok:
                 return start.packing, start.outcome
         pressing = _Pressing(self, protocol, scene, pressure * scene.pressure_unit)
+        if protocol.continues and pressing.at_rest():
+            with protocol.stage("pressing") as figures:
+                figures.residual = pressing.figures()[0]
+                figures.note = "at rest under the pressure as it stands"
+            protocol.report.update(pressing.report())
+            return scene.packing, Outcome.CONVERGED
         with protocol.stage("pressing") as figures:
             outcome = Outcome.FINISHED
             while outcome is Outcome.FINISHED and pressing.calm < _LOOK:
@@ -148,9 +156,10 @@ class _Pressing:
         The drag is gone (`Spans.come_to_rest`).
         """
         self.spans.scene = self.spans.scene.replace(effects=self.spans.scene.effects[:-1])
-        return self.spans.come_to_rest(lambda: self._advance(self._rate(self._missing())), self._at_rest, _LOOK)
+        return self.spans.come_to_rest(lambda: self._advance(self._rate(self._missing())), self.at_rest, _LOOK)
 
-    def _at_rest(self) -> bool:
+    def at_rest(self) -> bool:
+        """Return whether forces, torques and stress are in balance under the pressure."""
         quiet = self.figures()[0] <= self.method.force_tolerance
         if not quiet or float(np.abs(self._missing()).max()) > _PRESSED * self.pressure:
             return False

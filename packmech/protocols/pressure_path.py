@@ -151,10 +151,12 @@ def follow_jammed(
     """
     outcome = PressurePath(protocol).go(pressure)
     reached, changes = protocol.last, {name: protocol.report[name] for name in CHANGES}
-    if outcome.ok:
-        onset = _find_onset(protocol, reached, search)
-        protocol.report.update(changes, onset_rearrangements=onset)
-    protocol.last = reached
+    try:
+        if outcome.ok:
+            protocol.report["onset_rearrangements"] = _find_onset(protocol, reached, search)
+    finally:
+        protocol.last = reached
+        protocol.report.update(changes)
     return reached, outcome
 
 

@@ -30,6 +30,7 @@ from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
+from packmech.measure.friction import friction_of
 from packmech.measure.shaped import check_pairs_only
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.measure.stress import pressure as pressure_of
@@ -60,6 +61,9 @@ _PRESSED = 1e-6
 
 def is_jammed(scene: Scene) -> bool:
     """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
+    if friction_of(scene) is not None and scene.packing.plain:
+        found = contact_forces(scene)
+        return found.residual <= _BALANCED and found.pressure > 0.0
     largest, mean = force_balance(scene)
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
@@ -560,11 +564,30 @@ CHANGES = ("rearrangements", "contacts_closed", "contacts_opened")
 
 def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Report which contacts closed and opened since there were these pairs; return those of the packing now."""
-    now = pairs_of(touching_pairs(protocol.last))
-    protocol.report.update(
-        rearrangements=rearrangements, contacts_closed=len(now - pairs), contacts_opened=len(pairs - now)
-    )
-    return now
+    protocol.report.update(rearrangements=rearrangements, **contacts_changed(pairs, protocol.last))
+    return pairs_of(touching_pairs(protocol.last))
+
+
+def contacts_changed(pairs: set[tuple[int, ...]], packing: Packing) -> dict[str, int]:
+    """Return how many contacts of a packing closed and opened since there were these pairs."""
+    now = pairs_of(touching_pairs(packing))
+    return {"contacts_closed": len(now - pairs), "contacts_opened": len(pairs - now)}
+
+
+def report_start(protocol: Protocol) -> None:
+    """Report whether the packing was followed from where it stood, and whether its contacts rearranged on the way.
+
+    Where no rearrangements were counted, contacts that changed are taken for one.
+    """
+    report = protocol.report
+    if not protocol.continues:
+        report["start"] = "anew"
+        return
+    if "rearrangements" not in report:
+        changed = contacts_changed(pairs_of(touching_pairs(protocol.scene.packing)), protocol.last)
+        report.update(changed)
+    same = not report.get("rearrangements", report["contacts_closed"] + report["contacts_opened"])
+    report["start"] = "continued" if same else "rearranged"
 
 
 def follow_series(
