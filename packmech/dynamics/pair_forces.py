@@ -3,19 +3,22 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.coulomb_limit import find_at_limit
 from packmech.dynamics.bonds import bond_vector
 from packmech.dynamics.deformation import rates
 from packmech.dynamics.engine import Engine
-from packmech.dynamics.observables import bond_forces, is_touching, measure_pair
+from packmech.dynamics.observables import CONTACTS, LARGEST_FORCE, TOTAL, bond_forces, is_touching, measure_pair
 from packmech.dynamics.pair_lists import listed_pairs
 from packmech.dynamics.shape_pairs import measure_shapes
 from packmech.jit.compiled import device, kernel, lean
 from packmech.links import one_way
+from packmech.measure.friction import friction_of
 
 
 class PairForces(NamedTuple):
@@ -149,7 +152,8 @@ class Touching(NamedTuple):
 
     i_c, j_c are particles, image_cd (C, d) vectors of the scene's box, for positions as they are: the branch vector is
     x_j - x_i + lattice @ image. normal_c are elastic normal forces, force_cd (C, d) the whole forces on i, dashpots and
-    friction included [force]; sliding_c marks those at Coulomb's cap.
+    friction included [force]; sliding_c marks those at Coulomb's cap, of discs and spheres at rest those that
+    `pm.contact_forces` counts there, too.
     """
 
     i_c: NDArray[np.int64]
@@ -226,4 +230,21 @@ def touching_of(engine: Engine) -> Touching:
     i, j, whole, turned = one_way(i, j, whole)
     force = np.where(turned[:, None], -force, force)
     order = np.lexsort((*whole.T[::-1], j, i))
-    return Touching(i[order], j[order], whole[order], figure[order, 0], force[order], figure[order, 1] > 0.0)
+    found = Touching(i[order], j[order], whole[order], figure[order, 0], force[order], figure[order, 1] > 0.0)
+    return found._replace(sliding_c=found.sliding_c | _stands_at_limit(engine, found))
+
+
+def _stands_at_limit(engine: Engine, found: Touching) -> NDArray[np.bool_]:
+    """Return the (C,) contacts of discs and spheres that stand at the Coulomb limit, as well as they are at rest."""
+    friction = friction_of(engine.scene)
+    if friction is None or engine.acting.shapes is not None or not len(found.i_c):
+        return np.zeros(len(found.i_c), dtype=bool)
+    row, place = engine.observe(), engine.positions()
+    branch = place[found.j_c] - place[found.i_c] + found.image_cd @ engine.box().lattice_dd.T
+    length = np.sqrt((branch**2).sum(axis=1))
+    normal = branch / np.where(length > 0.0, length, 1.0)[:, None]
+    tangential = found.force_cd - (found.force_cd * normal).sum(axis=1)[:, None] * normal
+    mean = row[TOTAL] / max(row[CONTACTS], 1.0)
+    residual = float(row[LARGEST_FORCE] / mean) if mean > 0.0 else math.inf
+    size = np.sqrt((tangential**2).sum(axis=1))
+    return find_at_limit(size, found.normal_c, friction.coefficient, residual).at_limit_c

@@ -304,7 +304,11 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
         **linked,
-        **({} if rough is None else {"contacts_at_limit": rough.to_dict()["contacts_at_limit"]}),
+        **(
+            {}
+            if rough is None
+            else {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}
+        ),
     }
 
 
@@ -506,6 +510,7 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
         note = f"and {numbers['wall_contacts']} with walls"
     if "contacts_at_limit" in numbers:
         note += f" with friction; {numbers['contacts_at_limit']} at the Coulomb limit"
+        note += f", {numbers['doubtful_at_limit']} of doubt" if numbers["doubtful_at_limit"] else ""
     elif "rank_certain" in numbers:
         note += f" with turns, strain {numbers['strain']}"
         note += "" if numbers["rank_certain"] else "; rank uncertain"
