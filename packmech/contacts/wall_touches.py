@@ -1,7 +1,7 @@
 """Where particles with shapes touch a wall: one distance each, with its slopes and curvatures.
 
-The distance is that of the particle and its mirror image, `packmech.effects.Walls`: rho = 2 D for a disc whose center is
-D from the wall. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
+The distance is that of the particle and its mirror image (`packmech.effects.Walls`): rho = 2 D for a disc whose center
+is D from the wall. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
 rho = 2 D r / h, the diameter 2 r times the scale D / h at which it would just touch. A rigid body has a distance for
 each bead, as that is a disc or sphere. Of the energy u(rho) of both the particle has half.
 """

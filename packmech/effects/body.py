@@ -67,7 +67,7 @@ class Walls(NamedTuple):
     two equal ones that meet head on, and is pressed by the same force at the same overlap.
 
     An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it where D is smaller; as its image
-    touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body every
+    touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body each
     bead touches its own image, not those of other beads, which only beads pressed deep into a wall would reach.
 
     Walls are smooth: scenes with friction are refused, and need rough walls, of particles that are held. Walls stand

@@ -1,4 +1,4 @@
-"""Whether the hooks of a law or an effect are derivatives of each other, found by differences."""
+"""Whether the hooks of a law or an effect are derivatives of each other and continuous, found by differences."""
 
 from __future__ import annotations
 
@@ -18,6 +18,16 @@ _HALF_WIDTH = 1e-5
 _TOLERANCE = 1e-4
 # parts of the largest derivative below which a disagreement is rounding
 _ROUNDING = 1e-7
+# relative overlaps at which an energy or a force that vanishes at contact is looked for; one that does not stays the
+# same from the first to the second, where a power of the overlap falls by more than a tenth from exponents of 0.02 on
+_NEAR_CONTACT = (1e-8, 1e-12)
+_FALLS = 0.9
+# part of the largest value below which a value at contact is rounding
+_NOTHING = 1e-13
+# part of the largest value by which a function may change between distances this near, over the contact distance,
+# beyond what its derivative says: a jump stays when an interval is halved, a kink does not
+_JUMP = 1e-5
+_NEAR = 1e-7
 
 
 def check_derivatives(what: str, names: tuple[str, str, str], hooks: tuple[PairHook, PairHook, PairHook]) -> None:
@@ -51,6 +61,75 @@ def check_derivatives(what: str, names: tuple[str, str, str], hooks: tuple[PairH
                     f"at distance {distance:.4g}, contact distance {sigma:g}, differences give {difference:.6g}, "
                     f"got {given:.6g}"
                 )
+
+
+def check_continuity(what: str, names: tuple[str, str, str], hooks: tuple[PairHook, PairHook, PairHook]) -> None:
+    """Refuse a pair's energy and first derivative that do not vanish at contact, or jump at smaller distances.
+
+    Parameters
+    ----------
+    what, names, hooks
+        As in `check_derivatives`, which have passed. What fails somewhere, or is not finite, is not looked at.
+
+    Raises
+    ------
+    ValueError
+        Naming the one that jumps, where, and by how much.
+
+    """
+    way = "; where a jump is meant, the class says so with force_jumps = True"
+    for order in (0, 1):
+        lower, upper = hooks[order : order + 2]
+        scale = 0.0
+        for sigma in _CONTACT_DISTANCES:
+            far, near = (_value(lower, (1.0 - overlap) * sigma, sigma) for overlap in _NEAR_CONTACT)
+            values = [_value(lower, (1.0 - overlap) * sigma, sigma) for overlap in _OVERLAPS]
+            scale = max([scale, *(abs(one) for one in values if math.isfinite(one))])
+            if abs(near) > _NOTHING * scale and abs(near) > _FALLS * abs(far):
+                raise ValueError(
+                    f"{what}.{names[order]} must go to zero at contact, so that {('energies', 'forces')[order]} do not "
+                    f"jump as particles part, got {near:.6g} at contact distance {sigma:g}{way}"
+                )
+        places = sorted(1.0 - overlap for overlap in _OVERLAPS)
+        for pair in zip(places[:-1], places[1:], strict=True):
+            distance, jump = _largest_jump(lower, upper, *pair)
+            if abs(jump) > _JUMP * scale:
+                raise ValueError(
+                    f"{what}.{names[order]} must be continuous, got a jump by {jump:.6g} at distance {distance:.6g}, "
+                    f"contact distance 1{way}"
+                )
+
+
+def _largest_jump(lower: PairHook, upper: PairHook, begin: float, end: float) -> tuple[float, float]:
+    """Return where a function changes most beyond what its derivative says, between two distances, and by how much."""
+
+    def beyond(low: float, high: float) -> float:
+        found = _value(lower, high, 1.0) - _value(lower, low, 1.0)
+        found -= (high - low) * _value(upper, 0.5 * (low + high), 1.0)
+        return found if math.isfinite(found) else 0.0
+
+    while end - begin > _NEAR:
+        middle = 0.5 * (begin + end)
+        if abs(beyond(begin, middle)) > abs(beyond(middle, end)):
+            end = middle
+        else:
+            begin = middle
+    return 0.5 * (begin + end), beyond(begin, end)
+
+
+def may_jump(record: Any) -> bool:
+    """Return whether a law or an effect, or a law in it, says that its forces jump."""
+    return bool(getattr(type(record), "force_jumps", False)) or any(
+        may_jump(one) for one in record if isinstance(one, tuple)
+    )
+
+
+def _value(hook: PairHook, distance: float, contact_distance: float) -> float:
+    """Return what a hook gives; nan where it fails."""
+    try:
+        return float(hook(distance, contact_distance))
+    except Exception:  # outside a law's domain; a hook that never works is named where it is compiled
+        return math.nan
 
 
 def _derivatives_at(

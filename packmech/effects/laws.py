@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from packmech.effects.derivatives import check_derivatives, default_record
+from packmech.effects.derivatives import check_continuity, check_derivatives, default_record, may_jump
 from packmech.jit.compiled import compiled_form, compiled_methods, own_name, tell_apart
 from packmech.jit.source_key import written_name
 
@@ -59,15 +59,18 @@ def law(cls: L) -> L:
         A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), and
         with a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy, or a field
         `law` with another law that does. A further method `fault(self)` may return what is wrong with the numbers, as
-        "name must ..., got ...", for scenes to say; an empty text is none.
+        "name must ..., got ...", for scenes to say; an empty text is none. Energy and force must go to zero at contact
+        and be continuous below it, for what minimizers and time steps are sure of rests on that; a class whose force
+        is meant to jump says so, `force_jumps = True`.
 
     Raises
     ------
     TypeError
         If the class is not such a NamedTuple; the message names what is missing.
     ValueError
-        If `first` is not the derivative of `energy`, or `second` not that of `first`: looked at by differences, with
-        the numbers that stand where none are given; scenes look again with their own.
+        If `first` is not the derivative of `energy`, or `second` not that of `first`, or `energy` or `first` jumps at
+        contact or below it: looked at by differences, with the numbers that stand where none are given; scenes look
+        again with their own.
 
     Examples
     --------
@@ -106,8 +109,11 @@ def law(cls: L) -> L:
 
 
 def check_law(law: Any) -> None:
-    """Refuse a law whose derivatives, with its numbers, are not derivatives of each other."""
-    check_derivatives(f"law {written_name(type(law))}", _METHODS, (law.energy, law.first, law.second))
+    """Refuse a law whose derivatives, with its numbers, are not derivatives of each other, or jump."""
+    what, hooks = f"law {written_name(type(law))}", (law.energy, law.first, law.second)
+    check_derivatives(what, _METHODS, hooks)
+    if not may_jump(law):
+        check_continuity(what, _METHODS, hooks)
 
 
 def is_law(value: object) -> bool:

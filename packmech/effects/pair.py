@@ -13,7 +13,8 @@ An effect is a NamedTuple of numbers and laws whose class is decorated with `eff
     spin_drag(self)                                      rate at which spins relax to the flow's [1/time]
 
 the first three valid for distance < contact_distance. What it leaves out is zero. A class whose pair_first is zero at
-rate zero may say so, `damps_only = True`: it is not asked for the elastic force then, which caps friction. Compiled
+rate zero may say so, `damps_only = True`: it is not asked for the elastic force then, which caps friction. One whose
+elastic force is meant to jump at contact says so, `force_jumps = True`; others must go to zero there. Compiled
 loops walk the scene's tuple of effects with `literal_unroll` and call the functions below.
 """
 
@@ -27,7 +28,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.effects.derivatives import check_derivatives, default_record
+from packmech.effects.derivatives import check_continuity, check_derivatives, default_record, may_jump
 from packmech.honors import EFFECTS
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
@@ -62,6 +63,7 @@ def effect(cls: E) -> E:
     ValueError
         If `pair_first` at rate zero is not the derivative of `pair_energy`, or `pair_second` not that of `pair_first`:
         looked at by differences, with the numbers that stand where none are given; scenes look again with their own.
+        Or if one of the first two jumps at contact, or below it, and the class does not say so.
 
     Examples
     --------
@@ -102,13 +104,19 @@ def effect(cls: E) -> E:
 
 
 def check_effect(effect: Any) -> None:
-    """Refuse an effect whose hooks for pairs, at rate zero, are not derivatives of each other; one it lacks is zero."""
+    """Refuse an effect whose hooks for pairs, at rate zero, are not derivatives of each other, or jump.
+
+    A hook that it lacks is zero.
+    """
     hooks = (
         lambda distance, contact_distance: pair_energy(effect, distance, contact_distance),
         lambda distance, contact_distance: pair_elastic(effect, distance, contact_distance),
         lambda distance, contact_distance: pair_second(effect, distance, contact_distance),
     )
-    check_derivatives(f"effect {written_name(type(effect))}", ("pair_energy", "pair_first", "pair_second"), hooks)
+    what, names = f"effect {written_name(type(effect))}", ("pair_energy", "pair_first", "pair_second")
+    check_derivatives(what, names, hooks)
+    if not may_jump(effect):
+        check_continuity(what, names, hooks)
 
 
 def bound_effect(cls: E) -> E:

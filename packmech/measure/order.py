@@ -40,6 +40,8 @@ class NematicOrder:
         (d, d) mean of (d u u - 1) / (d - 1).
     direction_nd
         (N', d) directors of the particles that have one.
+    round_particles
+        Number of particles that have none, discs and spheres among the others: they are in no mean.
 
     """
 
@@ -47,13 +49,15 @@ class NematicOrder:
     director_d: NDArray[np.float64]
     tensor_dd: NDArray[np.float64]
     direction_nd: NDArray[np.float64]
+    round_particles: int = 0
 
     def __float__(self) -> float:
         return self.order
 
     def __repr__(self) -> str:
         along = ", ".join(f"{x:.4f}" for x in self.director_d)
-        return f"NematicOrder of {len(self.direction_nd)} directors: {self.order:.6g} along ({along})"
+        without = f", {self.round_particles} round particles left out" if self.round_particles else ""
+        return f"NematicOrder of {len(self.direction_nd)} directors: {self.order:.6g} along ({along}){without}"
 
 
 def _long_axes(shapes: Shapes) -> NDArray[np.float64]:
@@ -112,7 +116,7 @@ def nematic_order(packing: Packing) -> NematicOrder:
     order = float(value[-1])
     if d == 2:
         order = math.hypot(tensor[0, 0], tensor[0, 1])
-    return NematicOrder(order, director, tensor, direction)
+    return NematicOrder(order, director, tensor, direction, packing.particles - len(direction))
 
 
 @kernel
@@ -212,8 +216,13 @@ class BondOrder:
 
     @property
     def counted_n(self) -> NDArray[np.bool_]:
-        """The (N,) particles that have neighbors; others count in no mean."""
+        """The (N,) particles that have neighbors; others have no order, and are left out of every mean."""
         return np.asarray(self.neighbors.count_n > 0)
+
+    @property
+    def without_neighbors(self) -> int:
+        """Number of particles without neighbors, which no mean counts: rattlers, where neighbors are contacts."""
+        return int(np.count_nonzero(~self.counted_n))
 
     @property
     def psi_n(self) -> NDArray[np.complex128]:
@@ -239,13 +248,17 @@ class BondOrder:
 
     @property
     def global_order(self) -> float:
-        """Size of the mean over particles, phases and all [1]; equations 2.30 and 2.32. nan where nobody counts."""
+        """Size of the mean over the particles that have neighbors, phases and all [1]; equations 2.30 and 2.32.
+
+        Those without (`without_neighbors`) have no order and are left out; times the share of the others, it is the
+        mean in which they count as zero. nan where no particle has neighbors.
+        """
         kept = self.component_nm[self.counted_n]
         return self._size(kept.mean(axis=0)) if len(kept) else math.nan
 
     @property
     def bond_weighted_order(self) -> float:
-        """Size of the mean over all bonds [1]: Steinhardt, Nelson and Ronchetti's Q_l."""
+        """Size of the mean over all bonds [1]: Steinhardt, Nelson and Ronchetti's Q_l. nan without bonds."""
         count = self.neighbors.count_n
         if not count.any():
             return math.nan
@@ -253,13 +266,16 @@ class BondOrder:
 
     @property
     def local_order(self) -> float:
-        """Mean of the particles' orders, without regard to phases [1]; equation 2.31."""
+        """Mean of the orders of the particles that have neighbors, without regard to phases [1]; equation 2.31."""
         kept = self.order_n[self.counted_n]
         return float(kept.mean()) if len(kept) else math.nan
 
     @property
     def local_rms(self) -> float:
-        """Root mean square of the particles' orders [1]: equation 2.33 with the factor 1/n_i^2 that it lacks."""
+        """Root mean square of the orders of the particles that have neighbors [1].
+
+        Equation 2.33 with the factor 1/n_i^2 that it lacks.
+        """
         kept = self.order_n[self.counted_n]
         return float(np.sqrt((kept**2).mean())) if len(kept) else math.nan
 
@@ -270,7 +286,9 @@ class BondOrder:
 
     @functools.cached_property
     def global_w(self) -> float:
-        """W_l of the mean over particles, over its size cubed, in space [1]."""
+        """W_l of the mean over the particles that have neighbors, over its size cubed, in space [1]."""
+        if not self.counted_n.any():
+            return math.nan
         return float(self._third(self.q_nm[self.counted_n].mean(axis=0)[None])[0])
 
     def _third(self, q_nm: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -283,12 +301,12 @@ class BondOrder:
             return np.asarray(total / square**1.5)
 
     def __repr__(self) -> str:
-        without = int((~self.counted_n).sum())
+        without = self.without_neighbors
         name = f"psi_{self.degree}" if self.neighbors.vector_pd.shape[1] == 2 else f"Q_{self.degree}"
         return (
             f"BondOrder {name} of {len(self.component_nm)} particles: global {self.global_order:.6g}, local "
             f"{self.local_order:.6g}, neighbors by {self.neighbors.rule}"
-            + (f", {without} particles without any" if without else "")
+            + (f"; {without} of them without any are left out of the means" if without else "")
         )
 
 
@@ -305,7 +323,8 @@ def bond_orientational_order(
     """Return the bond orientational order: psi_k in a plane, Q_l and W_l in space, of each particle and of all.
 
     Equations 2.30 to 2.33 of the chapter on jammed systems. Bonds go from center to center. In a plane order 6 is 1 in
-    the triangular crystal; in space Q_6 is .5745 in fcc, .4848 in hcp, and 1 nowhere.
+    the triangular crystal; in space Q_6 is .5745 in fcc, .4848 in hcp, and 1 nowhere. Means over particles are those
+    over the particles that have neighbors; how many have none is `without_neighbors`.
 
     Parameters
     ----------

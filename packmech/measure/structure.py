@@ -27,6 +27,8 @@ _ON_EDGE = 1e-12
 _SEARCHED = 1.9
 # largest distance where none is asked for and the box allows it
 _REACH = 3.0
+# as many pairs, and images of the cell, are searched at most: they stand in memory
+_MOST_PAIRS, _MOST_IMAGES = 1e8, 4e6
 
 
 @inlined
@@ -84,13 +86,17 @@ def _searched(packing: Packing, r_max: Any, bins: Any) -> tuple[tuple[Any, ...],
     small, _ = packing.box.reduced()
     half = 0.5 * float(small.height_d.min())
     reach = min(_REACH, half) if r_max is None else positive("r_max", r_max)
-    if reach > half * (1.0 + _ON_EDGE):
+    d = packing.dimension
+    # beyond half a width a pair is near in several images, a particle in its own: all of them count
+    with np.errstate(over="ignore"):
+        pairs = 0.5 * packing.particles**2 * float(_shells(np.array([0.0, reach]), d)[0]) / packing.box.volume
+        around = float(np.prod(2.0 * np.ceil(reach / small.height_d) + 3.0))
+    if pairs > _MOST_PAIRS or packing.particles * around > 2.0**31 or around > _MOST_IMAGES:
         raise ValueError(
-            f"r_max must be at most half the smallest width of the box ({half:.6g}), beyond which a pair is near in "
-            f"several images, got {reach:g}"
+            f"r_max must be so small that at most {_MOST_PAIRS:g} pairs are nearer, in {_MOST_IMAGES:g} images of the "
+            f"cell, got {reach:g} with about {pairs:.2g} pairs in {around:.2g} images"
         )
     wrapped, _ = small.wrap(packing.position_nd)
-    d = packing.dimension
     row = np.zeros((packing.particles, 4))
     row[:, :d] = wrapped
     row[:, 3] = 0.5 * reach
@@ -205,14 +211,16 @@ def pair_distribution(packing: Packing, r_max: float | None = None, bins: int = 
     """Return the pair distribution function of the centers, and the partial ones of a mixture.
 
     g(r) = V / N^2 times the ordered pairs in a bin over the area or volume of its shell (equation 2.28 of the chapter
-    on jammed systems), so that it goes to 1 - 1/N at random.
+    on jammed systems), so that it goes to 1 - 1/N at random. Pairs count at all images: beyond half the width of the
+    box a pair in several, and a particle with its own, which makes g go to 1. It is that of the infinite periodic
+    packing at every distance; what it repeats of the box begins to show there.
 
     Parameters
     ----------
     packing
         The packing; linked and touching pairs count as all others.
     r_max
-        Largest distance [length]: at most half the smallest width of the box. None: that, but no more than 3.
+        Largest distance [length]. None: half the smallest width of the box, but no more than 3.
     bins
         Number of bins of equal width.
 
@@ -224,7 +232,7 @@ def pair_distribution(packing: Packing, r_max: float | None = None, bins: int = 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or `r_max` is too large for the box.
+        If an argument is not what it must be, or there are too many pairs within `r_max`.
 
     Examples
     --------
@@ -334,14 +342,15 @@ def correlation_function(
         (N,) or (N, Q) real or complex values: psi_k or q_lm of `bond_orientational_order`, exp(2 i angle) of directors,
         displacements. Several components are multiplied one by one and summed.
     r_max
-        Largest distance [length]: at most half the smallest width of the box. None: that, but no more than 3.
+        Largest distance [length]; pairs count at all images, as in `pair_distribution`. None: half the smallest width
+        of the box, but no more than 3.
     bins
         Number of bins of equal width.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or `r_max` is too large for the box.
+        If an argument is not what it must be, or there are too many pairs within `r_max`.
 
     Examples
     --------

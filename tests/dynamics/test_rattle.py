@@ -202,6 +202,9 @@ class Spring(NamedTuple):
     stiffness: float = 1.0
     rest_length: float = 1.0
 
+    # what touches at another distance than the rest length
+    force_jumps = True
+
     def pair_energy(self, distance, contact_distance):
         """Return the energy."""
         return 0.5 * self.stiffness * (distance - self.rest_length) ** 2

@@ -76,7 +76,7 @@ def reach_of(kind, mirror):
 
 
 def at_wall(kind, law, overlap, damping=0.0):
-    """Return the scene of a particle that overlaps the low wall, and of it with its mirror image instead of the wall."""
+    """Return the scene of a particle that overlaps the low wall, and of it with its image instead of the wall."""
     d = KINDS[kind][0]
     height = reach_of(kind, False) - overlap
     place = np.full(d, 5.3)

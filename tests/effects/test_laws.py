@@ -1,6 +1,7 @@
 """Facts about laws of repulsion: closed forms, derivatives, limits, and a user's own law treated as a built-in one."""
 
 import json
+import math
 import pathlib
 from decimal import Decimal, getcontext
 from typing import NamedTuple
@@ -13,6 +14,8 @@ from numba.core.errors import NumbaError
 
 import packmech as pm
 from packmech.effects import contact_terms, energy_scale_of
+from packmech.effects.laws import check_law
+from packmech.effects.pair import check_effect
 from packmech.jit.source_key import source_key
 from packmech.minimize.program import build_program
 
@@ -287,7 +290,7 @@ def test_a_class_that_is_no_law_is_refused_saying_what_is_missing(cls, message):
         pm.law(cls)
 
 
-TABLE = {"stiff": 1.0}
+TABLE = {"stiff": 0.0}
 
 
 def looks_up_in_a_dictionary(self, distance, contact_distance):
@@ -376,3 +379,138 @@ def test_an_effect_whose_force_is_not_that_of_its_energy_is_refused():
     with pytest.raises(ValueError, match=r"effect Odd\.pair_first must be the derivative of pair_energy"):
         packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
         pm.Scene(packing, (pm.effect(energy_only)(1.0),))
+
+
+def jumping(**changes):
+    """Return a class of laws whose three functions belong together, with its numbers given."""
+    cls = named_tuple("Jumping", **harmony(**changes))
+    cls._field_defaults["energy_scale"] = 1.0
+    cls.__new__.__defaults__ = (1.0,)
+    return cls
+
+
+def linear(extra):
+    """Return harmonic energy and force and a constant force besides: it jumps where particles part."""
+    return {
+        "energy": lambda self, r, sigma: 0.5 * (1.0 - r / sigma) ** 2 + extra * (1.0 - r / sigma),
+        "first": lambda self, r, sigma: -(1.0 - r / sigma + extra) / sigma,
+    }
+
+
+def lennard_jones(shift):
+    """Return the attractive and repulsive parts, cut at contact where the force is -24, or at the minimum."""
+    s = 2.0 ** (-1.0 / 6.0) if shift else 1.0
+    return {
+        "energy": lambda self, r, sigma: 4.0 * ((s * sigma / r) ** 12 - (s * sigma / r) ** 6) + shift,
+        "first": lambda self, r, sigma: (-48.0 * (s * sigma / r) ** 12 + 24.0 * (s * sigma / r) ** 6) / r,
+        "second": lambda self, r, sigma: (624.0 * (s * sigma / r) ** 12 - 168.0 * (s * sigma / r) ** 6) / r**2,
+    }
+
+
+def dropped(at):
+    """Return a spring that gives way at a relative overlap, to a constant force of twice the strength."""
+    return {
+        "energy": lambda self, r, sigma: (
+            0.5 * min(1.0 - r / sigma, at) ** 2 + 2.0 * at * max(1.0 - r / sigma - at, 0.0)
+        ),
+        "first": lambda self, r, sigma: -(1.0 - r / sigma if 1.0 - r / sigma < at else 2.0 * at) / sigma,
+        "second": lambda self, r, sigma: 1.0 / sigma**2 if 1.0 - r / sigma < at else 0.0,
+    }
+
+
+JUMPS = {
+    "constant force": (linear(0.1), r"Jumping\.first must go to zero at contact, .*got -0\.1 at contact distance 1"),
+    "weak constant force": (linear(1e-6), r"Jumping\.first must go to zero at contact, .*got -1e-06"),
+    "pull": (linear(-0.2), r"Jumping\.first must go to zero at contact, .*got 0\.2"),
+    "Lennard-Jones cut at its zero": (lennard_jones(0.0), r"Jumping\.first must go to zero at contact, .*got -24 "),
+    "energy that is not shifted": (
+        {"energy": lambda self, r, sigma: 0.5 * (1.0 - r / sigma) ** 2 - 0.3}, r"energy must go to zero .*got -0\.3 "
+    ),
+    "screened charges": (
+        {
+            "energy": lambda self, r, sigma: math.exp(-r / sigma) * sigma / r,
+            "first": lambda self, r, sigma: -math.exp(-r / sigma) * (1.0 / r + sigma / r**2),
+            "second": lambda self, r, sigma: (
+                math.exp(-r / sigma) * (1.0 / (r * sigma) + 2.0 / r**2 + 2.0 * sigma / r**3)
+            ),
+        },
+        r"energy must go to zero at contact",
+    ),
+    "square root": (
+        {
+            "energy": lambda self, r, sigma: (1.0 - r / sigma) ** 1.0,
+            "first": lambda self, r, sigma: -1.0 / sigma,
+            "second": lambda self, r, sigma: 0.0,
+        },
+        r"Jumping\.first must go to zero at contact, .*got -1 at",
+    ),
+    "force that drops": (dropped(0.3), r"Jumping\.first must be continuous, got a jump by 0\.3 at distance 0\.7, "),
+    "force that drops a little": (dropped(0.05), r"Jumping\.first must be continuous, got a jump by 0\.05 at "),
+    "energy that drops": (
+        {"energy": lambda self, r, sigma: 0.5 * (1.0 - r / sigma) ** 2 + (0.1 if r < 0.5 * sigma else 0.0)},
+        r"Jumping\.energy must be continuous, got a jump by -0\.1 at distance 0\.5, ",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "message"), JUMPS.values(), ids=list(JUMPS))
+def test_a_law_that_jumps_is_refused_unless_it_says_so(changes, message):
+    cls = jumping(**changes)
+    with pytest.raises(ValueError, match=message):
+        pm.law(cls)
+    cls.force_jumps = True
+    packing = pm.Packing([[0.0, 0.0], [0.9, 0.0]], [0.5, 0.5], pm.Box.cubic(3.0, 2))
+    # an effect and a law that hold such a law jump, too
+    plateau = pm.PlateauRepulsion(law=pm.law(cls)())
+    assert len(pm.Scene(packing, (pm.Repulsion(cls()), pm.Repulsion(plateau))).effects) == 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(1.5, 12.0), st.floats(-12.0, 12.0))
+def test_power_laws_of_every_exponent_with_continuous_forces_are_accepted(exponent, scale):
+    check_law(pm.PowerLaw(10.0**scale, exponent))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0.1, 1.0))
+def test_power_laws_whose_force_jumps_or_diverges_at_contact_are_refused(exponent):
+    with pytest.raises(ValueError, match="PowerLaw.first must go to zero at contact"):
+        check_law(pm.PowerLaw(1.0, exponent))
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        pm.Harmonic(1e-12),
+        pm.RepulsiveLennardJones(5.0),
+        pm.DivergentRepulsion(divergence=1.0),
+        pm.DivergentRepulsion(divergence=1.0, cap=2.0),
+        pm.PlateauRepulsion(0.3, 0.9, 0.0),
+        pm.PlateauRepulsion(1.0, 1.0, 0.0),
+        pm.PlateauRepulsion(law=pm.DivergentRepulsion()),
+        pm.ExponentialTension(1.0, 0.01),
+    ],
+    ids=repr,
+)
+def test_kinks_steep_forces_and_caps_are_no_jumps(law):
+    check_law(law)
+    check_effect(pm.Repulsion(law))
+
+
+def test_lennard_jones_cut_at_its_minimum_is_accepted_as_it_is_written():
+    assert pm.law(jumping(**lennard_jones(1.0)))().energy(1.0, 1.0) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_an_effect_that_pulls_with_a_constant_force_while_touching_is_refused_unless_it_says_so():
+    hooks = {
+        "pair_energy": lambda self, r, sigma: self.energy_scale * (r - sigma),
+        "pair_first": lambda self, r, sigma, rate: self.energy_scale,
+        "pair_second": lambda self, r, sigma: 0.0,
+    }
+    cls = named_tuple("Glue", **hooks)
+    cls._field_defaults["energy_scale"] = 0.1
+    cls.__new__.__defaults__ = (0.1,)
+    with pytest.raises(ValueError, match=r"effect Glue\.pair_first must go to zero at contact, .*got 0\.1"):
+        pm.effect(cls)
+    cls.force_jumps = True
+    assert pm.effect(cls) is cls

@@ -180,10 +180,36 @@ def test_particles_without_neighbors_count_in_no_mean():
     crystal = pm.lattice_packing("triangular", repeats=(4, 4))
     smaller = crystal.replace(radius_n=np.where(np.arange(16) == 5, 0.1, 0.5))
     found = pm.bond_orientational_order(smaller, 6, "contact")
-    assert found.neighbors.count_n[5] == 0 and found.psi_n[5] == 0.0 and "1 particles without any" in repr(found)
+    assert found.neighbors.count_n[5] == 0 and found.psi_n[5] == 0.0
+    assert found.without_neighbors == 1 and "; 1 of them without any are left out of the means" in repr(found)
     assert found.global_order == pytest.approx(np.abs(np.delete(found.psi_n, 5).mean()), abs=1e-15)
     none = pm.bond_orientational_order(crystal, 6, "cutoff", cutoff=0.5)
-    assert np.isnan(none.global_order) and np.isnan(none.local_order)
+    assert np.isnan(none.global_order) and np.isnan(none.local_order) and none.without_neighbors == 16
+
+
+def test_in_space_particles_without_neighbors_are_counted_and_left_out_of_every_mean():
+    crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2), conventional=True)
+    whole = pm.bond_orientational_order(crystal, 6, "contact")
+    small = crystal.replace(radius_n=np.where(np.arange(crystal.particles) < 2, 0.2, crystal.radius_n))
+    found = pm.bond_orientational_order(small, 6, "contact")
+    assert whole.without_neighbors == 0 and "left out" not in repr(whole)
+    assert found.without_neighbors == 2 and found.counted_n.tolist() == [False] * 2 + [True] * (crystal.particles - 2)
+    kept = found.component_nm[2:]
+    assert found.global_order == pytest.approx(np.linalg.norm(kept.mean(axis=0)), rel=1e-14)
+    assert found.local_order == pytest.approx(np.linalg.norm(kept, axis=1).mean(), rel=1e-14)
+    # times the share of those that count it is the mean over all, where the others are zero
+    share = 1.0 - 2.0 / crystal.particles
+    assert found.global_order * share == pytest.approx(np.linalg.norm(found.component_nm.mean(axis=0)), rel=1e-14)
+    none = pm.bond_orientational_order(crystal, 6, "cutoff", cutoff=0.1)
+    assert np.isnan(none.global_w) and np.isnan(none.bond_weighted_order)
+
+
+def test_nematic_order_says_how_many_round_particles_it_leaves_out():
+    shapes = pm.Spheroids([2.0, 1.0, 2.0], [[1.0, 0.0]] * 3)
+    packing = pm.Packing([[1.0, 1.0], [3.0, 3.0], [5.0, 1.0]], [0.5] * 3, pm.Box.cubic(6.0, 2), shapes=shapes)
+    found = pm.nematic_order(packing)
+    assert float(found) == pytest.approx(1.0) and found.round_particles == 1
+    assert "of 2 directors" in repr(found) and "1 round particles left out" in repr(found)
 
 
 def test_nematic_order_of_parallel_and_crossed_directors():

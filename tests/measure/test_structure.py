@@ -68,10 +68,49 @@ def test_a_packing_moved_by_lattice_vectors_in_equivalent_boxes_has_the_same_pai
     assert np.array_equal(pm.pair_distribution(packing, 4.0).count_b, pm.pair_distribution(other, 4.0).count_b)
 
 
-def test_distances_beyond_half_the_width_are_refused_with_the_width(scattered):
-    with pytest.raises(ValueError, match=r"r_max must be at most half the smallest width .*4.344"):
-        pm.pair_distribution(scattered(2), r_max=4.4)
-    assert pm.pair_distribution(scattered(2), r_max=4.34).count_b.sum() > 0
+def repeated(packing, times):
+    """Return a packing and its images in a cell that is as many times as long along every vector."""
+    d, lattice = packing.dimension, packing.box.lattice_dd
+    shift = np.stack(np.meshgrid(*[np.arange(times)] * d, indexing="ij"), axis=-1).reshape(-1, d) @ lattice.T
+    place = (packing.position_nd[None] + shift[:, None]).reshape(-1, d)
+    return pm.Packing(place, np.tile(packing.radius_n, len(shift)), pm.Box(times * lattice))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_beyond_half_the_box_pairs_are_those_of_the_packing_repeated(dimension, scattered):
+    packing = scattered(dimension)
+    packing = packing.replace(box=pm.Box(packing.box.lattice_dd + 0.8 * np.eye(dimension, k=1)))
+    half = 0.5 * packing.box.height_d.min()
+    value = np.random.default_rng(3).normal(size=(packing.particles, 2))
+    many = repeated(packing, 3)
+    whole, part = (pm.pair_distribution(one, r_max=2.7 * half, bins=40) for one in (many, packing))
+    assert part.edge_b[-1] > 2.6 * half
+    assert np.array_equal(whole.count_ssb, 3**dimension * part.count_ssb)
+    np.testing.assert_allclose(part.g_b, whole.g_b, rtol=1e-12)
+    np.testing.assert_allclose(part.partial_ssb, whole.partial_ssb, rtol=1e-12)
+    whole, part = (
+        pm.correlation_function(one, np.tile(value, (one.particles // packing.particles, 1)), r_max=2.7 * half, bins=40)
+        for one in (many, packing)
+    )
+    assert np.array_equal(whole.count_b, 3**dimension * part.count_b)
+    np.testing.assert_allclose(part.value_b, whole.value_b, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(part.magnitude_b, whole.magnitude_b, rtol=1e-10)
+
+
+def test_one_particle_is_near_its_own_images():
+    alone = pm.Packing([[0.3, 0.2]], [0.5], pm.Box.cubic(1.0, 2))
+    found = pm.pair_distribution(alone, r_max=3.0, bins=300)
+    # the square lattice's shells: 4 at 1, 4 at sqrt 2, 4 at 2, 8 at sqrt 5
+    shells = {1.0: 4, 2.0**0.5: 4, 2.0: 4, 5.0**0.5: 8, 8.0**0.5: 4}
+    for distance, count in shells.items():
+        assert found.count_b[int(distance * (1.0 + 1e-9) / 0.01)] == count
+    assert found.count_b[:-1].sum() == sum(shells.values())
+
+
+@pytest.mark.parametrize("r_max", [1e3, 1e9, 1e300])
+def test_more_pairs_than_fit_are_refused_with_their_number(r_max, scattered):
+    with pytest.raises(ValueError, match=r"r_max must be so small that at most 1e\+08 pairs are nearer, .* got 1"):
+        pm.pair_distribution(scattered(2), r_max=r_max)
 
 
 def test_many_sizes_are_one_species(scattered):

@@ -1,8 +1,8 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """What effects on single particles do to shapes in compiled loops: walls push and turn them, all else acts on centers.
 
-Distances from walls are those of `packmech.contacts.wall_touches`, between a particle and its mirror image, whose energy it
-has half of; a wall's dashpot sees their rate, which for discs is twice the speed. Shapes are the records of
+Distances from walls are those of `packmech.contacts.wall_touches`, between a particle and its mirror image, of whose
+energy it has half; a wall's dashpot sees their rate, which for discs is twice the speed. Shapes are the records of
 `shape_rows`, and decide by their type.
 """
 
