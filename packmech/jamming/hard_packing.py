@@ -25,6 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from packmech.box import Box
 from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
+from packmech.contacts.overlaps import overlap_of_hard
 from packmech.jit.compiled import kernel
 from packmech.linalg.block_system import BlockSystem, Factored, extensions, gather
 from packmech.packing import Packing
@@ -498,7 +499,7 @@ def bring_to_contact(
     return best
 
 
-def _clusters(particles: int, i_c: NDArray[np.int64], j_c: NDArray[np.int64]) -> NDArray[np.int64]:
+def clusters(particles: int, i_c: NDArray[np.int64], j_c: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the (N,) number of each particle's group of those that the pairs join."""
     graph = sp.coo_array((np.ones(len(i_c)), (i_c, j_c)), shape=(particles, particles))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
@@ -512,7 +513,7 @@ def _patches(contacts: Contacts, system: ContactSystem, excess: int) -> tuple[ND
     strength = np.sqrt((states**2).sum(axis=1))
     redundant = strength > 1e-6 * max(float(strength.max()), 1e-300)
     i, j = contacts.i_c[redundant], contacts.j_c[redundant]
-    label = _clusters(contacts.particles, i, j)
+    label = clusters(contacts.particles, i, j)
     involved = np.unique(np.concatenate([i, j]))
     groups = [involved[label[involved] == one] for one in np.unique(label[involved])]
     return tuple(sorted(groups, key=lambda group: (-len(group), int(group[0]))))
@@ -535,7 +536,7 @@ def _floppy_modes(contacts: Contacts, system: ContactSystem, excess: int) -> int
     singular = np.linalg.svd(full, compute_uv=False)
     rank = int((singular > 1e-7 * singular.max(initial=1.0)).sum())
     # parts of the backbone that do not touch each other may slide without opening a contact: that is no way out
-    parts = len(np.unique(_clusters(contacts.particles, contacts.i_c, contacts.j_c)[live]))
+    parts = len(np.unique(clusters(contacts.particles, contacts.i_c, contacts.j_c)[live]))
     return max(0, len(live) * d - d * parts + len(system.load_k) - rank)
 
 
@@ -632,6 +633,10 @@ def _accept(
             reason = f"another pair overlaps by {overlap:.1e}"
             touching |= overlap_c > GAP_ERROR
             continue
+        # all pairs, listed by the search or not
+        wrong = overlap_of_hard(packing)
+        if wrong is not None:
+            return None, str(wrong)
         given = state.force_c[touching]
         # without redundancy the forces are unique; with it, weights in proportion keep small forces positive
         system = contact_system(contacts, basis_kdd, live)

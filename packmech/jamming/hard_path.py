@@ -9,8 +9,8 @@ strain Newton's method on the distances gives it exactly. The network lasts unti
 - the force of a contact falls to zero: nothing holds the packing any more along the motion that opens the contact. It
   falls to the next hard packing, by the interior-point method that minimizes the volume: packing fraction jumps up.
 
-Rattlers are kept apart from what surrounds them, by linear programs for the largest smallest gap; one that is squeezed
-closes d + 1 contacts at once. Families of sheared packings: Schreck and O'Hern, section 2.2 of their chapter.
+Rattlers are kept apart from what surrounds them, by linear programs for the largest smallest gap over all pairs that
+these can bring together; one that is squeezed closes d + 1 contacts at once. Families of sheared packings: Schreck and O'Hern, section 2.2 of their chapter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 
 from packmech.box import Box
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
-from packmech.contacts.shape_contacts import ShapeContacts, shape_contacts, slopes_of_ends
+from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts, slopes_of_ends
 from packmech.jamming.hard_packing import (
     REACH,
     ContactSystem,
@@ -34,6 +34,7 @@ from packmech.jamming.hard_packing import (
     HardState,
     bring_to_contact,
     certify,
+    clusters,
     contact_system,
     densify,
     kicked,
@@ -43,6 +44,7 @@ from packmech.jamming.sheared_lattice import ShearedLattice
 from packmech.linalg.linear_programs import LinearProgram, solve_highs
 from packmech.packing import Packing
 from packmech.result import Outcome
+from packmech.shapes import Beads
 
 # contacts touch to this, and pairs that close at one strain are as near [contact distance]
 _TOUCH = 1e-11
@@ -252,12 +254,8 @@ class HardPath:
         both = live[near.i_c] & live[near.j_c] & ~bearing
         closing = float((near.gap_c / near.contact_distance_c)[both].min(initial=_NEAR))
         opening = float(vertex.force_c.min() / vertex.force_c.mean())
-        squeezing = _NEAR
-        if not live.all():
-            packing, room, _ = make_room(vertex.packing, near, ~live)
-            vertex = replace(vertex, packing=packing)
-            squeezing = room
-        return vertex, {"closing": closing, "opening": opening, "squeezing": squeezing}
+        packing, squeezing, _ = make_room(vertex.packing, near, ~live)
+        return replace(vertex, packing=packing), {"closing": closing, "opening": opening, "squeezing": squeezing}
 
     def _near(self, packing: Packing) -> Contacts:
         pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
@@ -276,13 +274,25 @@ class HardPath:
                 return self.vertex, None
             if trial.vertex is not None and trial.margin <= -_TOUCH:
                 change = self._change(start, trial)
-                self.vertex = self._relabeled(change.after)
-                return self.vertex, change
+                if change is not None:
+                    self.vertex = self._relabeled(change.after)
+                    return self.vertex, change
             if abs(goal - start.strain) < _SHORTEST:
-                change = self._fall(start, start, "fold", math.copysign(1.0, strain - start.strain))
-                self.vertex = self._relabeled(change.after)
-                return self.vertex, change
+                return self.fall(math.copysign(1.0, strain - start.strain), trial.cause if trial.vertex else "fold")
             goal = 0.5 * (start.strain + goal)
+
+    def fall(self, direction: float, cause: str) -> tuple[Vertex, Change]:
+        """Give the network up: go to the hard packing that is found next, whatever contacts it takes; and the change.
+
+        Raises
+        ------
+        Lost
+            If none is found.
+
+        """
+        change = self._fall(self.vertex, cause, direction)
+        self.vertex = self._relabeled(change.after)
+        return self.vertex, change
 
     def _dips(self, start: Vertex, end: Vertex) -> bool:
         """Return whether a pair closes and opens again between two vertices, by cubics through gaps and their rates."""
@@ -303,8 +313,12 @@ class HardPath:
         change = rates.u_nd[near.j_c] - rates.u_nd[near.i_c] + near.vector_cd @ grown.T
         return near.gap_c, np.einsum("ca,ca->c", near.normal_cd, change)
 
-    def _change(self, start: Vertex, beyond: _Trial) -> Change:
-        """Return the first change between a vertex and a strain at which its network is none any more."""
+    def _change(self, start: Vertex, beyond: _Trial) -> Change | None:
+        """Return the first change between a vertex and a strain at which its network is none any more.
+
+        None where a rattler that is squeezed at the farther strain is not on the way there: in so long a step it was
+        led elsewhere.
+        """
         end = beyond.vertex
         assert end is not None
         found: dict[float, _Trial] = {end.strain: beyond}
@@ -320,13 +334,16 @@ class HardPath:
         root = brentq(margin, start.strain, end.strain, xtol=1e-15, rtol=4.0 * np.finfo(float).eps, maxiter=200)
         trials = [one for strain, one in found.items() if one.vertex is not None and abs(strain - root) < 1e-11]
         there = min(trials, key=lambda one: abs(one.margin + _TOUCH)) if trials else self._try(start, root)
+        direction = end.strain - start.strain
         if there.vertex is None:
-            return self._fall(start, start, "fold", end.strain - start.strain)
+            return self._fall(start, "fold", direction)
+        if there.cause == "squeezing" and abs(there.margin) > _AT_ONCE:
+            return None
         if there.cause == "opening" or there.vertex.strain == start.strain:
-            return self._fall(start, there.vertex, there.cause, end.strain - start.strain)
-        exchanged = self._exchange(there.vertex, end.strain - start.strain)
+            return self._fall(there.vertex, there.cause, direction)
+        exchanged = self._exchange(there.vertex, direction)
         if exchanged is None:
-            return self._fall(start, there.vertex, there.cause, end.strain - start.strain)
+            return self._fall(there.vertex, there.cause, direction)
         before, after = exchanged
         return self._noted(before, after, there.cause, 0.0)
 
@@ -336,20 +353,19 @@ class HardPath:
     def _exchange(self, vertex: Vertex, direction: float) -> tuple[Vertex, Vertex] | None:
         """Return the vertex where pairs have just closed, with its own network and with that which goes on."""
         live = vertex.live_n
-        near = self._near(vertex.packing)
+        packing, room, held = make_room(vertex.packing, self._near(vertex.packing), ~live)
+        near = self._near(packing)
         bearing = np.isin(self._key(near), self._key(vertex.contacts))
         closed = ~bearing & (np.abs(near.gap_c) < _AT_ONCE * near.contact_distance_c)
         closed &= live[near.i_c] & live[near.j_c]
-        if not live.all():
-            _, room, active = make_room(vertex.packing, near, ~live)
-            if abs(room) < _AT_ONCE:
-                closed |= active
+        if abs(room) < _AT_ONCE:
+            closed |= np.isin(self._key(near), self._key(held))
         if not closed.any():
             return None
         # where these touch exactly is a strain to solve for
         chosen = Candidates(*(part[bearing | closed] for part in (near.i_c, near.j_c, near.image_cd)))
         both = np.concatenate([self.isotropic_kdd, self.shear_dd[None]])
-        packing, contacts, error = bring_to_contact(vertex.packing, chosen, both)
+        packing, contacts, error = bring_to_contact(packing, chosen, both)
         if error > _TOUCH:
             return None
         relative = packing.box.lattice_dd @ np.linalg.inv(self.lattice.unsheared_dd)
@@ -365,6 +381,8 @@ class HardPath:
         count = kept.count_n() > 0
         if len(kept) < contacts.dimension * (int(count.sum()) - 1) + 1:
             return None
+        # rattlers that were near one that was squeezed have room without it
+        packing, _, _ = make_room(packing, self._near(packing), ~count)
         after = self._vertex(strain, packing, kept, force[bears], error)
         if after.force_imbalance > 1e-9 or after.force_c.min() <= 0.0:
             return None
@@ -393,7 +411,7 @@ class HardPath:
         solution = solve_highs(program, 1e-10)
         return solution.x if solution.solve.outcome is Outcome.CONVERGED else None
 
-    def _fall(self, start: Vertex, vertex: Vertex, cause: str, direction: float) -> Change:
+    def _fall(self, vertex: Vertex, cause: str, direction: float) -> Change:
         """Return the change to the hard packing nearby, where the network holds the packing no more.
 
         Raises
@@ -412,7 +430,9 @@ class HardPath:
         if hard is None:
             raise Lost
         place = hard.packing.replace(box=self._lattice(strain, hard.packing))
-        after = self._vertex(strain, place, hard.contacts, hard.force_c, hard.gap_error)
+        bears = hard.contacts.count_n() > 0
+        roomy, _, _ = make_room(place, self._near(place), ~bears)
+        after = self._vertex(strain, roomy, hard.contacts, hard.force_c, hard.gap_error)
         both = vertex.live_n & after.live_n
         moved = place.position_nd @ np.linalg.inv(place.box.lattice_dd).T
         moved = (moved - packing.position_nd @ packing.box.inverse_dd.T)[both] @ packing.box.lattice_dd.T
@@ -475,11 +495,13 @@ def dips(
 
 def make_room(
     packing: Packing, near: Contacts | ShapeContacts, rattling_n: NDArray[np.bool_]
-) -> tuple[Packing, float, NDArray[np.bool_]]:
+) -> tuple[Packing, float, Candidates]:
     """Return the packing with its rattlers as far from everything as they can be, the room left, and who limits it.
 
-    Each program maximizes the smallest relative gap to first order in their displacements, turns among them; distances
-    of discs and spheres are convex, so that the true gaps are no smaller. Room of a hundredth is enough.
+    Each group of rattlers that can meet is moved by itself, all else standing where it is. Each program maximizes the
+    smallest relative gap to first order in their displacements, turns among them, over all pairs that these can bring
+    together; distances of discs and spheres are convex, so that the true gaps are no smaller. Room of a hundredth is
+    enough.
 
     Parameters
     ----------
@@ -493,27 +515,78 @@ def make_room(
     Returns
     -------
     tuple
-        The packing, the smallest gap of a rattler over its contact distance, negative where one is squeezed, and
-        which of the pairs have that gap and hold it there.
+        The packing, the smallest gap of a rattler over its contact distance, negative where one is squeezed, and the
+        pairs that have that gap and hold it there.
 
     """
-    with_one = np.flatnonzero(rattling_n[near.i_c] | rattling_n[near.j_c])
-    active = np.zeros(len(near), dtype=bool)
-    if not len(with_one):
-        return packing, _NEAR, active
-    number = np.where(rattling_n, np.cumsum(rattling_n) - 1, -1)
-    here = near.select(np.isin(np.arange(len(near)), with_one))
-    count, ends = int(rattling_n.sum()), _slopes_of_ends(packing, here)
-    q = ends.shape[2]
-    trust = _TRUST
-    room = float((here.gap_c / here.contact_distance_c).min())
-    if room > _ROOM:
-        return packing, room, active
+    gap_c = near.gap_c / near.contact_distance_c
+    loose_i, loose_j = rattling_n[near.i_c], rattling_n[near.j_c]
+    room = float(gap_c[loose_i | loose_j].min(initial=_NEAR))
+    waiting = np.zeros(packing.particles, dtype=bool)
+    for loose_c, end_c in ((loose_i, near.i_c), (loose_j, near.j_c)):
+        waiting[end_c[loose_c & (gap_c <= _ROOM)]] = True
+    if not waiting.any():
+        return packing, room, _no_pairs(packing)
+    found: list[tuple[float, Candidates]] = []
+    for k in np.flatnonzero(waiting).tolist():
+        if waiting[k]:
+            group_n = _group(packing, k, rattling_n)
+            waiting &= ~group_n
+            packing, own, limits = _apart(packing, group_n)
+            found.append((own, limits))
+    room = min(own for own, _ in found)
+    limiting = [limits for own, limits in found if own <= room + _AT_ONCE]
+    return packing, room, Candidates(*(np.concatenate(part) for part in zip(*limiting, strict=True)))
+
+
+def _no_pairs(packing: Packing) -> Candidates:
+    none = np.zeros(0, dtype=np.int64)
+    return Candidates(none, none, np.zeros((0, packing.dimension), dtype=np.int64))
+
+
+def _within_reach(packing: Packing, member_n: NDArray[np.bool_], trust: float) -> Contacts | ShapeContacts:
+    """Return the pairs of members that are tight, or may be once each coordinate has changed by no more than `trust`.
+
+    A pair is tight up to the room that is enough.
+    """
+    d, shapes = packing.dimension, packing.shapes
+    way = math.sqrt(d)
+    if isinstance(shapes, Beads):
+        # beads go round their bodies' centers, other shapes turn within the discs or spheres that hold them
+        turn = np.sqrt((shapes.turn_basis(packing.radius_n) ** 2).sum(axis=(1, 2)))
+        way += math.sqrt(d) * float((turn * shapes.reach(packing.radius_n)).max())
+    skin, scale = 2.0 * way * trust, 1.0 + _ROOM
+    if shapes is not None:
+        pairs = candidate_shapes(packing, scale, skin)
+        owner = shapes.particle_b if isinstance(shapes, Beads) else np.arange(packing.particles)
+        keep = member_n[owner[pairs.i_c]] | member_n[owner[pairs.j_c]]
+        return shape_contacts(packing, Candidates(*(part[keep] for part in pairs)))
+    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
+    keep = member_n[pairs.i_c] | member_n[pairs.j_c]
+    return pair_contacts(packing, *(part[keep] for part in pairs))
+
+
+def _group(packing: Packing, k: int, rattling_n: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the (N,) rattlers that can meet rattler k, or those that can meet it, in one program."""
+    near = _within_reach(packing, rattling_n, _TRUST)
+    both = rattling_n[near.i_c] & rattling_n[near.j_c]
+    label_n = clusters(packing.particles, near.i_c[both], near.j_c[both])
+    return np.asarray(label_n == label_n[k])
+
+
+def _apart(packing: Packing, group_n: NDArray[np.bool_]) -> tuple[Packing, float, Candidates]:
+    """Return the packing with the group as far from everything as it can be, its room, and the pairs that limit it."""
+    number = np.where(group_n, np.cumsum(group_n) - 1, -1)
+    count, trust = int(group_n.sum()), _TRUST
+    limits = _no_pairs(packing)
+    here = _within_reach(packing, group_n, trust)
+    room = float((here.gap_c / here.contact_distance_c).min(initial=_NEAR))
     for _ in range(_PROGRAMS):
-        unit = here.contact_distance_c
+        unit, ends = here.contact_distance_c, _slopes_of_ends(packing, here)
+        q = ends.shape[2]
         row, column, value = [], [], []
         for end, slope_cq in zip((here.i_c, here.j_c), ends, strict=True):
-            one = np.flatnonzero(rattling_n[end])
+            one = np.flatnonzero(group_n[end])
             row.append(np.repeat(one, q))
             column.append((number[end[one]][:, None] * q + np.arange(q)).ravel())
             value.append(-slope_cq[one].ravel())
@@ -537,25 +610,29 @@ def make_room(
         if solution.solve.outcome is not Outcome.CONVERGED:
             break
         u_nq = np.zeros((packing.particles, q))
-        u_nq[rattling_n] = solution.x[:-1].reshape(count, q)
+        u_nq[group_n] = solution.x[:-1].reshape(count, q)
         moved = displaced(packing, u_nq)
         now = _same_pairs(moved, here)
-        reached = float((now.gap_c / now.contact_distance_c).min())
-        limits = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max()), 1e-300)
-        active[:] = False
-        active[with_one[limits]] = True
+        reached = float((now.gap_c / now.contact_distance_c).min(initial=_NEAR))
+        push = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max(initial=0.0)), 1e-300)
+        chosen = now.select(push)
+        limits = (
+            chosen.pairs
+            if isinstance(chosen, ShapeContacts)
+            else Candidates(chosen.i_c, chosen.j_c, chosen.image_cd)
+        )
         if reached <= room + 1e-15:
             # distances of other shapes bend both ways: nearer by they are straight
             if packing.shapes is None or trust < _STRAIGHT:
                 break
             trust *= 0.25
-            continue
-        gained, room, packing, here = reached - room, reached, moved, now
-        if room > _ROOM or gained < 1e-14:
-            break
-        ends = _slopes_of_ends(packing, here)
-        trust = min(trust, max(3.0 * float(np.abs(u_nq).max()), 1e-6))
-    return packing, room, active
+        else:
+            gained, room, packing = reached - room, reached, moved
+            if room > _ROOM or gained < 1e-14:
+                break
+            trust = min(trust, max(3.0 * float(np.abs(u_nq).max()), 1e-6))
+        here = _within_reach(packing, group_n, trust)
+    return packing, room, limits
 
 
 def displaced(packing: Packing, u_nq: NDArray[np.float64]) -> Packing:

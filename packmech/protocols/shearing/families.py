@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance, listed, positive, real, two_axes
 from packmech.contacts.network import find_contacts, pair_contacts
+from packmech.contacts.overlaps import overlap_of_hard
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion
 from packmech.honors import honors
@@ -37,6 +38,8 @@ from packmech.scene import Scene
 _NEARBY, _DENSER = 0.1, 0.01
 # net force over the mean one of a packing of shapes at a small pressure
 _BALANCED = 1e-6
+# strain within which a network that comes again is given up, and steps within it after which the path is
+_PROGRESS, _STEPS = 1e-7, 200
 _COLUMNS = ("strain", "packing_fraction", "stress_ratio", "family", "contacts", "rattlers", "gap_error", "imbalance")
 
 
@@ -107,6 +110,8 @@ class ShearFamilies(Run):
         Packings at the strains that were asked for by `keep`, in the order in which they were reached.
     axes
         Direction of the flow, and of its gradient.
+    report
+        `stopped`: why the path ended before the strain that was asked for, in a sentence, where it lost the packing.
 
     """
 
@@ -167,6 +172,7 @@ class ShearFamilies(Run):
             ("jumps", str(found["jumps"]), jumps),
             ("gap error", f"{found['gap_error']:.1e}", "over the mean diameter"),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
+            *(("stopped", f"at {found['strain']:.6g}", found["stopped"]) for _ in range("stopped" in found)),
         ]
 
     def table(self) -> Table:
@@ -231,14 +237,16 @@ def shear_families(
     Returns
     -------
     ShearFamilies
-        Outcome.FINISHED, or Outcome.NOT_JAMMED where no hard packing is found after a jump.
+        Outcome.FINISHED; Outcome.NOT_JAMMED where no hard packing is found after a jump; Outcome.STALLED where the path
+        makes no progress; Outcome.INACCURATE where particles would overlap by more than 1e-12 of their contact
+        distance: all pairs of each packing on the way are checked. `report["stopped"]` says why and where.
 
     Raises
     ------
     TypeError, ValueError
         If an argument is not what it must be, or the packing is not jammed.
     NotConverged
-        If the hard packing is lost and `check` is set; its `.run` holds what was reached.
+        If the hard packing is lost and `check` is set; its `.run` holds what was reached, its packing the last hard one.
     KeyboardInterrupt
         Passed on with `.run` set to what was finished.
 
@@ -370,7 +378,7 @@ class _Rows:
         """Return the number of a network."""
         return self.numbers.setdefault(network, len(self.numbers))
 
-    def run(self, packing: Packing, outcome: Outcome, steps: int) -> ShearFamilies:
+    def run(self, packing: Packing, outcome: Outcome, steps: int, report: dict[str, Any]) -> ShearFamilies:
         """Return the run as far as it came."""
         columns: dict[str, Any] = dict(
             zip(_COLUMNS, np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy(), strict=True)
@@ -392,6 +400,7 @@ class _Rows:
             changes=tuple(self.changes),
             packings=tuple(self.kept),
             axes=self.axes,
+            report=report,
             **{f"{name}_t": column for name, column in columns.items()},
         )
 
@@ -403,28 +412,63 @@ class _HardWalk:
         self.given, self.path, self.loop = packing, path, loop
         self.unit = length_unit(packing)
         self.found = _Rows(path.axes, began)
+        self.report: dict[str, Any] = {}
+        # the strain up to which it has come on, networks since then, and steps
+        self.since, self.networks, self.steps = path.vertex.strain, {path.identity(path.vertex.contacts)}, 0
+        self.last = path.vertex
         self._keep(path.vertex, self.found.number(path.identity(path.vertex.contacts)))
 
     def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
         """Go through all strains."""
         path, found = self.path, self.found
         found.goal = float(goals[-1])
+        direction = float(np.sign(goals[-1]))
         for goal in goals.tolist():
             # a fall ends a little beyond the strain where it begins
             while abs(path.vertex.strain) < abs(goal):
                 self.loop.check_time()
                 try:
                     vertex, change = path.go(goal)
+                    while change is not None:
+                        self._note(change)
+                        # contacts that change in turn, and none for good, change together
+                        again = self._comes_again(change)
+                        vertex, change = path.fall(direction, change.cause) if again else (vertex, None)
                 except Lost:
-                    return Outcome.NOT_JAMMED
-                if change is not None:
-                    self._note(change)
+                    return self._stopped(Outcome.NOT_JAMMED, "no hard packing was found")
+                if self._stands_still():
+                    return self._stopped(Outcome.STALLED, "contacts change over and over, and the strain does not grow")
+                wrong = overlap_of_hard(vertex.packing)
+                if wrong is not None:
+                    return self._stopped(Outcome.INACCURATE, str(wrong))
+                self.last = vertex
                 self._keep(vertex, found.number(path.identity(vertex.contacts)))
             if goal in kept:
                 found.kept.append(self._restored(path.vertex))
             last = found.rows[-1]
             self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
         return Outcome.FINISHED
+
+    def _comes_again(self, change: Change | ShapeChange) -> bool:
+        """Return whether a change leads to a network that it has had since the strain last grew."""
+        self.steps += 1
+        if abs(change.after.strain - self.since) > _PROGRESS:
+            self.since, self.networks, self.steps = change.after.strain, {change.identities[0]}, 0
+        again = change.identities[1] in self.networks
+        self.networks.add(change.identities[1])
+        return again and self.steps <= _STEPS
+
+    def _stands_still(self) -> bool:
+        """Return whether it has gone on for too many steps without the strain growing."""
+        strain = self.path.vertex.strain
+        self.steps += 1
+        if abs(strain - self.since) > _PROGRESS:
+            self.since, self.networks, self.steps = strain, set(), 0
+        return self.steps > _STEPS
+
+    def _stopped(self, outcome: Outcome, why: str) -> Outcome:
+        self.report["stopped"] = f"{why}, beyond strain {self.last.strain:.10g}"
+        return outcome
 
     def _keep(self, vertex: Vertex | ShapeVertex, number: int) -> None:
         self.found.rows.append(
@@ -469,4 +513,4 @@ class _HardWalk:
 
     def finish(self, outcome: Outcome) -> ShearFamilies:
         """Return the run as far as it came."""
-        return self.found.run(self._restored(self.path.vertex), outcome, self.path.factorizations)
+        return self.found.run(self._restored(self.last), outcome, self.path.factorizations, self.report)

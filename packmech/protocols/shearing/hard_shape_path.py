@@ -266,7 +266,7 @@ class HardShapePath:
         cages = ~(live[near.i_c] & live[near.j_c])
         if (near.gap_c[cages] < _TIGHT * near.contact_distance_c[cages]).any():
             packing, _, _ = make_room(packing, near, ~live)
-            near = shape_contacts(packing, near.pairs)
+            near = self._near(packing)
         return ShapeVertex(
             strain, packing, network.contacts, network.force_c, gap_error, imbalance, answer, rate_c, near
         )  # fmt: skip
@@ -353,20 +353,32 @@ class HardShapePath:
                 margins = self._margins(trial)
                 cause = min(margins, key=lambda name: margins[name])
                 if margins[cause] <= -_TOUCH:
-                    change = self._change(start, trial, cause)
-                    self.vertex = self._relabeled(change.after)
-                    # what rounding took for a change is none
-                    same = not change.jumps and change.identities[0] == change.identities[1]
-                    return self.vertex, None if same else change
-                if not self._dips(start, trial):
+                    change = self._change(start, trial)
+                    if change is not None:
+                        self.vertex = self._relabeled(change.after)
+                        # what rounding took for a change is none
+                        same = not change.jumps and change.identities[0] == change.identities[1]
+                        return self.vertex, None if same else change
+                elif not self._dips(start, trial):
                     self._stride = step if halved else 3.0 * step
                     self.vertex = self._relabeled(trial)
                     return self.vertex, None
             if step <= _SHORTEST:
-                change = self._fall(start, "instability", direction)
-                self.vertex = self._relabeled(change.after)
-                return self.vertex, change
+                return self.fall(direction, "instability")
             aim, halved = start.strain + 0.5 * (aim - start.strain), True
+
+    def fall(self, direction: float, cause: str) -> tuple[ShapeVertex, ShapeChange]:
+        """Give the network up: go to the hard packing that is found next, whatever contacts it takes; and the change.
+
+        Raises
+        ------
+        Lost
+            If none is found.
+
+        """
+        change = self._fall(self.vertex, cause, direction)
+        self.vertex = self._relabeled(change.after)
+        return self.vertex, change
 
     def _dips(self, start: ShapeVertex, end: ShapeVertex) -> bool:
         """Return whether a pair closes and opens again between two vertices."""
@@ -385,8 +397,12 @@ class HardShapePath:
         whole = np.hstack([moved, turned[near.i_c], turned[near.j_c]])
         return np.asarray((near.slope_cx * whole).sum(axis=1))
 
-    def _change(self, start: ShapeVertex, beyond: ShapeVertex, cause: str) -> ShapeChange:
-        """Return the first change between a vertex and a strain at which its network is none any more."""
+    def _change(self, start: ShapeVertex, beyond: ShapeVertex) -> ShapeChange | None:
+        """Return the first change between a vertex and a strain at which its network is none any more.
+
+        None where a rattler that is squeezed at the farther strain is not on the way there: in so long a step it was
+        led elsewhere.
+        """
         found: dict[float, ShapeVertex | None] = {beyond.strain: beyond}
 
         def margin(strain: float) -> float:
@@ -406,6 +422,8 @@ class HardShapePath:
         there = min(near, key=lambda one: abs(margin(one.strain)))
         margins = self._margins(there)
         cause = min(margins, key=lambda name: margins[name])
+        if cause == "squeezing" and abs(margins[cause]) > _AT_ONCE:
+            return None
         after = None
         if cause == "closing":
             after = self._with_closed(there, direction)
@@ -588,7 +606,10 @@ class HardShapePath:
             overlaps = ~bearing & live[near.i_c] & live[near.j_c] & (near.gap_c < -_TOUCH * near.contact_distance_c)
             pulls = found.force_c <= _NO_FORCE * found.force_c.mean()
             if not overlaps.any() and not pulls.any():
-                return self._settled(strain, found.packing, active, found.force_c)
+                settled = self._settled(strain, found.packing, active, found.force_c)
+                # a rattler without room is none
+                squeezed = settled is not None and self._margins(settled)["squeezing"] <= -_TOUCH
+                return None if squeezed else settled
             force = np.zeros(len(near))
             keep = np.zeros(len(near), dtype=bool)
             where = self._places(near, active)
