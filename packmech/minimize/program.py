@@ -17,6 +17,7 @@ from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import pair_energy
+from packmech.effects.pair import pair_elastic
 from packmech.links import Links
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.passes.kernels import (
@@ -106,6 +107,9 @@ class Relaxation(NamedTuple):
     force_evaluations: int
 
 
+# a law diverges whose force at the first distance [contact distance] is more than so many times that at the second: a
+# power of the overlap less than doubles it, one over the distance multiplies it by a thousand, up to a cap
+_CLOSE, _STEEP = (1e-4, 0.1), 3.0
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
 _SKIN = 0.6
 
@@ -140,7 +144,7 @@ class Program:
     order_n
         (N,) particle of each row of a position.
     diverges
-        Whether the energy of two particles grows beyond measure as their centers meet.
+        Whether the energy or the force of two particles grows beyond measure as their centers meet.
     row_links
         The links between rows, if there are any.
     build_seconds
@@ -520,12 +524,14 @@ def space_order(packing: Packing) -> NDArray[np.int64]:
 
 
 def _diverges(scene: Scene) -> bool:
+    """Return whether the energy near the center is beyond measure, or the force there beyond that of deep overlaps."""
     sigma = scene.packing.reference_diameter
     try:
         near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
+        close, deep = (sum(abs(float(pair_elastic(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
     except (OverflowError, ZeroDivisionError, ValueError):
         return True
-    return not near < 1e3 * scene.energy_scale
+    return not (near < 1e3 * scene.energy_scale and close <= _STEEP * deep)
 
 
 def build_program(scene: Scene) -> Program:

@@ -13,7 +13,15 @@ from packmech.check import instance, integer, positive
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts import crossing_links
-from packmech.effects import FixedParticles, Harmonic, Repulsion, held_particles, refuse_unknown_to_shapes
+from packmech.effects import (
+    FixedParticles,
+    Harmonic,
+    Repulsion,
+    Walls,
+    held_particles,
+    refuse_unknown_to_shapes,
+    single_effects,
+)
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
@@ -42,6 +50,10 @@ _ROUNDS, _TIGHTER, _TIGHTEST = 8, 0.1, 1e-15
 _KICK, _SHORTEST, _LONGEST = 1e-4, 1e-10, 0.1
 # an overlap [1] at which a law that diverges at the center must not be the one to part the particles
 _DEEP = 0.2
+# energy that rounding of positions leaves where nothing touches [energy scale]
+_NO_ENERGY = 1e-24
+# second derivatives of coincident centers are none: Newton's method starts with overlaps below this [1]
+_COINCIDENT = 0.99
 # forces within this many floors of balance may be rounding
 _FLOORS = 8.0
 
@@ -62,8 +74,9 @@ def quench(
     """Return the run to a minimum of the energy in the box as it is.
 
     Starts with coincident or deeply overlapping particles are fine: steps are bounded, and coincident ones part along
-    a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones), deep overlaps
-    are first relaxed with the harmonic law. Effects without an energy, such as damping, have no part in it.
+    a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones,
+    DivergentRepulsion), and for Newton's method where centers all but coincide, deep overlaps are first relaxed with
+    the harmonic law. Effects without an energy, such as damping, have no part in it.
 
     With links in two dimensions, overlaps deeper than a quarter are relaxed first by steps that let no links pass
     through each other. From there on contacts keep them apart by themselves, unless links are longer than sqrt(2) times
@@ -133,7 +146,7 @@ def quench(
 
     def work() -> Outcome:
         descent.separate()
-        failed = descent.relax_deep_overlaps()
+        failed = descent.relax_deep_overlaps(_COINCIDENT if isinstance(method, Newton) else 1.0)
         if failed is not None:
             return failed
         if method is None:
@@ -207,9 +220,12 @@ class _Descent:
             self.evaluations += steps
             self._keep("deep overlaps", self.program.evaluate(), steps, steps, began)
 
-    def relax_deep_overlaps(self) -> Outcome | None:
-        """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None."""
-        if not self.program.diverges or self.program.evaluate().deepest_overlap < _DEEP:
+    def relax_deep_overlaps(self, bearable: float) -> Outcome | None:
+        """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None.
+
+        With another law only overlaps deeper than is bearable.
+        """
+        if not self.program.evaluate().deepest_overlap > (_DEEP if self.program.diverges else bearable):
             return None
         held = tuple(one for one in self.scene.effects if isinstance(one, FixedParticles))
         harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)), *held))
@@ -240,20 +256,28 @@ class _Descent:
             outcome = attempt(goal, note)
             now = self.reached
             met = outcome is not Outcome.TIME_LIMIT and now.mean_force > 0.0 and now.residual <= tolerance
-            if outcome is Outcome.UNJAMMED:
+            if outcome is Outcome.UNJAMMED and self._alone(now):
                 self.stability = Stability(0)
-            if outcome is Outcome.UNJAMMED or not (met or outcome.ok or outcome is Outcome.UNSTABLE):
+                return outcome
+            if not (met or outcome.ok or outcome is Outcome.UNSTABLE):
                 return outcome
             found = self.stability
             if found is None or found.negative:
                 self.stability = found = stability(self.scene.replace(packing=self.packing()), now.max_force)
             if not found.negative:
                 # Newton's method counts less exactly with links and shapes
-                return Outcome.CONVERGED if met or outcome is Outcome.UNSTABLE else outcome
+                balanced = outcome in (Outcome.UNSTABLE, Outcome.UNJAMMED)
+                return Outcome.CONVERGED if met or balanced else outcome
             if number < _ROUNDS - 1:
                 self.step_off(found)
             goal, note = max(tolerance * _TIGHTER**number, min(tolerance, _TIGHTEST)), ", off the saddle"
         return Outcome.UNSTABLE
+
+    def _alone(self, now: Evaluation) -> bool:
+        """Return whether nothing presses a particle, where what acts on single ones may balance by itself."""
+        acting = single_effects(self.scene.effects)
+        walls_only = all(isinstance(one, Walls) for one in acting)
+        return not acting or (walls_only and now.energy <= _NO_ENERGY * self.scene.energy_scale)
 
     def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:
         """Advance by one method until it ends or a limit is met; return how it ended."""
