@@ -44,6 +44,8 @@ _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 _STILL = 8.0
 # sizes of the displacements that move a packing off a saddle, one after the other [reduced length]
 _KICKS = (1e-5, 1e-4, 1e-3)
+# curvature that unbalanced forces may cause, in units of the largest over the smallest radius
+_SIDEWAYS = 4.0
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _NO_FORCE = 0.1
 
@@ -177,11 +179,16 @@ def rounding_floor(network: SoftNetwork) -> float:
 
 
 def _unstable_directions(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> int:
-    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
+    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed.
+
+    Forces that do not balance bend contacts sideways: rattlers that graze bear no more than these, and what they alone
+    make negative says nothing about what bears the pressure.
+    """
     network = network_of(packing, units, basis_kdd, pressure)
+    sideways = _SIDEWAYS * network.largest_force() / float(packing.radius_n.min())
     contacts = network.near(packing)
     network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)))
-    return _negative(network)
+    return _negative(network, sideways)
 
 
 def judge(state: SoftState, tolerance: float) -> Outcome:
@@ -362,10 +369,10 @@ def _extent(packing: Packing) -> float:
     return max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
 
 
-def _negative(network: SoftNetwork) -> int:
-    """Return the number of unstable directions."""
+def _negative(network: SoftNetwork, bound: float = 0.0) -> int:
+    """Return the number of directions whose curvature is negative by more than the bound, and by more than rounding."""
     try:
-        return network.direction(_TRACE * float(np.abs(network.second_c).mean()))[2]
+        return network.direction(max(_TRACE * float(np.abs(network.second_c).mean()), bound))[2]
     except np.linalg.LinAlgError:
         return 1
 
