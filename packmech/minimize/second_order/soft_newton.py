@@ -41,7 +41,7 @@ _WIDE, _WIDEST = 1e2, 1e-3
 # merit at which the width is multiplied by a factor; its last value over that overlap, and over the error of positions
 _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 # positions are multiples of their last digit: so many floors is as still as a packing can be in double precision
-_STILL = 8.0
+FLOORS = 8.0
 # sizes of the displacements that move a packing off a saddle, one after the other [reduced length]
 _KICKS = (1e-5, 1e-4, 1e-3)
 # curvature that unbalanced forces may cause, in units of the largest over the smallest radius
@@ -80,7 +80,7 @@ class SoftState:
 
     def sound(self, tolerance: float) -> bool:
         """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
-        return self.negative == 0 and self.balanced(max(tolerance, _STILL * self.floor))
+        return self.negative == 0 and self.balanced(max(tolerance, FLOORS * self.floor))
 
 
 def network_of(
@@ -159,7 +159,7 @@ def newton(
         else:
             idle += 1
         # where contacts open and close the merit rises before it falls; at the floor of rounding it only wanders
-        if idle >= 10 or (idle >= 2 and best[1] <= _STILL * rounding_floor(network)):
+        if idle >= 10 or (idle >= 2 and best[1] <= FLOORS * rounding_floor(network)):
             break
     if negative:
         # the last step's count may belong to another set of contacts: some flicker where they just touch
