@@ -17,7 +17,7 @@ from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.shaped import shape_forces
-from packmech.measure.stress import sum_forces
+from packmech.measure.stress import force_balance, sum_forces
 from packmech.measure.walls import rattlers_of_scene
 from packmech.scene import Scene
 
@@ -247,6 +247,18 @@ def contact_forces(scene: Scene) -> ContactForces:
     first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
     found = tangential_forces(scene, contacts, -first)
     return ContactForces(scene, contacts, -first, found.force_cd)
+
+
+def force_residual(scene: Scene) -> float:
+    """Return the largest net force on a particle over the mean contact force, friction included [1].
+
+    Torques count over radii, and 0 is returned where nothing touches. It is that of the whole scene: what the contacts
+    of rattlers do not balance is in it.
+    """
+    if friction_of(scene) is not None:
+        return contact_forces(scene).residual
+    largest, mean = force_balance(scene)
+    return largest / mean if mean > 0.0 else 0.0
 
 
 @honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")

@@ -26,8 +26,9 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
+from packmech.measure.contact_forces import force_residual
 from packmech.measure.shaped import ShapeForces
-from packmech.measure.stress import contact_stress, sum_forces
+from packmech.measure.stress import contact_stress, stress_tensor
 from packmech.mechanics.frictional import (
     AT_LIMIT,
     FrictionalNetwork,
@@ -48,6 +49,8 @@ from packmech.scene import Scene
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
 _INCONSISTENT = 1e-6
 _REFINEMENTS = 8
+# net force over mean contact force of a packing at rest, and part of the pressure that its rattlers may bear [1]
+_AT_REST, _BORNE = 1e-2, 1e-2
 # components of unit strains below this are rounding
 _TOUCHED = 1e-8
 _NONE = np.zeros(0, dtype=np.int64)
@@ -131,8 +134,8 @@ class Moduli:
     residual
         Largest unbalanced force of the relaxation over the largest force it had to balance [1].
     force_residual
-        Largest net force on a particle over the mean contact force of the packing as given [1]. Moduli are those of a
-        packing at rest: when this is not small they mean little.
+        Largest net force on a particle over the mean contact force of the packing as given, rattlers included [1].
+        Moduli are those of a packing at rest: when this is not small they mean little.
     seconds
         CPU time.
     at_limit_k, sliding_k
@@ -573,8 +576,8 @@ def elastic_moduli(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, a name is unknown, touching centers coincide, or a packing has both links
-        and friction.
+        If an argument is of the wrong kind, a name is unknown, touching centers coincide, a packing has both links
+        and friction, or rattlers that would be left out bear a pressure: at rest between their own images.
 
     Examples
     --------
@@ -621,11 +624,9 @@ def elastic_moduli(
         unsolved = 0
         if relaxation.residual > _INCONSISTENT:
             unsolved = max(_negative_total(sums, contacts.count_n(), links) - relaxation.negative, 1)
-        force = np.abs(terms.first_c)
-        net = sum_forces(contacts, -terms.first_c)
-        if links is not None and tension is not None:
-            net += sum_forces(links.pairs, -tension)
-        largest = float(np.sqrt((net**2).sum(axis=1)).max(initial=0.0))
+        residual = force_residual(scene)
+        if scene.packing.links is None:
+            _refuse_bearing_rattlers(scene, residual, float(terms.first_c @ contacts.distance_c))
         return _moduli(
             _across((relaxed + relaxed.T) / (2.0 * volume), stiff),
             sums.strain_ee / volume,
@@ -635,7 +636,12 @@ def elastic_moduli(
             unsolved=unsolved,
             particles=contacts.particles,
             contacts=len(contacts),
+<<<<<<< HEAD
             force_residual=largest / float(force.mean()) if force.any() else 0.0,
+=======
+            force_residual=residual,
+            at_limit=np.zeros(0, dtype=np.int64),
+>>>>>>> wt-jamedge
             start=start,
         )
 
@@ -656,18 +662,23 @@ def _shaped_moduli(scene: Scene, kind: str, rattlers: str, gap_tolerance: float 
             whole = bordered(matrix, coupling, sums.strain_ee)
             negative = factorize(whole + sp.diags_array(soft_shift(whole)), kind="symmetric").inertia.negative
             unsolved = max(negative - relaxation.negative, 1)
-        forces = ShapeForces(one, terms)
-        largest, mean = forces.balance(network.turn_nkt)
+        stress, residual = ShapeForces(one, terms).stress(volume), force_residual(scene)
+        _refuse_bearing_rattlers(scene, residual, float(np.trace(stress)) * volume)
         return _moduli(
             (relaxed + relaxed.T) / (2.0 * volume),
             sums.strain_ee / volume,
-            forces.stress(volume) * (kind != "unstressed"),
+            stress * (kind != "unstressed"),
             relaxation,
             np.zeros((0, len(sums.strain_ee))),
             unsolved=unsolved,
             particles=one.particles,
             contacts=len(one),
+<<<<<<< HEAD
             force_residual=largest / mean if mean > 0.0 else 0.0,
+=======
+            force_residual=residual,
+            at_limit=np.zeros(0, dtype=np.int64),
+>>>>>>> wt-jamedge
             start=start,
         )
 
@@ -723,11 +734,29 @@ def _frictional_moduli(
             unsolved=int(relaxation.residual > _INCONSISTENT or not found.consistent),
             particles=system.particles,
             contacts=len(contacts),
+<<<<<<< HEAD
             force_residual=forces.residual,
             sliding=network.chosen_c[found.sliding_c],
             at_limit=network.chosen_c[network.at_limit_c],
             doubtful=int(np.count_nonzero(network.doubtful_c)),
+=======
+            force_residual=force_residual(scene),
+            at_limit=network.chosen_c[forces.at_limit_c],
+>>>>>>> wt-jamedge
             start=start,
+        )
+
+
+def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> None:
+    """Raise ValueError where the packing is at rest and rattlers that are left out bear a part of its pressure.
+
+    `virial` is the sum of du/dr r over the contacts that are kept.
+    """
+    whole = float(np.trace(stress_tensor(scene))) * scene.packing.box.volume
+    if residual <= _AT_REST and abs(whole - virial) > _BORNE * abs(whole):
+        raise ValueError(
+            f"scene must have rattlers that bear no pressure, got rattlers that bear {1.0 - virial / whole:.2g} of it, "
+            'as between their own images: rattlers="keep" takes their contacts along'
         )
 
 
@@ -829,7 +858,8 @@ def compliance_matrix(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, a name is unknown, or the pseudoinverse would exceed the limit.
+        If an argument is of the wrong kind, a name is unknown, the scene is not at rest (a net force above 1e-2 of the
+        mean contact force), or the pseudoinverse would exceed the limit.
 
     Examples
     --------
@@ -844,6 +874,11 @@ def compliance_matrix(
     one_of("kind", kind, KINDS)
     one_of("method", method, METHODS)
     positive("memory_limit", memory_limit)
+    residual = force_residual(scene)
+    if residual > _AT_REST:
+        raise ValueError(
+            f"scene must be at rest, got a net force of {residual:.2g} mean contact forces: quench or jam it first"
+        )
     if method == "sparse":
         moduli = elastic_moduli(scene, kind=kind, rattlers=rattlers, gap_tolerance=gap_tolerance)
         stiff = moduli.stiff_directions

@@ -467,6 +467,9 @@ class FrictionalModes:
         Whether the stiffness matrix is symmetric but for rounding, so that all eigenvalues are real.
     largest
         Bound on the size of the largest eigenvalue, by column sums [1/time^2].
+    force_residual
+        Largest net force on a particle over the mean contact force, or torque over the radius, rattlers included [1]:
+        when this is not small, the packing is not at rest, and these are no normal modes.
     index_n
         (N',) particles that took part.
     method
@@ -483,6 +486,7 @@ class FrictionalModes:
     available: int
     symmetric: bool
     largest: float
+    force_residual: float
     index_n: NDArray[np.int64]
     method: str
     seconds: float
@@ -602,6 +606,7 @@ def frictional_modes(
         available=available,
         symmetric=system.symmetric,
         largest=largest,
+        force_residual=contact_forces(scene).residual,
         index_n=index,
         method="dense" if dense else "shift-invert",
         seconds=time.process_time() - start,

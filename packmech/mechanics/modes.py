@@ -19,6 +19,7 @@ from packmech.constraints.jacobian import scale_of_strain
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
+from packmech.measure.contact_forces import force_residual
 from packmech.mechanics.hessian import (
     bordered,
     check_choices,
@@ -69,6 +70,9 @@ class Modes:
         Modes below the highest returned one that an inertia count sees and this list lacks; 0 in a correct answer.
     largest
         Bound on the largest eigenvalue, by row sums [1/time^2].
+    force_residual
+        Largest net force on a particle over the mean contact force of the packing as given, rattlers included [1]:
+        when this is not small, the packing is not at rest, and these are no normal modes.
     index_n
         (N',) particles that took part.
     method
@@ -94,6 +98,7 @@ class Modes:
     translation_error: float
     missed: int
     largest: float
+    force_residual: float
     index_n: NDArray[np.int64]
     method: str
     seconds: float
@@ -250,6 +255,7 @@ def normal_modes(
         translations=moving,
         translation_error=drift / largest if largest else 0.0,
         missed=missed,
+        force_residual=force_residual(scene),
         largest=largest,
         index_n=index,
         method=method,

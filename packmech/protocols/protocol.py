@@ -30,13 +30,17 @@ from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
+<<<<<<< HEAD
 from packmech.measure.friction import friction_of
 from packmech.measure.shaped import check_pairs_only
+=======
+from packmech.measure.shaped import ShapeForces, check_pairs_only
+>>>>>>> wt-jamedge
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.measure.stress import pressure as pressure_of
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.mechanics.shaped import shaped_network
+from packmech.mechanics.shaped import ShapedNetwork, shaped_network
 from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
@@ -44,6 +48,7 @@ from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
 from packmech.minimize.quench import find_crossings, pairs_crossing
 from packmech.minimize.second_order.soft_network import Load, Units, length_unit, scaled_load
+from packmech.minimize.second_order.soft_newton import FLOORS, network_of, rounding_floor
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
@@ -55,6 +60,7 @@ _BALANCED = 1e-3
 _PORTION, _WATCHED = 5_000_000, 20
 # rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
 _ROUNDING = 1e-11
+<<<<<<< HEAD
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 _PRESSED = 1e-6
 
@@ -66,6 +72,12 @@ def is_jammed(scene: Scene) -> bool:
         return found.residual <= _BALANCED and found.pressure > 0.0
     largest, mean = force_balance(scene)
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
+=======
+# part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
+_BORNE_BY_RATTLERS = 1e-2
+# relative error of the pressure that no force tolerance makes smaller: rounding of sums over all contacts
+_PRESSED = 1e-6
+>>>>>>> wt-jamedge
 
 
 class Figures:
@@ -443,14 +455,64 @@ def finish(
         **locked_links(packing),
         **protocol.report,
     }
+    share = None
     if packing.links is None:
         carried = report["contacts"] > 0
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
+        rattling = rattlers_of(contacts)
+        share = share_of(first_c * contacts.distance_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c]))
+    elif report["contacts"] is not None:
+        # contacts of clusters that rattle as a whole bear no pressure, but where they are with own images
+        share = float(report["contacts"] > 0)
+    outcome = judged(protocol, packing, outcome, residual, report, share)
     return _run_of(protocol, packing, outcome, residual, report, began)
 
 
-def shaped_count(packing: Packing, strain: str) -> dict[str, Any]:
+def share_of(virial_c: NDArray[np.float64], kept_c: NDArray[np.bool_]) -> float:
+    """Return the part of the pressure that the kept contacts bear [1]; 0 where none does."""
+    whole = float(virial_c.sum())
+    return float(virial_c[kept_c].sum()) / whole if whole else 0.0
+
+
+def judged(
+    protocol: Protocol, packing: Packing, outcome: Outcome, residual: float, report: dict[str, Any], share: float | None
+) -> Outcome:
+    """Return how a run ended, by the packing that is returned; what a protocol calls a success must hold for it.
+
+    Reported are `rounding_floor`, the residual that rounding of positions alone can cause [1], and
+    `backbone_pressure`, the part of the pressure between particles that do not rattle [1].
+
+    Parameters
+    ----------
+    protocol
+        The protocol.
+    packing, outcome, residual
+        The packing, how the protocol found it, and its largest net force over the mean contact force.
+    report
+        Its figures, among them the pressure and the one asked for.
+    share
+        The part of the pressure between particles that do not rattle; None where it is not known.
+
+    """
+    floor = 0.0
+    if outcome is not Outcome.UNJAMMED and report["pressure"]:
+        floor = rounding_floor(network_of(protocol.reduced(packing), protocol.units, protocol.basis_kdd[:0], None))
+        report["rounding_floor"] = floor
+        if share is not None:
+            report["backbone_pressure"] = share
+    if outcome not in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
+        return outcome
+    if share is not None and share < 1.0 - _BORNE_BY_RATTLERS:
+        return Outcome.NOT_JAMMED
+    asked, tolerance = report["pressure_asked"], protocol.force_tolerance
+    least = max(tolerance, FLOORS * floor)
+    if residual > least or (asked is not None and abs(report["pressure"] / asked - 1.0) > max(least, _PRESSED)):
+        return Outcome.STALLED
+    return Outcome.ROUNDING_FLOOR if residual > tolerance else outcome
+
+
+def shaped_count(packing: Packing, strain: str, network: ShapedNetwork | None = None) -> dict[str, Any]:
     """Return the counts of a packing with shapes, its turns among the degrees of freedom.
 
     Contacts and rattlers as they are in balance, the isostatic number of one state of self stress, and from the rank of
@@ -462,9 +524,11 @@ def shaped_count(packing: Packing, strain: str) -> dict[str, Any]:
         The packing, at rest.
     strain
         "isotropic" or "free".
+    network
+        What `shaped_network` makes of the packing, if known.
 
     """
-    network = shaped_network(packing, second=False)
+    network = shaped_network(packing, second=False) if network is None else network
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
     if isinstance(packing.shapes, Beads):
         none["deep_overlaps"] = deep_overlaps(packing)
@@ -493,17 +557,22 @@ def _finish_shaped(
     d = packing.dimension
     pressure = (0.0 - float(np.trace(stress))) / d
     largest, mean = force_balance(scene)
+    network = shaped_network(packing, second=False)
     report = {
         "method": method,
         "strain": protocol.strain,
         "packing_fraction": packing_fraction(packing),
         "pressure": pressure / scene.pressure_unit,
         "pressure_asked": asked,
-        **shaped_count(packing, protocol.strain),
+        **shaped_count(packing, protocol.strain, network),
         "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
         **protocol.report,
     }
     residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
+    one = network.contacts
+    terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
+    held = -float(np.trace(ShapeForces(one, terms).stress(packing.box.volume))) / d
+    outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
     return _run_of(protocol, packing, outcome, residual, report, began)
 
 
@@ -550,6 +619,12 @@ def finish_pressed(
         "stress_anisotropy": float(np.abs(stress).max() / abs(pressure)) if pressure else 0.0,
         **protocol.report,
     }
+    contacts, rattling = found.contacts, found.rattlers_n
+    report["backbone_pressure"] = share = share_of(
+        found.normal_c * contacts.distance_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c])
+    )
+    if outcome.ok and outcome is not Outcome.UNJAMMED and share < 1.0 - _BORNE_BY_RATTLERS:
+        outcome = Outcome.NOT_JAMMED
     return _run_of(protocol, packing, outcome, found.residual, report, began)
 
 

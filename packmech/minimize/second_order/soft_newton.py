@@ -41,9 +41,11 @@ _WIDE, _WIDEST = 1e2, 1e-3
 # merit at which the width is multiplied by a factor; its last value over that overlap, and over the error of positions
 _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 # positions are multiples of their last digit: so many floors is as still as a packing can be in double precision
-_STILL = 8.0
+FLOORS = 8.0
 # sizes of the displacements that move a packing off a saddle, one after the other [reduced length]
 _KICKS = (1e-5, 1e-4, 1e-3)
+# curvature that unbalanced forces may cause, in units of the largest over the smallest radius
+_SIDEWAYS = 4.0
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _NO_FORCE = 0.1
 
@@ -78,12 +80,14 @@ class SoftState:
 
     def sound(self, tolerance: float) -> bool:
         """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
-        return self.negative == 0 and self.balanced(max(tolerance, self.least_error))
+def _unstable_directions(
+    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None
+) -> int:
+    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed.
 
-    @property
-    def least_error(self) -> float:
-        """The residual that rounding of positions leaves."""
-        return _STILL * self.floor
+    Forces that do not balance bend contacts sideways: rattlers that graze bear no more than these, and what they alone
+    make negative says nothing about what bears the pressure.
+    """
 
 
 def network_of(
@@ -162,7 +166,7 @@ def newton(
         else:
             idle += 1
         # where contacts open and close the merit rises before it falls; at the floor of rounding it only wanders
-        if idle >= 10 or (idle >= 2 and best[1] <= _STILL * rounding_floor(network)):
+        if idle >= 10 or (idle >= 2 and best[1] <= FLOORS * rounding_floor(network)):
             break
     if negative:
         # the last step's count may belong to another set of contacts: some flicker where they just touch
@@ -205,11 +209,16 @@ def rounding_floor(network: SoftNetwork) -> float:
 def _unstable_directions(
     packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None
 ) -> int:
-    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed."""
+    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed.
+
+    Forces that do not balance bend contacts sideways: rattlers that graze bear no more than these, and what they alone
+    make negative says nothing about what bears the pressure.
+    """
     network = network_of(packing, units, basis_kdd, pressure)
+    sideways = _SIDEWAYS * network.largest_force() / float(packing.radius_n.min())
     contacts = network.near(packing)
     network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)))
-    return _negative(network)
+    return _negative(network, sideways)
 
 
 def judge(state: SoftState, tolerance: float) -> Outcome:
@@ -390,10 +399,10 @@ def _extent(packing: Packing) -> float:
     return max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
 
 
-def _negative(network: SoftNetwork) -> int:
-    """Return the number of unstable directions."""
+def _negative(network: SoftNetwork, bound: float = 0.0) -> int:
+    """Return the number of directions whose curvature is negative by more than the bound, and by more than rounding."""
     try:
-        return network.direction(_TRACE * float(np.abs(network.second_c).mean()))[2]
+        return network.direction(max(_TRACE * float(np.abs(network.second_c).mean()), bound))[2]
     except np.linalg.LinAlgError:
         return 1
 
