@@ -617,9 +617,7 @@ def _apart(packing: Packing, group_n: NDArray[np.bool_]) -> tuple[Packing, float
         push = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max(initial=0.0)), 1e-300)
         chosen = now.select(push)
         limits = (
-            chosen.pairs
-            if isinstance(chosen, ShapeContacts)
-            else Candidates(chosen.i_c, chosen.j_c, chosen.image_cd)
+            chosen.pairs if isinstance(chosen, ShapeContacts) else Candidates(chosen.i_c, chosen.j_c, chosen.image_cd)
         )
         if reached <= room + 1e-15:
             # distances of other shapes bend both ways: nearer by they are straight

@@ -636,12 +636,7 @@ def elastic_moduli(
             unsolved=unsolved,
             particles=contacts.particles,
             contacts=len(contacts),
-<<<<<<< HEAD
-            force_residual=largest / float(force.mean()) if force.any() else 0.0,
-=======
             force_residual=residual,
-            at_limit=np.zeros(0, dtype=np.int64),
->>>>>>> wt-jamedge
             start=start,
         )
 
@@ -673,12 +668,7 @@ def _shaped_moduli(scene: Scene, kind: str, rattlers: str, gap_tolerance: float 
             unsolved=unsolved,
             particles=one.particles,
             contacts=len(one),
-<<<<<<< HEAD
-            force_residual=largest / mean if mean > 0.0 else 0.0,
-=======
             force_residual=residual,
-            at_limit=np.zeros(0, dtype=np.int64),
->>>>>>> wt-jamedge
             start=start,
         )
 
@@ -734,15 +724,10 @@ def _frictional_moduli(
             unsolved=int(relaxation.residual > _INCONSISTENT or not found.consistent),
             particles=system.particles,
             contacts=len(contacts),
-<<<<<<< HEAD
-            force_residual=forces.residual,
+            force_residual=force_residual(scene),
             sliding=network.chosen_c[found.sliding_c],
             at_limit=network.chosen_c[network.at_limit_c],
             doubtful=int(np.count_nonzero(network.doubtful_c)),
-=======
-            force_residual=force_residual(scene),
-            at_limit=network.chosen_c[forces.at_limit_c],
->>>>>>> wt-jamedge
             start=start,
         )
 

@@ -160,9 +160,7 @@ def follow_jammed(
     return reached, outcome
 
 
-def _find_onset(
-    protocol: Protocol, packing: Packing, search: Callable[[Packing], object | None] | None
-) -> int | None:
+def _find_onset(protocol: Protocol, packing: Packing, search: Callable[[Packing], object | None] | None) -> int | None:
     """Report the onset of jamming of a packing; return how often it rearranged on the way, None if it was lost."""
     path = PressurePath(protocol, packing)
     rearrangements, near = 0, packing

@@ -30,12 +30,8 @@ from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
-<<<<<<< HEAD
 from packmech.measure.friction import friction_of
-from packmech.measure.shaped import check_pairs_only
-=======
 from packmech.measure.shaped import ShapeForces, check_pairs_only
->>>>>>> wt-jamedge
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.measure.stress import pressure as pressure_of
 from packmech.mechanics.rattling import find_rattling_clusters
@@ -60,7 +56,8 @@ _BALANCED = 1e-3
 _PORTION, _WATCHED = 5_000_000, 20
 # rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
 _ROUNDING = 1e-11
-<<<<<<< HEAD
+# part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
+_BORNE_BY_RATTLERS = 1e-2
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 _PRESSED = 1e-6
 
@@ -72,12 +69,6 @@ def is_jammed(scene: Scene) -> bool:
         return found.residual <= _BALANCED and found.pressure > 0.0
     largest, mean = force_balance(scene)
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
-=======
-# part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
-_BORNE_BY_RATTLERS = 1e-2
-# relative error of the pressure that no force tolerance makes smaller: rounding of sums over all contacts
-_PRESSED = 1e-6
->>>>>>> wt-jamedge
 
 
 class Figures:

@@ -80,14 +80,12 @@ class SoftState:
 
     def sound(self, tolerance: float) -> bool:
         """Return whether the packing is stable and balanced to the tolerance or to the floor of rounding."""
-def _unstable_directions(
-    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None
-) -> int:
-    """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed.
+        return self.negative == 0 and self.balanced(max(tolerance, self.least_error))
 
-    Forces that do not balance bend contacts sideways: rattlers that graze bear no more than these, and what they alone
-    make negative says nothing about what bears the pressure.
-    """
+    @property
+    def least_error(self) -> float:
+        """The residual that rounding of positions leaves."""
+        return FLOORS * self.floor
 
 
 def network_of(
@@ -172,7 +170,7 @@ def newton(
         # the last step's count may belong to another set of contacts: some flicker where they just touch
         negative = _unstable_directions(best[0], units, network.basis_kdd, network.pressure)
     network.measure(best[0])
-    mean = network.mean_contact_force()
+    mean = network.mean_force
     return SoftState(best[0], best[2], best[3], used, negative, 1.0, rounding_floor(network), mean, evaluations)
 
 
@@ -193,7 +191,7 @@ def standing(
         negative = _unstable_directions(packing, units, network.basis_kdd, pressure)
     return SoftState(
         packing, network.residual, network.stress_error, 0, negative, 1.0,
-        rounding_floor(network), network.mean_contact_force(), 1,
+        rounding_floor(network), network.mean_force, 1,
     )  # fmt: skip
 
 
