@@ -733,7 +733,9 @@ class SimulationTask:
             spin_nk=self.spin_nk,
             strain=float(last[STRAIN]),
             held_n=settings.held_n,
-            unmet=unmet_conditions(outcome, Condition("steps", self.reached, settings.steps, 0.0)),
+            unmet=unmet_conditions(
+                outcome, *self.engine.limits(), Condition("steps", self.reached, settings.steps, 0.0)
+            ),
         )
 
     def _packing(self, *, final: bool = False) -> Packing:
