@@ -64,6 +64,10 @@ class Outcome(Enum):
     NOT_STEADY = (
         "What was measured still changed, or is known too badly to tell: skip more of the start, or go on for longer."
     )
+    NEAR_RESONANCE = (
+        "The stress is led by inertia: the frequency is near or above that of a mode, and moduli are not those of a "
+        "slow strain; lower the frequency."
+    )
     INTERRUPTED = "Stopped by Ctrl-C or a signal; the packing is the last one that was finished."
 
     @property

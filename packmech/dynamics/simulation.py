@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
-from packmech.dynamics.energy_drift import Moment, moments_of, pace_of_held, steps_between_observations, watch_of
+from packmech.dynamics.energy_drift import (
+    Moment,
+    largest_held,
+    moments_of,
+    pace_of_held,
+    steps_between_observations,
+    watch_of,
+)
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet, checked_method, start_of_motion
 from packmech.dynamics.observables import (
@@ -522,7 +529,7 @@ class SimulationTask:
         self.snapshots: list[Snapshot] = []
         self.orientation_nq = self.engine.orientations()
         self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
-        self.watch = watch_of(scene, strain, settings.dt)
+        self.watch, self.held = watch_of(scene, strain, settings.dt), largest_held(scene)
         # at least so often is what happens observed: often enough that an interrupt is seen
         often = steps_between_observations(strain, settings.dt, scene.packing.particles, pace_of_held(scene))
         self.observe_every = min(max(1, 2_000_000 // self.engine.state.push.size), often)
@@ -591,7 +598,7 @@ class SimulationTask:
         return type(self.settings.method).__name__, {**figures, "engine": engine}
 
     def _moment(self, row: NDArray[np.float64]) -> Moment:
-        return moments_of(row[None], self.direction_dd)[0]
+        return moments_of(row[None], self.direction_dd, self.held)[0]
 
     def _keep(self, now: NDArray[np.float64]) -> None:
         engine, largest, d = self.engine, self.largest, len(self.engine.axes)
