@@ -442,6 +442,8 @@ class SimulationSettings:
     held_n: NDArray[np.bool_] | None = None
     trace_every: int | None = None
     trace_positions: bool = False
+    # hash of what it starts with: velocities, spins, who is held, temperature and seed
+    start: str = ""
 
     def to_table(self) -> dict[str, Any]:
         """Return the settings that are no arrays, as JSON knows them."""
@@ -452,6 +454,7 @@ class SimulationSettings:
             "applied_strain": None if self.applied_strain is None else to_table(self.applied_strain),
             "trace_every": self.trace_every,
             "trace_positions": self.trace_positions,
+            "start": self.start,
             "scene": scene_fingerprints(self.scene),
         }
 
@@ -471,6 +474,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         strain = from_table(strain, "applied_strain", kinds_of((SteadyStrain, OscillatoryStrain)))
         strain.direction(scene.packing.dimension)  # which refuses axes that the packing does not have
     instance("trace_positions", table["trace_positions"], bool)
+    instance("start", table["start"], str)
     start = start_of_motion(scene.packing, None, None, arrays.get("held_n"))
     return SimulationSettings(
         scene,
@@ -481,6 +485,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         start.held_n,
         None if every is None else integer("trace_every", every, at_least=1),
         table["trace_positions"],
+        table["start"],
     )
 
 
