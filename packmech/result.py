@@ -57,8 +57,17 @@ class Outcome(Enum):
         "The time limit was reached before the end; the packing is the last one that was finished: "
         "raise time_limit, or go on from it."
     )
-    NOT_AT_PRESSURE = "The pressure measured is not the one asked for, within its error and the tolerance."
-    NOT_STEADY = "What was measured still changed over the time it was measured in."
+    NOT_AT_PRESSURE = (
+        "The pressure measured is not the one asked for, within its error and the tolerance: begin nearer to it, "
+        "skip more of the start, or go on for longer."
+    )
+    NOT_STEADY = (
+        "What was measured still changed, or is known too badly to tell: skip more of the start, or go on for longer."
+    )
+    NEAR_RESONANCE = (
+        "The stress is led by inertia: the frequency is near or above that of a mode, and moduli are not those of a "
+        "slow strain; lower the frequency."
+    )
     INTERRUPTED = "Stopped by Ctrl-C or a signal; the packing is the last one that was finished."
 
     @property
@@ -88,7 +97,7 @@ class Condition:
     >>> print(Condition("pressure", 5e-4, 1e-4, tolerance=1e-6))
     pressure 0.0005 where 0.0001 was asked for
     >>> print(Condition("force residual", 2e-6, 1e-10), Condition("force residual", 2e-12, 1e-10).met)
-    force residual 2e-06 where 1e-10 at most was asked for True
+    force residual 2e-06 where 1e-10 at most is allowed True
 
     """
 
@@ -107,9 +116,9 @@ class Condition:
 
     def __str__(self) -> str:
         digits = next((n for n in (4, 8) if f"{self.reached:.{n}g}" != f"{self.asked:.{n}g}"), 17)
-        bound = " at most" if self.tolerance is None else ""
+        asked = " at most is allowed" if self.tolerance is None else " was asked for"
         hint = f" ({self.hint})" if self.hint else ""
-        return f"{self.name} {self.reached:.{digits}g} where {self.asked:.{digits}g}{bound} was asked for{hint}"
+        return f"{self.name} {self.reached:.{digits}g} where {self.asked:.{digits}g}{asked}{hint}"
 
 
 def unmet_conditions(outcome: Outcome, *conditions: Condition) -> tuple[Condition, ...]:

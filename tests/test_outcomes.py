@@ -61,7 +61,7 @@ def test_an_error_says_the_unmet_condition_with_the_figure_reached_and_the_one_a
 
 
 def test_a_step_limit_says_the_residual_and_the_tolerance():
-    with pytest.raises(pm.NotConverged, match=r"raise step_limit.*force residual .* where 1e-12 at most was asked for"):
+    with pytest.raises(pm.NotConverged, match=r"raise step_limit.*force residual .* where 1e-12 at most is allowed"):
         pm.quench(scene(packing_fraction=0.95), force_tolerance=1e-12, method=pm.Fire(), step_limit=10)
 
 

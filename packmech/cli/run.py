@@ -131,8 +131,8 @@ def run(
     format
         of the pictures: png or svg
     checkpoint
-        strained scenes keep what is finished in this .npz file, and go on from it when it is there (default: a file
-        named after the scene, taken away at the end): after Ctrl-C give the same command again
+        scenes that are stepped through time keep what is finished in this .npz file, and go on from it when it is there
+        (default: a file named after the scene, taken away at the end): after Ctrl-C give the same command again
 
     """
     load_modules(load)

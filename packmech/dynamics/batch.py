@@ -614,6 +614,9 @@ class ShearBatch:
             held_n=self._start_of_motion.held_n,
             second_order=self._second_order,
         )
+        if built.too_long is not None:
+            limit = built.too_long
+            raise ValueError(f"dt must be at most {limit.asked:.4g}, got {limit.reached:g}: {limit.hint}")
         built.begin()
         self._good[b] = built.state.body.copy()
         shapes = built.acting.shapes

@@ -31,10 +31,15 @@ _UNSEEN = 0.05
 _STRAIN, _PERIOD, _SELDOM, _MINIMUM_STEPS = 0.02, 1.0 / 16.0, 5000, 16
 # steps between observations that are compared where the box is at rest
 _APART = 256
+# mean square of the normal forces of a scene over the square of their mean, at most
+_BROAD = 9.0
 
 
 class Moment(NamedTuple):
-    """Energies of one row of observables: potential, the part of it in tangential springs, kinetic, and `power_of`."""
+    """Energies of one row of observables: potential, the part of it in sliding springs, kinetic, and `power_of`.
+
+    In sliding springs there is at most what Coulomb's limit lets them hold (`largest_held`).
+    """
 
     time: float
     energy: float
@@ -58,6 +63,15 @@ def knows_its_energy(scene: Scene, *, strained: bool = False) -> bool:
     """
     bodies = [type(one) for one in scene.effects if hasattr(type(one), "body_force")]
     return all(one is BackgroundDamping or (hasattr(one, "body_energy") and not strained) for one in bodies)
+
+
+def largest_held(scene: Scene) -> float:
+    """Return what tangential springs can hold at Coulomb's limit, over contacts and the square of their mean force.
+
+    mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction.
+    """
+    rough = (one for one in scene.effects if isinstance(one, Friction) and one.stiffness > 0.0)
+    return sum(_BROAD * one.coefficient**2 / (2.0 * one.stiffness) for one in rough)
 
 
 def pace_of_held(scene: Scene) -> float:
@@ -195,18 +209,21 @@ def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tu
     return volume * float(np.sum(whole * rate_dd)), pressing
 
 
-def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64]) -> list[Moment]:
-    """Return the energies of rows of observables, in a box at 1 + gamma direction_dd."""
+def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64], held: float) -> list[Moment]:
+    """Return the energies of rows of observables, in a box at 1 + gamma direction_dd; `held` is `largest_held`."""
     d = len(direction_dd)
     found = []
     for row in row_tk:
         rate = row[columns.RATE] * direction_dd @ np.linalg.inv(np.eye(d) + row[columns.STRAIN] * direction_dd)
         contact, motion = (row[k : k + 9].reshape(3, 3)[:d, :d] for k in (columns.FORCE, columns.MOTION))
         tangential = float(row[columns.TANGENTIAL])
+        contacts = float(row[columns.CONTACTS])
+        # what an unstable spring seems to hold beyond its cap is energy from nowhere
+        sliding = min(tangential, held * float(row[columns.TOTAL]) ** 2 / contacts) if contacts > 0.0 else 0.0
         energy, kinetic = row[columns.POTENTIAL] + tangential, row[columns.KINETIC] + row[columns.ROTATIONAL]
         power, pressing = power_of(1.0, contact, -motion, rate)
         power += float(row[columns.MOVING])
-        found.append(Moment(float(row[columns.TIME]), float(energy), tangential, float(kinetic), power, pressing))
+        found.append(Moment(float(row[columns.TIME]), float(energy), sliding, float(kinetic), power, pressing))
     return found
 
 
@@ -228,7 +245,7 @@ class RowWatch:
         frictional = any(isinstance(one, Friction) for one in scene.effects)
         known = knows_its_energy(scene, strained=True)
         self.watch = EnergyWatch(energy_unit(scene), known, True, frictional, _APART)
-        self.direction_dd, self.every = direction_dd, every
+        self.direction_dd, self.every, self.held = direction_dd, every, largest_held(scene)
         self.start: Moment | None = None
         self.last: Moment | None = None
         self.checked = 0
@@ -236,7 +253,7 @@ class RowWatch:
     def is_calm(self, row_tk: NDArray[np.float64]) -> bool:
         """Whether no row that came since the last call, of all so far, holds more energy than work explains."""
         good = True
-        for now in moments_of(row_tk[self.checked :], self.direction_dd):
+        for now in moments_of(row_tk[self.checked :], self.direction_dd, self.held):
             if self.start is None or self.last is None:
                 self.start = now
                 self.watch.remember(now, 0)

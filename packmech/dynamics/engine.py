@@ -50,8 +50,9 @@ from packmech.dynamics.shape_pairs import (
     spins_of_rows,
     turns_of,
 )
+from packmech.dynamics.stability import step_condition
 from packmech.dynamics.threads import ThreadRecord, run_together
-from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, State, take_steps
+from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, TOO_FAST, WHOLE_STEP, Acting, State, take_steps
 from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
@@ -59,6 +60,7 @@ from packmech.minimize.passes.kernels import RUNNING
 from packmech.minimize.passes.pair_list import SKIN_FULL
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
+from packmech.result import Condition
 from packmech.scene import Scene
 from packmech.shapes import Beads
 from packmech.tangential import TangentialDisplacements
@@ -115,6 +117,8 @@ class Engine:
         The same as time steps take them.
     link_l
         The link of the packing that each of `row_links` is; None until somebody asks.
+    too_long
+        The longest stable time step, where this one is unstable for a single contact: no step is taken then.
 
     """
 
@@ -142,6 +146,7 @@ class Engine:
     row_links: Links | None = None
     rattle: Rattle | None = None
     link_l: NDArray[np.int64] | None = None
+    too_long: Condition | None = None
 
     @property
     def time(self) -> float:
@@ -162,6 +167,10 @@ class Engine:
     def free_mass(self) -> float:
         """Mass of all that is not held."""
         return float(self.mass_n[self.order_n][self.state.weight_nk[:, 0] > 0.0].sum())
+
+    def limits(self) -> tuple[Condition, ...]:
+        """Return the limit that the time step does not keep, if there is one."""
+        return () if self.too_long is None else (self.too_long,)
 
     def box(self, steps: int | None = None) -> Box:
         """Return the box after so many steps, now unless given: the scene's, deformed."""
@@ -246,6 +255,8 @@ class Engine:
         """Advance by up to `steps` steps; return how that ended."""
         if not self.started:
             self.begin(ledger)
+        if self.too_long is not None:
+            return TOO_FAST
         left = steps
         start = WHOLE_STEP
         while left > 0:
@@ -777,10 +788,18 @@ def build_engine(
         resolution=np.finfo(np.float64).eps * extent,
         wrap_every=_steps_between_wraps(profile, direction_dd, dt),
         threads=threads,
+        too_long=step_condition(scene, dt, _in_order(weight[:, 0], order), second_order=second_order, lead=lead),
     )
     built._link_rows()
     project_rattle(built.rattle, body, built.space.frame.lattice_dd)
     return built
+
+
+def _in_order(value: NDArray[np.float64], order_n: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return values of rows in the order of the packing."""
+    found = np.empty_like(value)
+    found[order_n] = value
+    return found
 
 
 def _steps_between_wraps(profile: Any, direction_dd: NDArray[np.float64] | None, dt: float) -> int:

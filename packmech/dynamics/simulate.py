@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
 from packmech.honors import honors
-from packmech.loop.checkpoint import check_scene, damage_refused, read_checkpoint, restore_from
+from packmech.loop.checkpoint import check_scene, damage_refused, fingerprint, read_checkpoint, restore_from
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.scene import Scene
 
@@ -125,16 +127,21 @@ def simulate(
     ('FINISHED', [0.5], True)
 
     """
-    instance("scene", scene, Scene)
-    method = checked_method(method)
-    velocity, spin, held = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)
-    longest = choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt)
-    count, step = _steps(steps, duration, longest)
-    if seed is not None:
-        integer("seed", seed, at_least=0)
-    if temperature is not None:
-        _check_temperature(temperature, velocity_nd, seed)
-    instance("trace_positions", trace_positions, bool)
+    settings, velocity, spin = _settings(
+        scene,
+        steps=steps,
+        duration=duration,
+        dt=dt,
+        method=method,
+        velocity_nd=velocity_nd,
+        temperature=temperature,
+        seed=seed,
+        spin_nk=spin_nk,
+        applied_strain=applied_strain,
+        held_n=held_n,
+        trace_every=trace_every,
+        trace_positions=trace_positions,
+    )
     limits = run_settings(
         time_limit=time_limit,
         checkpoint=checkpoint,
@@ -142,20 +149,6 @@ def simulate(
         threads=threads,
         progress=progress,
         check=check,
-    )
-    if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
-        raise TypeError(
-            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"
-        )
-    settings = SimulationSettings(
-        scene,
-        step,
-        count,
-        method,
-        applied_strain,
-        held,
-        None if trace_every is None else integer("trace_every", trace_every, at_least=1),
-        trace_positions,
     )
     task = SimulationTask(settings, RunLoop(limits), spin)
 
@@ -239,6 +232,81 @@ def resume(
         settings = replace(settings, steps=integer("steps", steps, at_least=reached))
     task = SimulationTask(settings, RunLoop(limits))
     return task.run(lambda: restore_from(found.arrays, task, "path", path))
+
+
+def _settings(
+    scene: Any,
+    *,
+    steps: Any = None,
+    duration: Any = None,
+    dt: Any = None,
+    method: Any = None,
+    velocity_nd: Any = None,
+    temperature: Any = None,
+    seed: Any = None,
+    spin_nk: Any = None,
+    applied_strain: Any = None,
+    held_n: Any = None,
+    trace_every: Any = None,
+    trace_positions: Any = False,
+) -> tuple[SimulationSettings, NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return the settings, velocities and spins that the arguments of `simulate` say, after checking them."""
+    instance("scene", scene, Scene)
+    method = checked_method(method)
+    velocity, spin, held = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)
+    longest = choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt)
+    count, step = _steps(steps, duration, longest)
+    if seed is not None:
+        integer("seed", seed, at_least=0)
+    if temperature is not None:
+        _check_temperature(temperature, velocity_nd, seed)
+    instance("trace_positions", trace_positions, bool)
+    if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
+        raise TypeError(
+            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"
+        )
+    settings = SimulationSettings(
+        scene,
+        step,
+        count,
+        method,
+        applied_strain,
+        held,
+        None if trace_every is None else integer("trace_every", trace_every, at_least=1),
+        trace_positions,
+        fingerprint((velocity, spin, held, temperature, seed)),
+    )
+    return settings, velocity, spin
+
+
+def simulate_from(path: Path, scene: Scene, *, progress: Progress | None, check: bool, **given: Any) -> Simulation:
+    """Return what `simulate` with this checkpoint does, going on from the file where it is there already.
+
+    Parameters
+    ----------
+    path, scene, progress, check
+        The checkpoint, and arguments of `simulate`.
+    given
+        The others.
+
+    Raises
+    ------
+    ValueError
+        If the file is of another scene or of other settings.
+
+    """
+    if not path.exists():
+        return simulate(scene, checkpoint=path, progress=progress, check=check, **given)
+    asked = json.loads(json.dumps(_settings(scene, **given)[0].to_table()))
+    kept = read_checkpoint(path, KIND, argument="checkpoint").settings
+    # a run may be taken to a later end, and another scene is refused by name
+    others = [name for name in asked if name not in ("steps", "scene") and kept.get(name) != asked[name]]
+    if others:
+        raise ValueError(
+            f"checkpoint must hold a run of the same scene and settings, or be no file yet, got {str(path)!r} with "
+            f"another {', another '.join(others)}; without that file the work begins from the start"
+        )
+    return resume(path, scene, steps=asked["steps"], progress=progress, check=check)
 
 
 def _check_temperature(temperature: Any, velocity_nd: Any, seed: Any) -> None:

@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
-from packmech.dynamics.energy_drift import Moment, moments_of, pace_of_held, steps_between_observations, watch_of
+from packmech.dynamics.energy_drift import (
+    Moment,
+    largest_held,
+    moments_of,
+    pace_of_held,
+    steps_between_observations,
+    watch_of,
+)
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet, checked_method, start_of_motion
 from packmech.dynamics.observables import (
@@ -435,6 +442,8 @@ class SimulationSettings:
     held_n: NDArray[np.bool_] | None = None
     trace_every: int | None = None
     trace_positions: bool = False
+    # hash of what it starts with: velocities, spins, who is held, temperature and seed
+    start: str = ""
 
     def to_table(self) -> dict[str, Any]:
         """Return the settings that are no arrays, as JSON knows them."""
@@ -445,6 +454,7 @@ class SimulationSettings:
             "applied_strain": None if self.applied_strain is None else to_table(self.applied_strain),
             "trace_every": self.trace_every,
             "trace_positions": self.trace_positions,
+            "start": self.start,
             "scene": scene_fingerprints(self.scene),
         }
 
@@ -464,6 +474,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         strain = from_table(strain, "applied_strain", kinds_of((SteadyStrain, OscillatoryStrain)))
         strain.direction(scene.packing.dimension)  # which refuses axes that the packing does not have
     instance("trace_positions", table["trace_positions"], bool)
+    instance("start", table["start"], str)
     start = start_of_motion(scene.packing, None, None, arrays.get("held_n"))
     return SimulationSettings(
         scene,
@@ -474,6 +485,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         start.held_n,
         None if every is None else integer("trace_every", every, at_least=1),
         table["trace_positions"],
+        table["start"],
     )
 
 
@@ -522,7 +534,7 @@ class SimulationTask:
         self.snapshots: list[Snapshot] = []
         self.orientation_nq = self.engine.orientations()
         self.largest = {"energy": 0.0, "impulse": 0.0, "momentum": 0.0, "link": 0.0}
-        self.watch = watch_of(scene, strain, settings.dt)
+        self.watch, self.held = watch_of(scene, strain, settings.dt), largest_held(scene)
         # at least so often is what happens observed: often enough that an interrupt is seen
         often = steps_between_observations(strain, settings.dt, scene.packing.particles, pace_of_held(scene))
         self.observe_every = min(max(1, 2_000_000 // self.engine.state.push.size), often)
@@ -591,7 +603,7 @@ class SimulationTask:
         return type(self.settings.method).__name__, {**figures, "engine": engine}
 
     def _moment(self, row: NDArray[np.float64]) -> Moment:
-        return moments_of(row[None], self.direction_dd)[0]
+        return moments_of(row[None], self.direction_dd, self.held)[0]
 
     def _keep(self, now: NDArray[np.float64]) -> None:
         engine, largest, d = self.engine, self.largest, len(self.engine.axes)
@@ -733,7 +745,9 @@ class SimulationTask:
             spin_nk=self.spin_nk,
             strain=float(last[STRAIN]),
             held_n=settings.held_n,
-            unmet=unmet_conditions(outcome, Condition("steps", self.reached, settings.steps, 0.0)),
+            unmet=unmet_conditions(
+                outcome, *self.engine.limits(), Condition("steps", self.reached, settings.steps, 0.0)
+            ),
         )
 
     def _packing(self, *, final: bool = False) -> Packing:

@@ -22,7 +22,7 @@ from packmech.dynamics.observables import (
     tensors,
 )
 from packmech.minimize.passes.kernels import RUNNING
-from packmech.result import Outcome
+from packmech.result import Condition, Outcome
 from packmech.scene import Scene
 
 
@@ -53,6 +53,7 @@ class Spans:
         self.scene, self.dt, self.steps, self.threads = scene, dt, 0, threads
         self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
         self.spin_nk = spin_nk
+        self._limits: tuple[Condition, ...] = ()
         d = scene.packing.dimension
         self._look(self._engine(np.zeros((d, d))))
 
@@ -63,6 +64,7 @@ class Spans:
         as it was.
         """
         engine = self._engine(rate_dd)
+        self._limits = engine.limits()
         if engine.advance(steps) != RUNNING:
             return False
         self.steps += steps
@@ -70,6 +72,10 @@ class Spans:
         self.velocity_nd, self.spin_nk = engine.velocities(), engine.spins()
         self._look(engine)
         return True
+
+    def limits(self) -> tuple[Condition, ...]:
+        """Return the limit that the time step does not keep, if there is one."""
+        return self._limits
 
     def stop(self) -> None:
         """Take all motion relative to the box's flow away."""

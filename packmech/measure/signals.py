@@ -67,6 +67,27 @@ def block_mean(value_t: NDArray[np.float64], blocks: int) -> tuple[float, float]
     return float(value_t.mean()), float(means.std(ddof=1) / math.sqrt(blocks))
 
 
+def block_drift(value_t: NDArray[np.float64], blocks: int) -> tuple[float, float]:
+    """Return the mean of the second half of a signal less that of the first, and its error by blocks.
+
+    Parameters
+    ----------
+    value_t
+        (T,) values, at least one for each block.
+    blocks
+        At least 4, half of them for each half.
+
+    Examples
+    --------
+    >>> change, error = block_drift(np.arange(80.0), 8)
+    >>> change, error < 15.0
+    (40.0, True)
+
+    """
+    first, second = (block_mean(part, max(blocks // 2, 2)) for part in np.array_split(value_t, 2))
+    return second[0] - first[0], math.hypot(first[1], second[1])
+
+
 _TURN = 2.0 * math.pi
 # columns of the fit: sine, cosine, third harmonics, offset, slope
 _TERMS = 6

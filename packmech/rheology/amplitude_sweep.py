@@ -13,9 +13,13 @@ from packmech.check import function, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress
 from packmech.measure.signals import softening_strain, yield_strain
+from packmech.result import NotConverged, Outcome
 from packmech.rheology.arguments import Several, listed, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
+
+# outcomes of runs that got to their end and have figures
+_MEASURED = (Outcome.NOT_STEADY, Outcome.NEAR_RESONANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,16 @@ class AmplitudeSweep:
     runs: tuple[OscillatoryShear, ...]
 
     @property
+    @property
+    def outcome(self) -> Outcome:
+        """How the runs ended: as the first of them that is no success, if there is one."""
+        return next((run.outcome for run in self.runs if not run.ok), Outcome.FINISHED)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every run is a success."""
+        return self.outcome.ok
+
     def yield_strain(self) -> float:
         """Amplitude at which G' = G'' [1], as the function of this name finds it; nan where they do not cross."""
         return yield_strain(self.amplitude_a, self.storage_a, self.loss_a)
@@ -106,7 +120,8 @@ def amplitude_sweep(
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a time step is too long; its `.run` holds that run.
+        If a run does not get to its end; its `.run` holds that run. Amplitudes whose moduli are unsteady or led by
+        inertia stay in the sweep: `AmplitudeSweep.outcome` says so.
     KeyboardInterrupt
         Passed on with `.run` set to the sweep of the amplitudes that were finished, or None.
 
@@ -142,10 +157,13 @@ def amplitude_sweep(
                 axes=axes,
                 samples_per_period=samples_per_period,
                 **given,
+                check=False,
             )
         except KeyboardInterrupt as stop:
             stop.run = _gathered(asked, runs) if runs else None  # type: ignore[attr-defined]
             raise
+        if not run.ok and run.outcome not in _MEASURED:
+            raise NotConverged(run)
         runs.append(run)
     return _gathered(asked, runs)
 

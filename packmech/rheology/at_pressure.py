@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from packmech.dynamics.spans import Spans
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
-from packmech.measure.signals import block_mean
+from packmech.measure.signals import block_drift, block_mean
 from packmech.result import Condition, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 
@@ -27,6 +27,11 @@ _SPAN, _STRAIN = 10.0, 0.01
 _SHOCK = 10.0
 # fraction of the shortest time of a contact that a step takes
 _STEP = 0.1
+# what a start that nothing presses shrinks by along each axis, over what it shears by; looks over which the pressure of
+# a loose start is averaged, and part of the one asked for at which it is loose no more
+_SHRINK, _LOOKS, _BORNE = 0.3, 10, 0.8
+# errors beyond which a difference is one
+_SURE = 3.0
 STAGE = "shear at constant pressure"
 
 
@@ -50,6 +55,10 @@ class PressureShear(Run):
         (T,) which of these count as steady.
     blocks
         Into so many blocks the steady part is cut for errors.
+    tolerance
+        Largest error of the mean pressure over the one asked for, and largest drift (`conditions`) [1].
+    approach
+        Strain up to which the box only shrank, as nothing bore the pressure yet [1].
 
     """
 
@@ -63,21 +72,50 @@ class PressureShear(Run):
     sliding_t: NDArray[np.int64] = None  # type: ignore[assignment]
     steady_t: NDArray[np.bool_] = None  # type: ignore[assignment]
     blocks: int = 8
+    tolerance: float = 0.1
+    approach: float = 0.0
 
     @property
     def inertial_number(self) -> float:
-        """Rate sqrt(m / (P d^(dim - 2))) with the mean mass and diameter [1].
+        """Rate sqrt(m / (p d^(dim - 2))) with the mean mass and diameter and the mean pressure p that was measured [1].
 
-        da Cruz et al., Phys. Rev. E 72, 021309 (2005).
+        nan where there is no mean, or nothing pressed. da Cruz et al., Phys. Rev. E 72, 021309 (2005).
         """
-        packing = self.packing
+        packing, pressure = self.packing, self.mean(self.pressure_t)[0]
         size = float(packing.diameter_n.mean()) ** (packing.dimension - 2)
-        return float(self.rate * math.sqrt(packing.mass_n.mean() / (self.pressure * size)))
+        return float(self.rate * math.sqrt(packing.mass_n.mean() / (pressure * size))) if pressure > 0.0 else math.nan
 
     def mean(self, value_t: NDArray[np.float64]) -> tuple[float, float]:
         """Return the mean of a signal over the steady part and its error by blocks; nan where it is too short."""
         steady = np.asarray(value_t, dtype=np.float64)[self.steady_t]
         return block_mean(steady, self.blocks) if len(steady) >= 2 * self.blocks else (math.nan, math.nan)
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return what a steady flow at the pressure asked for meets; none where the steady part is too short for means.
+
+        The mean pressure is the one asked for within `tolerance` and three errors, which count up to twice `tolerance`
+        and are no more than six times that;
+        pressure and shear stress change between the two halves of the steady part by no more than three errors and
+        `tolerance` times the mean pressure, the packing fraction by three errors and `tolerance` times the void
+        fraction.
+        """
+        mean, error = self.mean(self.pressure_t)
+        if not math.isfinite(mean):
+            return ()
+        asked = self.pressure
+        found = [
+            Condition("pressure", mean, asked, self.tolerance + min(_SURE * error / asked, 2.0 * self.tolerance)),
+            Condition("error of the pressure", error, 2.0 * self.tolerance * asked),
+        ]
+        void = 1.0 - self.mean(self.packing_fraction_t)[0]
+        for name, value_t, scale in (
+            ("pressure", self.pressure_t, abs(mean)),
+            ("shear stress", self.shear_stress_t, abs(mean)),
+            ("packing fraction", self.packing_fraction_t, void),
+        ):
+            change, error = block_drift(value_t[self.steady_t], self.blocks)
+            found.append(Condition(f"drift of the {name}", abs(change), self.tolerance * scale + _SURE * error))
+        return tuple(found)
 
     @property
     def stress_ratio(self) -> tuple[float, float]:
@@ -95,7 +133,7 @@ class PressureShear(Run):
             "mean_contacts": self.mean(2.0 * self.contacts_t / self.packing.particles),
         }
         errors = {f"{name}_error": error for name, (_, error) in means.items()}
-        asked = {"rate": self.rate, "pressure": self.pressure, "inertial_number": self.inertial_number}
+        asked = {"rate": self.rate, "pressure_asked": self.pressure, "inertial_number": self.inertial_number}
         return {**super().to_dict(), **asked, **{name: value for name, (value, _) in means.items()}, **errors}
 
     @property
@@ -114,7 +152,7 @@ class PressureShear(Run):
         )
         return [
             *self.outcome_rows(),
-            ("inertial number", f"{self.inertial_number:.4g}", f"at the rate {self.rate:g}"),
+            ("inertial number", f"{self.inertial_number:.4g}", f"at the rate {self.rate:g} and the pressure measured"),
             *((words, f"{numbers[name]:.5g} +- {numbers[name + '_error']:.2g}", what) for words, name, what in named),
         ]
 
@@ -130,6 +168,7 @@ def shear_at_pressure(
     blocks: int = 8,
     axes: tuple[int, int] = (0, 1),
     answer: float = 10.0,
+    pressure_tolerance: float = 0.1,
     dt: float | None = None,
     time_limit: float | None = None,
     progress: Progress | None = None,
@@ -140,10 +179,11 @@ def shear_at_pressure(
     The box shears at a constant rate, x along y, and dilates at the rate e = (p - P) / (answer tau K) with the pressure
     p of the moment, kinetic parts included, the pressure P asked for, the stiffness k of a contact, K = k d^(2 - dim)
     and tau = sqrt(m / k) of the mean mass; p - P counts up to 10 P. It is a barostat without mass, which has the mean
-    pressure right where everything is steady. A start of another volume takes a time of answer tau (K / P) times what
-    is missing of ln V: begin near the packing fraction to come, or skip more strain where rates are high. Stress is
-    looked at every 10 tau or every hundredth of strain. Velocities are peculiar ones, as in `ramp_strain`; nothing is
-    thermostatted: dashpots and friction take what shear puts in.
+    pressure right where everything is steady. A loose start shrinks along each axis by .3 (1 - p / P) of what it
+    shears, with the mean p over ten looks, until that is .8 P (`approach`). A start that is too dense takes a time of
+    answer tau (K / P) times what is missing of ln V: begin near the packing fraction to come, or skip more strain where
+    rates are high. Stress is looked at every 10 tau or every hundredth of strain. Velocities are peculiar ones, as in
+    `ramp_strain`; nothing is thermostatted: dashpots and friction take what shear puts in.
 
     Parameters
     ----------
@@ -161,6 +201,9 @@ def shear_at_pressure(
         Direction of the flow, and of its gradient.
     answer
         Time in which a box as stiff as a contact follows the pressure [tau]. Means do not depend on it.
+    pressure_tolerance
+        Largest error of the mean pressure over the one asked for, and largest drift, at which the flow counts as steady
+        at its pressure (`PressureShear.conditions`) [1].
     dt
         Time step; a tenth of the shortest time of a contact unless given.
     time_limit
@@ -173,14 +216,15 @@ def shear_at_pressure(
     Returns
     -------
     PressureShear
-        Signals over the strain, and means over its steady part with their errors.
+        Signals over the strain, and means over its steady part with their errors. Outcome.NOT_AT_PRESSURE where the
+        mean pressure is another one, Outcome.NOT_STEADY where anything drifts or errors are too large to tell.
 
     Raises
     ------
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a time step is too long and `check` is set; its `.run` holds what was reached.
+        If it is no success and `check` is set; its `.run` holds what was reached.
     KeyboardInterrupt
         Passed on with `.run` set to what was reached.
 
@@ -203,12 +247,17 @@ def shear_at_pressure(
     end = positive("applied_strain", applied_strain)
     skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
     integer("blocks", blocks, at_least=2)
+    tolerance = positive("pressure_tolerance", pressure_tolerance)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
     shearing = _Shearing(scene, rate, pressure, pair, answer, step, settings.threads)
     loop = RunLoop(settings)
-    return loop.run(lambda: shearing.until(end, loop), lambda outcome: shearing.finish(outcome, skip, blocks))
+
+    def finished(outcome: Outcome) -> PressureShear:
+        return shearing.finish(outcome, skip, blocks, tolerance)
+
+    return loop.run(lambda: shearing.until(end, loop), finished)
 
 
 class _Shearing:
@@ -236,8 +285,10 @@ class _Shearing:
         self.spans = Spans(scene, dt, threads=threads)
         self.volume = packing_fraction(packing) * packing.box.volume
         self.rows: list[tuple[float, ...]] = []
-        # the strain at the end
-        self.goal = math.inf
+        # the strain at the end, and that at which something bore the pressure
+        self.goal, self.approach = math.inf, 0.0
+        self.borne = 0.0
+        self.approaching = self._pressure() < _BORNE * pressure
 
     def until(self, strain: float, loop: RunLoop) -> Outcome:
         """Shear up to a strain."""
@@ -248,13 +299,23 @@ class _Shearing:
             loop.check_time()
             # overlaps of a start open the box no faster than this
             missing = min(self._pressure() - self.pressure, _SHOCK * self.pressure)
-            rate_dd = np.eye(d) * self.follow * missing
+            self._approach()
+            shrink = _SHRINK * self.rate * min(self.borne / self.pressure - 1.0, 0.0)
+            rate_dd = np.eye(d) * (shrink if self.approaching else self.follow * missing)
             rate_dd[self.axes] += self.rate
             if not self.spans.advance(rate_dd, self.steps_of_span):
                 return Outcome.STEP_TOO_LONG
             self._keep()
             loop.report(STAGE, strain=self.rows[-1][0], stress=self.rows[-1][1], packing_fraction=self.rows[-1][3])
         return Outcome.FINISHED
+
+    def _approach(self) -> None:
+        """Find whether the start is still loose: the barostat would take long where little presses."""
+        if self.approaching:
+            recent = [row[2] for row in self.rows[-_LOOKS:]]
+            self.borne = float(np.mean(recent)) if len(recent) == _LOOKS else 0.0
+            self.approaching = self.borne < _BORNE * self.pressure
+            self.approach = self.rows[-1][0] if self.rows else 0.0
 
     def _pressure(self) -> float:
         stress = self.spans.stress_dd
@@ -268,14 +329,14 @@ class _Shearing:
         strain = spans.steps * spans.dt * self.rate
         self.rows.append((strain, stress, self._pressure(), fraction, spans.contacts, spans.sliding))
 
-    def finish(self, outcome: Outcome, skip: float, blocks: int) -> PressureShear:
-        """Return the run as far as it came."""
+    def finish(self, outcome: Outcome, skip: float, blocks: int, tolerance: float) -> PressureShear:
+        """Return the run as far as it came; where it came to its end, judged by its `conditions`."""
         spans = self.spans
         seconds = time.process_time() - self.began
         # spans end a little beyond the strain asked for
         reached = min(spans.steps * spans.dt * self.rate, self.goal)
         strain, stress, pressure, fraction, contacts, sliding = np.array(self.rows).reshape(-1, 6).T.copy()
-        return PressureShear(
+        run = PressureShear(
             packing=spans.scene.packing,
             outcome=outcome,
             residual=spans.residual,
@@ -293,7 +354,14 @@ class _Shearing:
             sliding_t=sliding.astype(np.int64),
             steady_t=strain > skip * (1.0 + 1e-12),
             blocks=blocks,
-            unmet=unmet_conditions(
-                outcome, Condition("shear strain", spans.steps * spans.dt * self.rate, self.goal, 1e-12)
-            ),
+            tolerance=tolerance,
+            approach=self.approach,
         )
+        if outcome is not Outcome.FINISHED:
+            end = Condition("shear strain", reached, self.goal, 1e-12)
+            return replace(run, unmet=unmet_conditions(outcome, *self.spans.limits(), end))
+        unmet = tuple(one for one in run.conditions() if not one.met)
+        if unmet:
+            off = unmet[0].name == "pressure"
+            outcome = Outcome.NOT_AT_PRESSURE if off else Outcome.NOT_STEADY
+        return replace(run, outcome=outcome, unmet=unmet)

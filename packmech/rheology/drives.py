@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
-from packmech.dynamics.simulate import simulate
+from packmech.dynamics.simulate import simulate, simulate_from
 from packmech.dynamics.simulation import Simulation
 from packmech.loop.checkpoint import RunsFile
 from packmech.rheology.arguments import runs_file
@@ -41,7 +41,13 @@ _ROWS = 200
 
 
 def follow(
-    drive: SimulateDrive, scene: Scene, *, frames: int = 0, progress: Progress | None = None, **changes: Any
+    drive: SimulateDrive,
+    scene: Scene,
+    *,
+    frames: int = 0,
+    progress: Progress | None = None,
+    checkpoint: Path | None = None,
+    **changes: Any,
 ) -> Simulation:
     """Return the simulation that a drive describes.
 
@@ -53,6 +59,8 @@ def follow(
         Positions are kept about so many times; 0: only observables are.
     progress
         As of `pm.simulate`.
+    checkpoint
+        A file to go on from, and to leave.
     changes
         Other arguments of `pm.simulate` than the drive's.
 
@@ -81,7 +89,8 @@ def follow(
         "progress": progress,
         "check": False,
     }
-    return simulate(scene, **(arguments | changes))
+    arguments |= changes
+    return simulate(scene, **arguments) if checkpoint is None else simulate_from(checkpoint, scene, **arguments)
 
 
 def _arguments(

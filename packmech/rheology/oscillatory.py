@@ -16,7 +16,7 @@ from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
-from packmech.result import Outcome, Row, Run, particles_in_words
+from packmech.result import Condition, Outcome, Row, Run, particles_in_words
 from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.rheology.walls import WallModuli, wall_forces
@@ -25,6 +25,8 @@ from packmech.scene import Scene
 STAGE = "oscillatory shear"
 # overlap at which the stiffness of a contact is taken [1]
 _TOUCH = 1e-9
+# errors between periods, and a negative G' beyond so many errors, over |G*|: more is no modulus
+_KNOWN, _NEGATIVE, _SURE = 0.5, 0.1, 3.0
 
 
 def rest_row(ratio: float, expected_stress: float) -> Row:
@@ -61,6 +63,21 @@ class OscillatoryShear(StrainRun):
     skip_periods: float
     moduli: Demodulation | None
     walls: WallModuli | None = None
+
+    @property
+    def kinetic_share(self) -> float:
+        """Mean kinetic energy of peculiar motion over V |G*| amplitude^2 / 4, over the periods that count [1].
+
+        (frequency / that of the modes that move)^2 where these are elastic: near one, the frequency is near a mode. nan
+        without moduli.
+        """
+        found, phase = self.moduli, self.phase_t / (2.0 * np.pi)
+        on = (phase >= self.skip_periods) & (phase <= self.periods)
+        stored = 0.0
+        if found is not None:
+            stored = 0.25 * math.hypot(found.storage, found.loss) * self.amplitude**2 * self.packing.box.volume
+        kinetic_t = self.kinetic_t + self.rotational_t
+        return float(kinetic_t[on].mean() / stored) if stored > 0.0 and on.any() else math.nan
 
     @property
     def phase_t(self) -> NDArray[np.float64]:
@@ -109,6 +126,7 @@ class OscillatoryShear(StrainRun):
                 "loss_error": found.loss_error,
                 "storage_fit_error": found.storage_fit_error,
                 "loss_fit_error": found.loss_fit_error,
+                "kinetic_share": self.kinetic_share,
             }
         if self.held_n is not None:
             numbers["held"] = int(self.held_n.sum())
@@ -136,6 +154,7 @@ class OscillatoryShear(StrainRun):
                 error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
                 note = "contacts inside the plates counted; " if whole and self.held_n is not None else ""
                 rows.append((f"{name}{whole}", f"{numbers[f'{key}_modulus']:.6g}", f"{note}{error}; {unit}"))
+            rows.append(("kinetic share", f"{numbers['kinetic_share']:.3g}", "over the energy that |G*| stores"))
         else:
             lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
             rows += [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
@@ -284,7 +303,10 @@ def oscillatory_shear(
     Returns
     -------
     OscillatoryShear
-        Outcome.FINISHED, or Outcome.STEP_TOO_LONG where something moved by the smallest diameter in one step.
+        Outcome.FINISHED, or Outcome.STEP_TOO_LONG where something moved by the smallest diameter in one step;
+        Outcome.NOT_STEADY where G' or G'' differ from period to period by more than half of |G*|, and
+        Outcome.NEAR_RESONANCE where G' is negative beyond its error: inertia leads the stress. `kinetic_share` is
+        the kinetic energy over the energy that |G*| stores.
 
     Raises
     ------
@@ -360,4 +382,25 @@ def _finish(
     if run.phase_t[-1] < 2.0 * np.pi * (skip + 1.0 - 1.0 / 8.0):
         return run
     walls = None if task.walls is None else task.walls.moduli(run)
-    return replace(run, moduli=run.demodulated(), walls=walls)
+    run = replace(run, moduli=run.demodulated(), walls=walls)
+    return run if outcome is not Outcome.FINISHED else _judged(run)
+
+
+def _judged(run: OscillatoryShear) -> OscillatoryShear:
+    """Return a run that was finished, with the outcome NOT_STEADY or NEAR_RESONANCE where its moduli are no such.
+
+    Errors between periods must be below half of |G*|, and G' must not be negative beyond three errors and a tenth of
+    |G*|: what is in balance resists, and only inertia gives way.
+    """
+    found = run.moduli
+    assert found is not None
+    size = math.hypot(found.storage, found.loss)
+    conditions = [
+        (Outcome.NOT_STEADY, Condition(f"error of {name} between periods", error, _KNOWN * size))
+        for name, error in (("G'", found.storage_error), ("G''", found.loss_error))
+        if math.isfinite(error)
+    ]
+    error = found.storage_error if math.isfinite(found.storage_error) else found.storage_fit_error
+    led = Condition("-G'", -found.storage, _SURE * error + _NEGATIVE * size)
+    unmet = [(name, one) for name, one in [*conditions, (Outcome.NEAR_RESONANCE, led)] if not one.met]
+    return replace(run, outcome=unmet[0][0], unmet=tuple(one for _, one in unmet)) if unmet else run

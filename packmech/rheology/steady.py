@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Unpack
 
 import numpy as np
@@ -17,13 +17,15 @@ from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
 from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
-from packmech.measure.signals import block_mean
-from packmech.result import Outcome, Row, Summary, particles_in_words
+from packmech.measure.signals import block_drift, block_mean
+from packmech.result import Condition, NotConverged, Outcome, Row, Summary, particles_in_words
 from packmech.rheology.arguments import Common, Several, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainRun, StrainTask
 from packmech.scene import Scene
 
 STAGE = "steady strain"
+# errors beyond which a change is one
+_SURE = 3.0
 FLOW_HEADINGS = ("rate", "stress", "+-", "pressure", "+-", "stress/rate", "stress/pressure", "contacts", "sliding")
 # arrays of a flow curve, by their names in files
 FLOW_COLUMNS = {
@@ -106,6 +108,7 @@ def _ramp(
     axes: tuple[int, int],
     samples: int,
     stage: str = STAGE,
+    judge: Callable[[StrainRun], StrainRun] | None = None,
 ) -> StrainRun:
     direction = SteadyStrain(rate, mode=mode, axes=axes).direction(settings.scene.packing.dimension)
     duration = strain / abs(rate)
@@ -121,7 +124,28 @@ def _ramp(
         direction_dd=direction,
     )
     shown = axes if mode == "shear" else (axes[0], axes[0])
-    return task.run(lambda outcome: StrainRun(**task.fields(outcome, shown)))
+
+    def finished(outcome: Outcome) -> StrainRun:
+        run = StrainRun(**task.fields(outcome, shown))
+        return run if judge is None or outcome is not Outcome.FINISHED else judge(run)
+
+    return task.run(finished)
+
+
+def _judged(run: StrainRun, skip: float, blocks: int, tolerance: float) -> StrainRun:
+    """Return a run that was finished, with the outcome NOT_STEADY where stress or pressure drift over what counts.
+
+    They may change between its halves by three errors and `tolerance` times the larger of both means.
+    """
+    on = run.strain_t >= skip * (1.0 - 1e-12)
+    scale = max(abs(float(run.pressure_t[on].mean())), abs(float(run.shear_stress_t[on].mean())))
+    unmet = []
+    for name, value_t in (("shear stress", run.shear_stress_t), ("pressure", run.pressure_t)):
+        change, error = block_drift(value_t[on], blocks)
+        one = Condition(f"drift of the {name}", abs(change), tolerance * scale + _SURE * error)
+        if not one.met:
+            unmet.append(one)
+    return replace(run, outcome=Outcome.NOT_STEADY, unmet=tuple(unmet)) if unmet else run
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,7 +238,7 @@ class FlowCurve:
             (
                 f"rate {rate}",
                 f"stress {stress} +- {error}",
-                f"pressure {pressure}; {sliding} slide; {unit}" if run.ok else run.outcome.value,
+                f"pressure {pressure}; {sliding} slide; {unit}" if run.ok else str(NotConverged(run)),
             )
             for (rate, stress, error, pressure, *_, sliding), run in zip(self.lines(), self.runs, strict=True)
         ]
@@ -236,6 +260,7 @@ def steady_shear(
     blocks: int = 8,
     samples: int = 400,
     axes: tuple[int, int] = (0, 1),
+    drift_tolerance: float = 0.1,
     check: bool = True,
     **common: Unpack[Several],
 ) -> FlowCurve:
@@ -255,9 +280,12 @@ def steady_shear(
         How often figures are kept at each rate.
     axes, dt, method, held_n, frames
         As in `oscillatory_shear`; as many frames of each run.
+    drift_tolerance
+        Largest change of stress and pressure between the halves of what counts, beyond three errors, over the larger of
+        their means [1]. Where it is more the run ends with Outcome.NOT_STEADY.
     check
-        Raise NotConverged at the first run that does not finish; otherwise its place in the curve is nan, and
-        `FlowCurve.outcome` says how it ended.
+        Raise NotConverged at the first run that does not finish or is not steady; otherwise the place of what does not
+        finish is nan in the curve, and `FlowCurve.outcome` says how it ended.
     progress
         Called now and then as progress(stage, figures), the stage naming the rate.
     checkpoint
@@ -268,7 +296,7 @@ def steady_shear(
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a time step is too long and `check` is set; its `.run` holds that run.
+        If a time step is too long or a flow is not steady and `check` is set; its `.run` holds that run.
     KeyboardInterrupt
         Passed on with `.run` set to the curve of the rates that were finished, or None.
 
@@ -292,8 +320,12 @@ def steady_shear(
     count = integer("samples", samples, at_least=1)
     if count * (1.0 - skip / end) < 2 * parts:
         raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
+    tolerance = positive("drift_tolerance", drift_tolerance)
     settings = check_arguments(scene, check=check, **common)
     runs: list[StrainRun] = []
+
+    def judge(run: StrainRun) -> StrainRun:
+        return _judged(run, skip, parts, tolerance)
 
     def curve() -> FlowCurve:
         return _curve(speeds[: len(runs)], tuple(runs), skip, parts, time.process_time() - began)
@@ -301,7 +333,7 @@ def steady_shear(
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     for speed in speeds:
         try:
-            runs.append(_ramp(settings, speed, end, "shear", pair, count, f"steady shear at {speed:g}"))
+            runs.append(_ramp(settings, speed, end, "shear", pair, count, f"steady shear at {speed:g}", judge))
         except KeyboardInterrupt as stop:
             stop.run = curve() if runs else None  # type: ignore[attr-defined]
             raise
@@ -311,7 +343,7 @@ def steady_shear(
 def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks: int, seconds: float) -> FlowCurve:
     table = []
     for run in runs:
-        if not run.ok:
+        if run.outcome not in (Outcome.FINISHED, Outcome.NOT_STEADY):
             table.append([math.nan] * 6)
             continue
         on = run.strain_t >= skip * (1.0 - 1e-12)

@@ -517,7 +517,7 @@ class StrainTask:
             "orientation_fnq": orientations_at(snapshots),
             "held_n": settings.held_n,
             "added": columns_of(self.added) if self.added and self.added[0] else {},
-            "unmet": unmet_conditions(outcome, Condition("steps", engine.steps, self.end, 0.0)),
+            "unmet": unmet_conditions(outcome, *engine.limits(), Condition("steps", engine.steps, self.end, 0.0)),
         }
 
 

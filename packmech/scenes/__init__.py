@@ -36,7 +36,7 @@ def run(
     progress
         Called now and then as progress(stage, figures).
     checkpoint
-        A file to go on from, and to leave; for drives that strain.
+        A file to go on from, and to leave; for drives that step through time.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def run(
     if progress is not None:
         function("progress", progress)
     if checkpoint is not None and not takes_checkpoint(scene):
-        raise ValueError(f"checkpoint must be left out for a scene that is not strained, got {checkpoint!r}")
+        raise ValueError(f"checkpoint must be left out for a drive that does not step through time, got {checkpoint!r}")
     wanted = {
         "frames": frames,
         "progress": progress,

@@ -317,3 +317,22 @@ def test_where_to_write_is_checked_before_the_run(given, message):
     scene, manner = dimers()
     with pytest.raises(ValueError, match=message):
         pm.simulate(scene, steps=2, **manner, **given)
+
+
+def test_the_simulation_of_a_drive_goes_on_from_its_checkpoint_with_the_same_bits(tmp_path):
+    pair = pm.Packing([[1.0, 2.0], [1.9, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    drive = pm.SimulateDrive(steps=40, dt=0.05, velocities=((0.1, 0.0), (0.0, 0.2)))
+    scene = pm.Scene(pair, (pm.Repulsion(),), drive)
+    longer = scene.replace(drive=dataclasses.replace(drive, steps=80))
+    whole = pm.run(longer)
+    half = pm.run(scene, checkpoint=tmp_path / "run.npz")
+    assert half.steps == 40
+    again = pm.run(longer, checkpoint=tmp_path / "run.npz")
+    assert again.packing == whole.packing and (again.velocity_nd == whole.velocity_nd).all()
+    assert again.steps == 80
+    # what was finished comes back as it was
+    assert pm.run(longer, checkpoint=tmp_path / "run.npz").packing == whole.packing
+    for change in ({"dt": 0.04}, {"velocities": ((0.3, 0.0), (0.0, 0.2))}):
+        other = scene.replace(drive=dataclasses.replace(drive, **change))
+        with pytest.raises(ValueError, match="checkpoint must hold a run of the same scene and settings.*another"):
+            pm.run(other, checkpoint=tmp_path / "run.npz")

@@ -201,3 +201,85 @@ def test_what_drag_turns_with_a_flow_is_stopped_by_nothing(kind):
     assert run.spin_nk[0, -1] == pytest.approx(-0.05, abs=1e-4)
     shear = pm.OscillatoryStrain(amplitude=0.5, frequency=0.05)
     assert pm.simulate(scene, duration=40.0, dt=0.02, applied_strain=shear).ok
+
+
+def discs(*effects, seed=1):
+    """Return 32 discs at rest whose contacts hold an energy of about .033, under these effects."""
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.9, seed=seed)
+    settled = pm.quench(pm.Scene(start, (pm.Repulsion(),)), force_tolerance=1e-8).packing
+    return pm.Scene(settled, (pm.Repulsion(), *effects))
+
+
+STIFF = {
+    "tangential spring": (pm.Friction(0.5, stiffness=1e4), 0.5),
+    "tangential spring, shorter steps": (pm.Friction(0.5, stiffness=1e4), 0.1),
+    "tangential dashpot": (pm.Friction(0.5, stiffness=1.0, damping=1e3), 0.5),
+    "tangential dashpot, shorter steps": (pm.Friction(0.5, stiffness=1.0, damping=1e3), 0.02),
+    "normal dashpot": (pm.ContactDamping(50.0), 0.05),
+    "drag": (pm.BackgroundDamping(50.0), 0.05),
+}
+
+
+@pytest.mark.parametrize("method", [pm.VelocityVerlet(), pm.SemiImplicitEuler()])
+@pytest.mark.parametrize("name", STIFF)
+def test_a_step_that_is_unstable_for_one_contact_is_too_long_and_the_run_says_for_which(name, method):
+    effect, dt = STIFF[name]
+    scene = discs(effect)
+    moving = 0.1 * np.random.default_rng(1).normal(size=(32, 2))
+    run = pm.simulate(scene, dt=dt, steps=2000, velocity_nd=moving, method=method, check=False)
+    assert run.outcome is pm.Outcome.STEP_TOO_LONG and not run.ok
+    assert run.steps == 0
+    np.testing.assert_allclose(run.packing.position_nd, scene.packing.position_nd, rtol=0, atol=1e-14)
+    limit = run.unmet[0]
+    assert limit.name == "time step" and limit.reached == dt and limit.asked < dt
+    # a step that is chosen is shorter
+    assert pm.simulate(scene, steps=3, velocity_nd=moving, method=method).dt < limit.asked
+
+
+def pair(d, mass):
+    """Return two particles that overlap a little, with these masses."""
+    place = np.zeros((2, d)) + 2.0
+    place[1, 0] += 0.99
+    return pm.Packing(place, [0.5, 0.5], pm.Box.cubic(6.0, d), mass_n=mass)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(
+    ("effect", "stiffness", "damping", "turned"),
+    [
+        (pm.Repulsion(pm.LinearSpring(40.0)), 40.0, 0.0, False),
+        (pm.ContactDamping(7.0), 0.0, 7.0, False),
+        (pm.Friction(0.5, stiffness=1e-9, damping=7.0), 0.0, 7.0, True),
+    ],
+)
+def test_the_limit_of_a_pair_is_that_of_its_reduced_mass_and_inertia(d, effect, stiffness, damping, turned):
+    mass = (0.5, 2.0)
+    inverse = 1.0 / mass[0] + 1.0 / mass[1]
+    if turned:
+        # arms r: r^2 / I = 2 / m of discs, 5 / (2 m) of spheres
+        inverse *= 3.0 if d == 2 else 3.5
+    # velocity Verlet: omega dt = 2; its dashpot sees v(half) + v(half) - v(start): c dt / m = 1
+    limit = 2.0 / np.sqrt(inverse * stiffness) if stiffness else 1.0 / (inverse * damping)
+    scene = pm.Scene(pair(d, mass), (effect,))
+    run = pm.simulate(scene, dt=1.5 * limit, steps=1, check=False)
+    # what counts is growth by a tenth in a step
+    assert limit < run.unmet[0].asked < 1.1 * limit
+    assert pm.simulate(scene, dt=0.99 * limit, steps=1, check=False).unmet == ()
+
+
+def test_bonds_that_are_too_stiff_for_a_step_are_named():
+    bonds = pm.Bonds([0], [1], [[0, 0]], [0.99], compression=SPRING, tangential_stiffness=1e5)
+    run = pm.simulate(pm.Scene(pair(2, (1.0, 1.0)), (bonds,)), dt=0.1, steps=10, check=False)
+    assert run.outcome is pm.Outcome.STEP_TOO_LONG and "tangential force of a bond" in str(run.unmet[0])
+    still = pm.FixedParticles((0, 1))
+    assert pm.simulate(pm.Scene(pair(2, (1.0, 1.0)), (bonds, still)), dt=0.1, steps=10).ok
+
+
+def test_strained_runs_and_batches_refuse_a_step_that_is_unstable_for_one_contact():
+    scene = discs(pm.Friction(0.5, stiffness=1e4))
+    sheared = pm.ramp_strain(scene, rate=1e-3, applied_strain=0.1, dt=0.1, check=False)
+    assert sheared.outcome is pm.Outcome.STEP_TOO_LONG and sheared.unmet[0].name == "time step"
+    pressed = pm.shear_at_pressure(scene, rate=1e-3, pressure=1e-2, dt=0.1, check=False)
+    assert pressed.outcome is pm.Outcome.STEP_TOO_LONG
+    with pytest.raises(ValueError, match="dt must be at most .*friction of a contact is unstable above"):
+        pm.ShearBatch([scene], control="rate", dt=0.1)

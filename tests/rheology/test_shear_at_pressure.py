@@ -1,9 +1,12 @@
 """Steady shear in a box whose volume follows the pressure: what it must agree with, whatever the flow."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.rheology.at_pressure import PressureShear
 
 RUBBING = (pm.Repulsion(pm.LinearSpring()), pm.Friction(0.4, 0.5), pm.ContactDamping(1.0))
 
@@ -33,9 +36,70 @@ def test_the_mean_pressure_is_the_one_asked_for(flow):
     assert error < 0.1 * run.pressure
 
 
-def test_inertial_number_is_the_rate_in_units_of_the_pressure(flow):
-    _, run = flow
-    assert run.inertial_number == pytest.approx(0.1, rel=1e-12)
+def test_inertial_number_is_the_rate_in_units_of_the_pressure_that_was_measured(flow):
+    scene, run = flow
+    mean, error = run.mean(run.pressure_t)
+    assert run.inertial_number == pytest.approx(run.rate * np.sqrt(scene.packing.mass_n.mean() / mean), rel=1e-12)
+    # to the first order half the error of the pressure away from that at the pressure asked for
+    assert abs(run.inertial_number - 0.1) < 0.1 * 0.5 * 4.0 * error / mean
+
+
+def test_a_loose_start_flows_at_the_pressure_asked_for():
+    loose = start(100, fraction=0.5)
+    scene = pm.Scene(loose, (pm.Repulsion(), pm.Friction(0.4), pm.ContactDamping(1.0)))
+    run = pm.shear_at_pressure(scene, rate=3e-3, pressure=1e-3)
+    mean, error = run.mean(run.pressure_t)
+    assert run.ok and run.unmet == ()
+    assert abs(mean - 1e-3) < 1e-4 + 3.0 * error and error < 1e-4
+    assert 0.0 < run.approach < 2.0
+    # discs that rub flow at I = .1 some hundredths below random close packing
+    assert 0.74 < run.mean(run.packing_fraction_t)[0] < 0.82
+
+
+@pytest.mark.parametrize("asked", [1e-4, 1e-1])
+def test_a_flow_that_is_not_at_the_pressure_asked_for_says_so_with_what_was_measured(asked):
+    dense = start(60, fraction=0.9)
+    scene = pm.Scene(dense, RUBBING)
+    # the box follows too slowly to get there
+    given = {"rate": 0.05, "pressure": asked, "applied_strain": 2.0, "skip_strain": 1.0, "answer": 3000.0}
+    run = pm.shear_at_pressure(scene, **given, check=False)
+    mean, _ = run.mean(run.pressure_t)
+    assert run.outcome.name == "NOT_AT_PRESSURE" and not run.ok
+    assert (run.unmet[0].name, run.unmet[0].reached, run.unmet[0].asked) == ("pressure", mean, asked)
+    assert f"pressure {mean:.4g} where {asked:.4g} was asked for" in str(run.summary())
+    assert "not met" in repr(run) and run.to_dict()["mean_pressure"] == mean
+    with pytest.raises(pm.NotConverged, match="The pressure measured is not the one asked for"):
+        pm.shear_at_pressure(scene, **given)
+    # how far off a caller bears is the caller's choice
+    far = abs(mean / asked - 1.0)
+    wide = pm.shear_at_pressure(scene, **given, pressure_tolerance=2.0 * far + 1.0, check=False)
+    assert wide.outcome is not run.outcome
+
+
+def test_a_flow_whose_packing_fraction_still_drifts_is_not_steady():
+    drifting = np.linspace(0.0, 1.0, 400)
+    scatter = np.random.default_rng(1).normal(size=400)
+    run = PressureShear(
+        packing=start(10),
+        outcome=pm.Outcome.FINISHED,
+        residual=0.0,
+        steps=1,
+        force_evaluations=1,
+        seconds=0.0,
+        rate=1e-3,
+        pressure=1e-3,
+        strain_t=np.arange(400.0),
+        shear_stress_t=3e-4 * (1.0 + 0.1 * scatter),
+        pressure_t=1e-3 * (1.0 + 0.1 * scatter),
+        packing_fraction_t=0.78 + 0.1 * drifting,
+        contacts_t=np.full(400, 200),
+        sliding_t=np.zeros(400, dtype=np.int64),
+        steady_t=np.ones(400, dtype=np.bool_),
+    )
+    missed = [one.name for one in run.conditions() if not one.met]
+    assert missed == ["drift of the packing fraction"]
+    still = dataclasses.replace(run, packing_fraction_t=0.78 + 0.01 * scatter)
+    assert all(one.met for one in still.conditions())
 
 
 def test_constant_volume_at_the_same_packing_fraction_has_the_same_stresses(flow):
@@ -99,7 +163,7 @@ def test_time_is_up_with_what_was_reached():
 def test_ellipses_that_are_round_are_sheared_at_a_pressure_as_discs_are():
     packing = pm.random_packing(30, dimension=2, packing_fraction=0.85, seed=1)
     effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5))
-    how = {"rate": 1e-2, "pressure": 1e-2, "applied_strain": 0.1, "skip_strain": 0.0, "blocks": 2}
+    how = {"rate": 1e-2, "pressure": 1e-2, "applied_strain": 0.1, "skip_strain": 0.0, "blocks": 2, "check": False}
     round_ones = packing.replace(shapes=pm.Spheroids(np.ones(30), np.eye(2)[[0] * 30]))
     one, other = (pm.shear_at_pressure(pm.Scene(each, effects), **how) for each in (packing, round_ones))
     np.testing.assert_allclose(other.pressure_t, one.pressure_t, rtol=0, atol=1e-9)

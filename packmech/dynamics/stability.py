@@ -1,0 +1,167 @@
+"""Explicit stability: which time steps let a spring or a dashpot of a scene gain energy in every step."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics.friction import stiffening
+from packmech.effects import BackgroundDamping, Bonds, Friction, is_bound, law_second, pair_first, pair_second
+from packmech.result import Condition
+from packmech.scene import Scene
+
+# overlaps [1] at which normal springs are looked up; the softest counts, as any contact may be there
+_OVERLAPS = (1e-9, 0.1)
+# growth of a motion in one step that counts as unstable: less is rounding of a step at the limit, or the slow growth of
+# undamped tangential springs, which `leading_share` takes
+_GROWTH = 1.1
+_HALVINGS = 40
+
+
+class Motion(NamedTuple):
+    """A motion of one contact or particle, a = -inverse_mass (spring x + dashpot v).
+
+    `tangential` says whether x is the integral of a slip velocity, and `of` what acts, in words.
+    """
+
+    of: str
+    spring: float
+    dashpot: float
+    inverse_mass: float
+    tangential: bool
+
+
+def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Motion]:
+    """Return the motions of one contact, one bond and one particle that a scene is sure to have, if it has any.
+
+    A contact is that of the lightest with the heaviest particle: whatever the lightest one touches is no heavier, and
+    further contacts only add stiffness and damping. Shapes count as not turning, and normal contacts of shapes, and
+    all contacts of linked particles, are left out: their inertia and stiffness depend on where they touch.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    inverse_mass_n
+        (N,) inverse masses, 0 for what is held [1/mass].
+
+    """
+    packing = scene.packing
+    free_n = inverse_mass_n[inverse_mass_n > 0.0]
+    found: list[Motion] = []
+    if not len(free_n):
+        return found
+    turned = stiffening(packing)[1] if packing.shapes is None else 1.0
+    pair = float(free_n.max()) + float(inverse_mass_n.min())
+    if packing.particles > 1 and packing.links is None:
+        pairs = [one for one in scene.effects if not is_bound(one) and not isinstance(one, Friction)]
+        if packing.shapes is None:
+            spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs), strict=True))
+            found.append(Motion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
+        found += [
+            Motion("the friction of a contact", one.stiffness, one.damping, turned * pair, True)
+            for one in scene.effects
+            if isinstance(one, Friction) and one.coefficient > 0.0
+        ]
+    for one in scene.effects:
+        if isinstance(one, Bonds) and len(one) and packing.links is None:
+            bond = float((inverse_mass_n[one.i_b] + inverse_mass_n[one.j_b]).max())
+            rests = (float(one.rest_length_b.min()), float(one.rest_length_b.max()))
+            spring = min(abs(law_second(law, r, r)) for r in rests for law in (one.compression, one.tension))
+            found.append(Motion("the normal force of a bond", spring, one.damping, bond, False))
+            across = one.tangential_stiffness, one.tangential_damping, turned * bond
+            found.append(Motion("the tangential force of a bond", *across, True))
+        if isinstance(one, BackgroundDamping):
+            found.append(Motion("the drag on a particle", 0.0, one.rate, 1.0, False))
+    return found
+
+
+def _normal(scene: Scene, pairs: list[object]) -> list[tuple[float, float]]:
+    """Return the spring and the dashpot of contacts of the smallest and of the largest particles, barely and deep."""
+    diameter_n = scene.packing.diameter_n
+    found = []
+    for sigma in (float(diameter_n.min()), float(diameter_n.max())):
+        for overlap in _OVERLAPS:
+            r = (1.0 - overlap) * sigma
+            rates = [sum(pair_first(one, r, sigma, rate) for one in pairs) for rate in (1.0, 0.0)]
+            found.append((sum(pair_second(one, r, sigma) for one in pairs), rates[0] - rates[1]))
+    return found
+
+
+@lru_cache(maxsize=4096)
+def growth(spring: float, dashpot: float, *, tangential: bool, second_order: bool, lead: float) -> float:
+    """Return by how much the fastest growing state of a motion grows in one step of time [1].
+
+    The spectral radius of the step (`time_step`) of a'' = -(spring x + dashpot v), in units of the time step.
+
+    Parameters
+    ----------
+    spring, dashpot
+        w k dt^2 and w c dt [1].
+    tangential
+        Whether x is the integral of the slip, by the trapezoidal rule, and not a place.
+    second_order, lead
+        As of the engine.
+
+    Examples
+    --------
+    >>> how = {"tangential": False, "second_order": True, "lead": 0.0}
+    >>> round(growth(1.99**2, 0.0, **how), 6), growth(2.01**2, 0.0, **how) > 1.2  # velocity Verlet: omega dt < 2
+    (1.0, True)
+    >>> round(growth(0.0, 0.99, **how), 6), growth(0.0, 1.01, **how) > 1.01  # the dashpot sees extrapolated velocities
+    (1.0, True)
+
+    """
+    x, v, a, before = np.eye(4)
+    half = 0.5 if second_order else 1.0
+    kicked = v + half * a
+    seen = kicked + (kicked - v) + 0.5 * lead * (a - before) if second_order else kicked
+    if tangential:
+        # what a pass adds before and after it takes the force: `Engine.pace`
+        place = x + 0.5 * seen if second_order else x
+    else:
+        place = x + kicked
+    force = -spring * place - dashpot * seen
+    after = place + (0.5 if second_order else 1.0) * seen if tangential else place
+    step = np.array([after, kicked + (1.0 - half) * force, force, a])
+    return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+def step_condition(
+    scene: Scene, dt: float, inverse_mass_n: NDArray[np.float64], *, second_order: bool, lead: float
+) -> Condition | None:
+    """Return the longest time step at which no contact, bond or particle by itself is unstable, beside this one.
+
+    None where this one is stable for each. A packing, in which contacts act together, may ask for less: what grows all
+    the same is found by its energy (`energy_drift`).
+
+    Parameters
+    ----------
+    scene, inverse_mass_n
+        As in `lone_motions`.
+    dt
+        Time step.
+    second_order, lead
+        As of the engine.
+
+    """
+    longest, what = dt, ""
+    for one in lone_motions(scene, inverse_mass_n):
+
+        def grows(step: float, one: Motion = one) -> bool:
+            spring, dashpot = one.inverse_mass * one.spring * step**2, one.inverse_mass * one.dashpot * step
+            how = {"tangential": one.tangential, "second_order": second_order, "lead": lead}
+            return growth(spring, dashpot, **how) > _GROWTH  # type: ignore[arg-type]
+
+        if grows(longest):
+            what, low, high = one.of, 0.0, longest
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if grows(middle) else (middle, high)
+            longest = low
+    if not what:
+        return None
+    return Condition("time step", dt, longest, hint=f"{what} is unstable above; leave dt out for one that is accurate")
