@@ -75,22 +75,40 @@ def _balance(wrench_kq: NDArray[np.float64]) -> bool:
     return bool(left <= BALANCED and share.sum() > 0.5)
 
 
-def free_turns(packing: Packing, contacts: ShapeContacts) -> int:
-    """Return the number of turns of rigid bodies about all the beads with which they touch others; none of ellipses.
+def free_turns(packing: Packing, contacts: ShapeContacts) -> NDArray[np.float64]:
+    """Return (F, N, d + K) turns of rigid bodies about all the beads with which they touch others; none of ellipses.
 
-    Nothing resists a turn about the only bead that is touched, nor in space about a line of those that are. Rattlers
-    must have been taken out.
+    Displacements of the centers and turns as lengths (`Beads.turn_basis`): no contact changes along them, at whatever
+    amplitude, until other beads touch. Nothing resists a turn about the only bead that is touched, nor in space about
+    a line of those that are. Rattlers must have been taken out.
     """
-    shapes = packing.shapes
-    if not isinstance(shapes, Beads) or not len(contacts):
-        return 0
-    site = np.unique(np.concatenate([contacts.site_i_c, contacts.site_j_c]))
-    owner = shapes.particle_b[site]
-    turns_n = (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)
-    free = 0
-    for n in np.unique(owner):
-        place = shapes.offset_bd[site[owner == n]]
-        spanned = np.linalg.matrix_rank(place - place[0], tol=1e-9)
-        # a row of beads does not turn about itself
-        free += int(turns_n[n]) if spanned == 0 else int(spanned == 1 and turns_n[n] == 3)
-    return free
+    shapes, d = packing.shapes, packing.dimension
+    assert shapes is not None
+    turn = shapes.turn_basis(packing.radius_n)
+    width = d + turn.shape[1]
+    found: list[NDArray[np.float64]] = []
+    if isinstance(shapes, Beads) and len(contacts):
+        site = np.unique(np.concatenate([contacts.site_i_c, contacts.site_j_c]))
+        owner, arm = shapes.particle_b[site], shapes.arms(packing.radius_n)
+        for n in np.unique(owner):
+            mine = site[owner == n]
+            aside = shapes.offset_bd[mine] - shapes.offset_bd[mine[0]]
+            spanned = np.linalg.matrix_rank(aside, tol=1e-9)
+            there = np.flatnonzero((turn[n] != 0.0).any(axis=1))
+            share = np.zeros((0, turn.shape[1]))
+            if spanned == 0:
+                share = np.eye(turn.shape[1])[there]
+            elif spanned == 1 and len(there) == 3:
+                # a row of beads does not turn about itself, which is no turn of it
+                line = arm[mine[np.argmax((aside**2).sum(axis=1))]] - arm[mine[0]]
+                share = np.linalg.solve(turn[n].T, line)[None]
+            for one in share:
+                motion = np.zeros((packing.particles, width))
+                rotation = one @ turn[n]
+                beside = np.zeros(3)
+                beside[:d] = arm[mine[0]]
+                about = np.array([0.0, 0.0, rotation[0]]) if d == 2 else rotation
+                motion[n, :d] = -np.cross(about, beside)[:d]
+                motion[n, d:] = one
+                found.append(motion)
+    return np.array(found).reshape(len(found), packing.particles, width)

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
-from packmech.contacts.shape_rattlers import free_turns
 from packmech.effects import Harmonic, Repulsion, contact_terms
 from packmech.jamming.backbone import EMPTY
 from packmech.jamming.contact_selection import ContactSelection, GapLevel, RestCheck
@@ -130,16 +129,16 @@ def _answer(scene: Scene, network: ShapedNetwork, strain: str, rest: RestCheck, 
     quartic = quartic_modes(scene, strain=strain, gap_tolerance=gap_tolerance)
     value = quartic.curvature_m
     scale = _FLAT * abs(quartic.pressure) * scene.packing.reference_diameter ** (scene.packing.dimension - 2)
-    free = free_turns(network.packing, network.contacts)
     if len(value) and value[0] < -scale:
         falling = int((value < -scale).sum())
         reason = f"the contact forces drive {falling} of {floppy} motions that the contacts leave to first order"
         return answer(NOT_JAMMED if states.count == 1 else AMBIGUOUS, f"not stable to second order: {reason}")
     flat = int((value <= scale).sum())
-    if flat > free:
-        return answer(AMBIGUOUS, f"forces hold all but {flat - free} of {floppy} motions to second order")
-    reason = f"to second order: the contact forces hold {floppy - flat} motions that the contacts leave (quartic modes)"
-    return answer(JAMMED, reason + (f"; {flat} turns of single bodies are free" if flat else ""))
+    if flat:
+        return answer(AMBIGUOUS, f"forces hold all but {flat} of {floppy} motions to second order")
+    free = quartic.free_turns
+    reason = f"to second order: the contact forces hold {floppy - free} motions that the contacts leave (quartic modes)"
+    return answer(JAMMED, reason + (f"; {free} turns of single bodies are free" if free else ""))
 
 
 def _balanced(

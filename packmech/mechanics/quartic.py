@@ -2,7 +2,8 @@
 
 Packings of ellipses have fewer contacts than degrees of freedom. What is missing is made up by motions in the null
 space of the stiffness: their energy is the prestress times the square of the amplitude, which vanishes with the
-pressure, and beyond it grows with the fourth power (Mailman et al., Phys. Rev. Lett. 102, 255501 (2009)).
+pressure, and beyond it grows with the fourth power (Mailman et al., Phys. Rev. Lett. 102, 255501 (2009)). A rigid body
+that is touched at one bead alone turns about that at no cost at any amplitude: that is no such mode.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, one_of, real
+from packmech.contacts.shape_rattlers import free_turns
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
+from packmech.linalg.mandel import STRAINS
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
 from packmech.mechanics.shaped import shaped_hessian
@@ -37,7 +40,7 @@ class QuarticModes:
         prestress, for the stiffness has none. Where one is negative the packing is no minimum.
     displacement_mnd, turn_mnk
         (M, N, d) displacements and (M, N, K) turns as lengths, orthonormal all together, zero for rattlers; uniform
-        translations are none of them.
+        translations and free turns are none of them, and no part of them.
     stretch
         Largest change of a contact's distance by a mode of size 1 [1].
     certain
@@ -47,6 +50,8 @@ class QuarticModes:
         Pressure of the packing [energy/length^d].
     seconds
         CPU time.
+    free_turns
+        Number of turns of single rigid bodies, about the beads with which they touch others, that cost nothing.
 
     """
 
@@ -57,6 +62,7 @@ class QuarticModes:
     certain: bool
     pressure: float
     seconds: float
+    free_turns: int = 0
 
     def __len__(self) -> int:
         return len(self.curvature_m)
@@ -68,6 +74,7 @@ class QuarticModes:
             f"QuarticModes: {len(self)} of {self.displacement_mnd.shape[1]} particles{curved}, pressure "
             f"{self.pressure:.4g} [energy/length^d], largest stretch of a contact {self.stretch:.1e}"
             f"{'' if self.certain else ', number uncertain'}"
+            f"{f', {self.free_turns} free turns beside them' if self.free_turns else ''}"
         )
 
 
@@ -79,7 +86,8 @@ def quartic_modes(
 
     Along a mode of curvature kappa the energy is kappa delta^2 / 2 for small amplitudes delta and grows as delta^4
     beyond about sqrt(pressure): `pm.displaced` moves particles along it. Their number is that of the missing contacts,
-    degrees of freedom - d - contacts + states of self stress.
+    degrees of freedom - d - contacts + states of self stress, less the turns of single rigid bodies that cost nothing
+    (`free_turns`).
 
     Parameters
     ----------
@@ -87,7 +95,8 @@ def quartic_modes(
         The scene, its packing at rest and with shapes.
     strain
         "none": the box is fixed. "isochoric": its shape may change, too, as in shear-stabilized packings; the modes'
-        strains are not given.
+        strains are not given. "isotropic" and "free" admit a change of volume, too, at constant pressure; along a
+        motion that stretches no contact a packing under pressure has none, so that these are the same as the two.
     gap_tolerance, rank_tolerance
         As in `floppy_modes`.
 
@@ -109,7 +118,7 @@ def quartic_modes(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
-    one_of("strain", strain, ("none", "isochoric"))
+    one_of("strain", strain, STRAINS)
     if scene.packing.shapes is None:
         raise ValueError("scene.packing must have shapes, got one of discs or spheres: ask pm.floppy_modes")
     with single_thread():
@@ -126,10 +135,13 @@ def quartic_modes(
         everything = np.ones(network.free_nq.size, dtype=bool)
         size, strains = len(everything), floppy.motion_xk.shape[0] - network.free_nq.size
         basis, whole = floppy.motion_xk, found.sums.matrix(everything)
+        free = free_turns(network.packing, network.contacts)
+        basis = _without(basis, free)
         moved = whole @ basis[:size]
         if strains:
             coupling = found.sums.coupling(everything)
-            corner = found.corner("exact", strain, "det")
+            # with the curvature of the volume, times the pressure that is held
+            corner = found.corner("exact", "isochoric", "det")
             moved = np.concatenate([moved + coupling @ basis[size:], coupling.T @ basis[:size] + corner @ basis[size:]])
         value, share = np.linalg.eigh(basis.T @ moved)
         motion = signed_columns(basis @ share)[:size].T.reshape(len(value), *network.free_nq.shape)
@@ -146,7 +158,24 @@ def quartic_modes(
         certain=floppy.certain,
         pressure=pressure,
         seconds=time.process_time() - start,
+        free_turns=len(free),
     )
+
+
+def _without(basis_xk: NDArray[np.float64], free_fnq: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an orthonormal basis of what is left of a space of motions without some of its motions.
+
+    Uniform translations are no part of the space, and of these motions not either.
+    """
+    if not len(free_fnq):
+        return basis_xk
+    d = 2 if free_fnq.shape[2] == 3 else 3
+    moved = free_fnq.copy()
+    moved[..., :d] -= moved[..., :d].mean(axis=1, keepdims=True)
+    motion = moved.reshape(len(moved), -1).T
+    share = basis_xk[: len(motion)].T @ motion
+    # the columns beyond those of the motions span what is across them
+    return np.asarray(basis_xk @ np.linalg.qr(share, mode="complete")[0][:, len(moved) :])
 
 
 def _none(scene: Scene, width: int, start: float) -> QuarticModes:

@@ -3,7 +3,8 @@
 With C contacts and the rank r of the rigidity matrix: states of self stress = C - r, floppy modes = columns - r - d,
 where the d uniform translations are trivial and never counted. Rigid links restrict motions and bear what forces they
 must: their rows are appended to the matrix, and taken off the counts again. Strains are admitted as "none" (the box
-stays), "isochoric" (its shape changes, its volume stays; the multiplier of the volume is the pressure) or "free".
+stays), "isotropic" (its volume changes, its shape stays), "isochoric" (its shape changes, its volume stays; the
+multiplier of the volume is the pressure) or "free".
 """
 
 from __future__ import annotations
@@ -23,15 +24,13 @@ from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
-from packmech.linalg.mandel import strain_directions
+from packmech.linalg.mandel import STRAINS, strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import contacts_of, strain_columns
 from packmech.mechanics.shape_sums import shape_strain_columns, slope_rows, turning
 from packmech.packing import Packing
 
-# what the box may do; with isotropic strains alone nobody counts
-STRAINS = ("none", "isochoric", "free")
 METHODS = ("auto", "dense", "sparse")
 # singular values below this fraction of the largest are zero (1e-10 in eigenvalues of A^T A)
 RANK_TOLERANCE = 1e-5
@@ -305,8 +304,8 @@ def states_of_self_stress(
     packing
         The packing; rattlers may stay, they carry no self stress.
     strain
-        "none": forces balance on particles only (a fixed box). "isochoric": they also have no stress but pressure (a
-        shear-stabilized packing). "free": they have no stress at all.
+        "none": forces balance on particles only (a fixed box). "isotropic": they also have no pressure. "isochoric":
+        they have no stress but pressure (a shear-stabilized packing). "free": they have no stress at all.
     contacts
         The contacts to use, instead of those that `gap_tolerance` finds.
     gap_tolerance
@@ -367,7 +366,7 @@ def floppy_modes(
     packing
         The packing; each rattler that stays adds its d motions (or what its contacts leave of them).
     strain
-        Which strains of the box the motions may use: "none", "isochoric" or "free".
+        Which strains of the box the motions may use: "none", "isotropic", "isochoric" or "free".
     contacts, gap_tolerance, rank_tolerance, method
         As in `states_of_self_stress`.
     basis_limit

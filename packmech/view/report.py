@@ -411,6 +411,8 @@ def _stability(report: Report) -> None:
     numbers["local_minimum"] = lowest.negative == 0
     quartic = quartic_modes(scene, strain="none" if numbers["strain"] == "isotropic" else "isochoric")
     numbers["quartic_modes"] = len(quartic)
+    if quartic.free_turns:
+        numbers["free_turns"] = quartic.free_turns
     if len(quartic) and quartic.pressure > 0.0:
         numbers["least_quartic_curvature"] = float(quartic.curvature_m[0]) / quartic.pressure
     report.stages.append(Stage("quartic modes", quartic.stretch, seconds=quartic.seconds + lowest.seconds))
@@ -546,6 +548,8 @@ def _stability_rows(numbers: Mapping[str, Any]) -> list[Row]:
     held = "motions that stretch no contact, held by contact forces alone"
     if "least_quartic_curvature" in numbers:
         held += f"; least curvature {numbers['least_quartic_curvature']:.3g} of the pressure"
+    if "free_turns" in numbers:
+        held += f"; {numbers['free_turns']} turns of single bodies cost nothing and are none of them"
     asked = "by the Hessian, forces and turns included; as hard particles pm.classify_jamming judges it"
     rows = [("local minimum", "yes" if numbers["local_minimum"] else "NO", asked)]
     return [("quartic modes", str(numbers["quartic_modes"]), held), *rows] if "quartic_modes" in numbers else rows

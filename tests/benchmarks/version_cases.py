@@ -88,6 +88,14 @@ AGREEMENT["measure/effects of one's own"] = Agreement(
     _ONE_ENGINE.reason, {"*, blown*": Near(), "quench*": Near(), **_ONE_ENGINE.arrays}
 )
 
+for _name in (
+    *("simulate/gravity and walls, 2D", "simulate/gravity and walls, 3D", "simulate/gravity and Hertzian walls"),
+    "rheology/smooth walls",
+):
+    AGREEMENT[_name] = Agreement(
+        "a contact with a wall is one with the mirror image: half the force of the tag, twice its dashpot", {"*": None}
+    )
+
 _ONE_FACTOR = (
     "forces in links and the response of linked packings come from the one factor of their constraints; the tag had "
     "an elimination of its own for each"
@@ -1419,12 +1427,12 @@ def simulate_walls(pm, dimension):
     return followed(pm, scene, dt=0.02)
 
 
-@case("simulate/gravity, walls and friction")
-def simulate_walls_friction(pm):
+@case("simulate/gravity and Hertzian walls")
+def simulate_hertzian_walls(pm):
     packing = discs(pm, 40, 0.5)
     height = float(packing.box.lattice_dd[1, 1])
     walls = pm.Walls(axis=1, low=0.0, high=height, law=pm.Hertz(energy_scale=3.0))
-    scene = repulsive(pm, packing, pm.LinearSpring(stiffness=5.0), damped(pm), friction(pm), pm.Gravity(y=-0.05), walls)
+    scene = repulsive(pm, packing, pm.LinearSpring(stiffness=5.0), damped(pm), pm.Gravity(y=-0.05), walls)
     return followed(pm, scene, dt=0.02)
 
 
@@ -1709,7 +1717,7 @@ def plates(pm, carried):
 
 @case("rheology/smooth walls")
 def smooth_walls(pm):
-    scene = gel(pm, particles=48)
+    scene = gel(pm, particles=48).without(pm.Friction)
     height = float(scene.packing.box.lattice_dd[1, 1])
     walls = pm.Walls(axis=1, low=-0.3, high=height + 0.3, law=pm.LinearSpring())
     return sheared(pm, scene.replace(effects=(*scene.effects, walls)), periods=2.0)

@@ -7,7 +7,8 @@ import pytest
 
 import packmech as pm
 
-LAWS = {"linear": pm.LinearSpring(2.0), "hertz": pm.Hertz(3.0)}
+# of one kind, which compiles once: a spring of stiffness 2 for a contact distance of 1, and Hertz's law
+LAWS = {"linear": pm.PowerLaw(2.0, 2.0), "hertz": pm.PowerLaw(3.0, 2.5)}
 RADIUS, LOW, HIGH, SIDE = 0.5, 4.0, 12.0, 16.0
 
 
@@ -83,11 +84,15 @@ def at_wall(kind, law, overlap, damping=0.0):
     place[1] = LOW + height
     image = place.copy()
     image[1] = LOW - height
-    wall = pm.Walls(1, LOW, HIGH, law=LAWS[law], damping=damping)
-    repulsion = (pm.Repulsion(LAWS[law]), pm.ContactDamping(damping))
-    alone = pm.Scene(placed(kind, [place], [False]), (*repulsion, wall))
-    pair = pm.Scene(placed(kind, [place, image], [False, True]), repulsion)
+    alone = pm.Scene(placed(kind, [place], [False]), effects_of(LAWS[law], damping))
+    pair = pm.Scene(placed(kind, [place, image], [False, True]), effects_of(LAWS[law], damping, low=-99.0))
     return alone, pair
+
+
+def effects_of(law, damping, *, low=LOW, weight=0.0):
+    """Return contacts, a weight, and walls of the same law; the same loops serve all tests."""
+    contacts = (pm.Repulsion(law), pm.ContactDamping(damping))
+    return (*contacts, pm.Gravity(0.0, -weight), pm.Walls(1, low, HIGH, law, damping))
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -133,12 +138,14 @@ def test_a_particle_rebounds_from_a_wall_as_from_its_mirror_image(kind, law):
     velocity = np.array([0.02, -0.12, -0.03])[:d]
     both = {"velocity_nd": [velocity, mirrored(velocity)], "spin_nk": [spin, mirrored_spin(spin)]}
     own = {"velocity_nd": [velocity], "spin_nk": [spin]}
-    settings = {"steps": 200, "dt": 0.02, "check": False}
+    settings = {"steps": 300, "dt": 0.02, "check": False}
     one, two = pm.simulate(alone, **own, **settings), pm.simulate(pair, **both, **settings)
-    assert one.velocity_nd[0, 1] > 0.0 or kind not in ("disc", "sphere")
+    # it has turned back
+    assert one.velocity_nd[0, 1] > 0.0
     np.testing.assert_allclose(one.packing.position_nd[0], two.packing.position_nd[0], rtol=0, atol=1e-11)
     np.testing.assert_allclose(one.velocity_nd[0], two.velocity_nd[0], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(one.spin_nk[0], two.spin_nk[0], rtol=0, atol=1e-11)
+    if one.spin_nk is not None:
+        np.testing.assert_allclose(one.spin_nk[0], two.spin_nk[0], rtol=0, atol=1e-11)
 
 
 def flat(kind):
@@ -164,7 +171,7 @@ def rebound(kind, side, law, damping, duration, steps, speed=0.1):
     place = packing.position_nd.copy()
     # it touches by rounding: the dashpot acts from the first step on
     place[0, 1] = (LOW if side == "low" else HIGH) + sign * reach * (1.0 - 1e-14)
-    scene = pm.Scene(packing.replace(position_nd=place), (pm.Repulsion(), pm.Walls(1, LOW, HIGH, law, damping)))
+    scene = pm.Scene(packing.replace(position_nd=place), effects_of(law, damping))
     velocity = np.zeros((1, packing.dimension))
     velocity[0, 1] = -sign * speed
     run = pm.simulate(scene, steps=steps, dt=duration / steps, velocity_nd=velocity, check=False)
@@ -178,11 +185,8 @@ def order_of(error, steps=(100, 200, 400)):
     return orders.min(), orders.max()
 
 
-SMOOTH = ["disc", "sphere", "ellipse", "spheroid", "dimer", "dimer of spheres"]
-
-
 @pytest.mark.parametrize("side", ["low", "high"])
-@pytest.mark.parametrize("kind", SMOOTH)
+@pytest.mark.parametrize("kind", KINDS)
 def test_restitution_from_a_linear_wall_is_the_closed_form_to_second_order(kind, side):
     """m h'' = -(k (sigma - rho) + c rho') share / 2 with rho = share h: a damped oscillator for half a period."""
     packing, _, share = flat(kind)
@@ -196,13 +200,13 @@ def test_restitution_from_a_linear_wall_is_the_closed_form_to_second_order(kind,
     assert 0.3 < exact < 0.8
 
     def error(steps):
-        return abs(rebound(kind, side, pm.LinearSpring(stiffness), damping, duration, steps)[1] / 0.1 - exact)
+        return abs(rebound(kind, side, LAWS["linear"], damping, duration, steps)[1] / 0.1 - exact)
 
     low, high = order_of(error)
     assert 1.9 < low and high < 2.1 and error(400) < 1e-4
 
 
-@pytest.mark.parametrize("kind", SMOOTH)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_hertzian_wall_is_touched_for_the_time_of_the_closed_form_to_second_order(kind):
     """Hertz's collision: duration = 2 delta / v sqrt(pi) Gamma(7/5) / Gamma(9/10), delta the largest overlap."""
     packing, _, share = flat(kind)
@@ -213,23 +217,22 @@ def test_a_hertzian_wall_is_touched_for_the_time_of_the_closed_form_to_second_or
     duration = 2.0 * deepest / closing * math.sqrt(math.pi) * math.gamma(1.4) / math.gamma(0.9)
 
     def error(steps):
-        height, _ = rebound(kind, "low", pm.Hertz(scale), 0.0, duration, steps)
+        height, _ = rebound(kind, "low", LAWS["hertz"], 0.0, duration, steps)
         return abs(height) / deepest
 
     low, high = order_of(error)
     assert 1.9 < low and high < 2.1 and error(400) < 1e-3
-    assert rebound(kind, "low", pm.Hertz(scale), 0.0, duration, 400)[1] == pytest.approx(speed, rel=1e-4)
+    assert rebound(kind, "low", LAWS["hertz"], 0.0, duration, 400)[1] == pytest.approx(speed, rel=1e-4)
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("kind", SMOOTH)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_particle_that_comes_to_rest_on_a_floor_bears_its_weight_at_the_overlap_of_the_law(kind, law):
     packing, reach, share = flat(kind)
     place = packing.position_nd.copy()
     place[0, 1] = LOW + reach
     weight = 0.02
-    effects = (pm.Repulsion(), pm.Gravity(0.0, -weight), pm.Walls(1, LOW, HIGH, LAWS[law], 1.0))
-    scene = pm.Scene(packing.replace(position_nd=place), effects)
+    scene = pm.Scene(packing.replace(position_nd=place), effects_of(LAWS[law], 1.0, weight=weight))
     run = pm.simulate(scene, steps=8000, dt=0.02, check=False)
     rest = scene.replace(packing=run.packing)
     force = float(packing.mass_n[0]) * weight

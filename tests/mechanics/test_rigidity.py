@@ -11,7 +11,7 @@ from packmech.effects import contact_terms
 from packmech.linalg.mandel import mandel_tensor
 from packmech.measure.stress import contact_stress, sum_forces
 
-STRAINS = ["none", "isochoric", "free"]
+STRAINS = ["none", "isotropic", "isochoric", "free"]
 
 
 def strained(packing, motion):
@@ -88,7 +88,13 @@ def test_crystals_have_their_counts_of_floppy_modes_and_self_stress(
 ):
     crystal = pm.lattice_packing(name, repeats=repeats)
     d = crystal.dimension
-    for strain, floppy, states in (("none", zero, stress), ("free", zero_strain, stress_strain)):
+    # uniform pressure is a state of self stress of each: no free volume without work
+    for strain, floppy, states in (
+        ("none", zero, stress),
+        ("isotropic", zero, stress - 1),
+        ("isochoric", zero_strain, stress_strain + 1),
+        ("free", zero_strain, stress_strain),
+    ):
         modes = pm.floppy_modes(crystal, strain, method=method)
         selves = pm.states_of_self_stress(crystal, strain, method=method)
         assert (modes.count + d, selves.count) == (floppy, states)
@@ -102,7 +108,7 @@ def test_crystals_have_their_counts_of_floppy_modes_and_self_stress(
 def test_rank_and_self_stress_add_up_to_contacts_and_with_floppy_modes_to_columns(strain, seed, dimension):
     packing = pm.random_packing(12, dimension=dimension, packing_fraction=0.8, sizes=pm.Uniform(ratio=3.0), seed=seed)
     components = dimension * (dimension + 1) // 2
-    columns = 12 * dimension + {"none": 0, "isochoric": components - 1, "free": components}[strain]
+    columns = 12 * dimension + {"none": 0, "isotropic": 1, "isochoric": components - 1, "free": components}[strain]
     selves, modes = pm.states_of_self_stress(packing, strain), pm.floppy_modes(packing, strain)
     assert selves.rank == modes.rank
     assert selves.rank + selves.count == selves.contacts == len(pm.find_contacts(packing))
@@ -131,7 +137,9 @@ def test_states_of_self_stress_balance_every_particle_and_the_admitted_strains(r
     for force in selves.force_ck.T:
         assert np.abs(sum_forces(contacts, force)).max() < 1e-12
         stress = contact_stress(contacts, force, 1.0)
-        if strain != "none":
+        if strain == "isotropic":
+            assert abs(np.trace(stress)) < 1e-12
+        elif strain != "none":
             assert np.abs(stress - np.eye(2) * np.trace(stress) / 2).max() < 1e-12
         if strain == "free":
             assert np.abs(stress).max() < 1e-12

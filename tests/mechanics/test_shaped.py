@@ -234,3 +234,66 @@ def test_the_rigidity_matrix_makes_net_forces_torques_and_the_unstressed_hessian
     assert pm.rigidity_matrix(packing, contacts=contacts, strain="none").shape == (len(contacts), net.size)
     with pytest.raises(TypeError, match="ShapeContacts for a packing with shapes, got Contacts"):
         pm.rigidity_matrix(packing, contacts=pm.find_contacts(packing.replace(shapes=None)))
+
+
+@pytest.mark.parametrize("strain", ["isotropic", "free"])
+def test_the_one_state_of_self_stress_of_ellipses_is_their_pressure(strain):
+    scene = jammed(2, count=20, aspect=1.5, pressure=1e-6, strain=strain)
+    held, _ = pm.remove_rattlers(scene.packing)
+    # what is jammed with the shape of the box free has no other stress
+    count = (
+        {"none": 1, "isotropic": 0} if strain == "isotropic" else {"none": 3, "isotropic": 2, "isochoric": 1, "free": 0}
+    )
+    for admitted, states in count.items():
+        found = pm.states_of_self_stress(held, admitted)
+        assert found.count == states and found.residual < 1e-10, admitted
+
+
+def test_quartic_modes_at_constant_pressure_are_those_at_constant_volume():
+    """A motion that stretches no contact does no work against the pressure: it changes no volume."""
+    scene = jammed(2, count=20, aspect=1.5, pressure=1e-6, strain="free")
+    for one, other in (("none", "isotropic"), ("isochoric", "free")):
+        first, second = (pm.quartic_modes(scene, strain=strain) for strain in (one, other))
+        assert len(first) == len(second) > 0
+        np.testing.assert_allclose(second.curvature_m, first.curvature_m, rtol=1e-6, atol=1e-9 * first.pressure)
+
+
+def touched_at_one_bead(scene):
+    """Return the bodies that touch others at one bead alone, and the arm from the center to it."""
+    held, index = pm.remove_rattlers(scene.packing)
+    found = pm.find_shape_contacts(held)
+    found = found.select(found.gap_c < 0.0)
+    sites = [set() for _ in range(held.particles)]
+    for ends, beads in ((found.i_c, found.site_i_c), (found.j_c, found.site_j_c)):
+        for n, bead in zip(ends.tolist(), beads.tolist(), strict=True):
+            sites[n].add(bead)
+    arm = held.shapes.arms(held.radius_n)
+    return {int(index[n]): arm[next(iter(one))] for n, one in enumerate(sites) if len(one) == 1}
+
+
+@pytest.mark.parametrize(("d", "turns"), [(2, 1), pytest.param(3, 2, marks=pytest.mark.slow)])
+def test_spins_about_the_only_bead_that_is_touched_are_no_quartic_modes(d, turns):
+    dimer = pm.Dimer(0.4, radii=(0.5, 0.3))
+    start = pm.random_packing(24, dimension=d, packing_fraction=0.5 if d == 2 else 0.3, seed=3, shapes=dimer)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    run = pm.jam(scene, pressure=1e-6, strain="isotropic")
+    scene = scene.replace(packing=run.packing)
+    free = touched_at_one_bead(scene)
+    found = pm.quartic_modes(scene)
+    assert found.free_turns == turns * len(free) > 0
+    assert len(found) == run.report["floppy_modes"] - found.free_turns
+    assert (found.curvature_m > 1e-3 * found.pressure).all()
+    # turned about that bead by a quarter of a degree nothing changes; about the center it does
+    energy, shapes = pm.energy(scene), run.packing.shapes
+    for about_bead in (True, False):
+        position, rotation = run.packing.position_nd.copy(), np.zeros((24, 1 if d == 2 else 3))
+        for n, arm in free.items():
+            angle = np.deg2rad(0.25)
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            moved = arm.copy()
+            moved[:2] = turn @ arm[:2]
+            rotation[n, -1] = angle
+            position[n] += (arm - moved) if about_bead else 0.0
+        turned = scene.replace(packing=run.packing.replace(position_nd=position, shapes=shapes.turned(rotation)))
+        change = abs(pm.energy(turned) - energy)
+        assert change < 1e-10 * energy if about_bead else change > 1e-3 * energy

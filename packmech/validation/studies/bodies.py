@@ -83,7 +83,7 @@ def body_shape(beads: int, shape: float) -> pm.Dimer | pm.Trimer | pm.LinearClus
 
 def _free_turns(packing: pm.Packing) -> int:
     network = shaped_network(packing, second=False)
-    return free_turns(network.packing, network.contacts)
+    return len(free_turns(network.packing, network.contacts))
 
 
 def states_within_pairs(packing: pm.Packing) -> int:
