@@ -1,7 +1,8 @@
 """What each call does with what a scene holds: one declaration per public call, checked there, printed as a table.
 
 A call honors an effect, or the effect does nothing there (a dashpot at rest), or the call refuses it by name. Nothing
-is ignored in silence. Links that do not have their lengths are refused where the answer depends on them. `packmech effects` prints the table, and what calls honor but not both at once.
+is ignored in silence. Links that do not have their lengths are refused where the answer depends on them. `packmech
+effects` prints the table, and what calls honor but not both at once.
 """
 
 from __future__ import annotations

@@ -307,8 +307,7 @@ class Packing:
         if links is not None and image.any():
             both = (links, links.moved(-image))
             here, there = (
-                np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l)
-                for one in both
+                np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l) for one in both
             )
             nearer = (there < here) & (here > LINK_TOLERANCE * links.length_l)
             if nearer.any():

@@ -116,7 +116,9 @@ class Bonds:
 
         A bond between particles of which one was wrapped goes on at the image at which its vector has changed less.
         """
-        if not len(self) or {end.position_nd.shape, (start.particles, self.image_bd.shape[1])} != {start.position_nd.shape}:
+        if not len(self) or {end.position_nd.shape, (start.particles, self.image_bd.shape[1])} != {
+            start.position_nd.shape
+        }:
             return self
         image = images_between(start.position_nd, start.box, end.position_nd, end.box)
         if image is None or not image.any() or int(self.j_b.max()) >= start.particles:
