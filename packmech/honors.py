@@ -1,7 +1,8 @@
 """What each call does with what a scene holds: one declaration per public call, checked there, printed as a table.
 
 A call honors an effect, or the effect does nothing there (a dashpot at rest), or the call refuses it by name. Nothing
-is ignored in silence. `packmech effects` prints the table, and what calls honor but not both at once.
+is ignored in silence. Links that do not have their lengths are refused where the answer depends on them. `packmech
+effects` prints the table, and what calls honor but not both at once.
 """
 
 from __future__ import annotations
@@ -102,6 +103,8 @@ class Honors:
         The call that does the same with friction, and with shapes, where there is one.
     apart
         Pairs of columns of which it honors each, but refuses both in one scene.
+    as_it_stands
+        Whether it takes links that do not have their lengths.
 
     """
 
@@ -112,6 +115,7 @@ class Honors:
     rough: str = ""
     shaped: str = ""
     apart: tuple[tuple[str, str], ...] = ()
+    as_it_stands: bool = False
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
@@ -174,6 +178,9 @@ class Honors:
                 f"{where} must have no links for pm.{self.call}, which would ignore them, got {len(links)}: leave them "
                 f"out with packing.replace(links=None), or use {self.instead('links')}"
             )
+        check_lengths = getattr(packing, "check_link_lengths", None)
+        if check_lengths is not None and not self.as_it_stands:
+            check_lengths(where, self.call)
 
 
 # declarations by the name of the call
@@ -189,6 +196,7 @@ def declare(
     rough: str = "",
     shaped: str = "",
     apart: str = "",
+    as_it_stands: bool = False,
 ) -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
@@ -198,7 +206,7 @@ def declare(
         The public name.
     columns
         Names of `COLUMNS` that it honors, with spaces between.
-    at_rest, packing_only, rough, shaped
+    at_rest, packing_only, rough, shaped, as_it_stands
         As in `Honors`.
     apart
         What it honors, but not both at once: "friction+links friction+shapes"; friction with walls goes without saying.
@@ -210,7 +218,7 @@ def declare(
     unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped, pairs)
+    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped, pairs, as_it_stands)
     return CALLS[call]
 
 
@@ -222,6 +230,7 @@ def honors(
     rough: str = "",
     shaped: str = "",
     apart: str = "",
+    as_it_stands: bool = False,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
@@ -229,7 +238,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough, shaped, apart
+    columns, at_rest, packing_only, rough, shaped, apart, as_it_stands
         As in `declare`.
 
     """
@@ -246,6 +255,7 @@ def honors(
             rough=rough,
             shaped=shaped,
             apart=apart,
+            as_it_stands=as_it_stands,
         )
 
         @functools.wraps(function)

@@ -122,8 +122,8 @@ def named_rows(
 class Links:
     """Links of a packing: |x_j - x_i + lattice @ image| = length. Each once, sorted by (i, j, image).
 
-    A link's image vector is a part of its state, never derived from positions: a link may be longer than half the box,
-    and a chain may wind around it.
+    A link's image vector is a part of its state, never the nearest one: a link may be longer than half the box, and a
+    chain may wind around it. A packing corrects it only where a link does not hold, and does at exactly one other.
 
     Parameters
     ----------

@@ -21,6 +21,13 @@ from packmech.tangential import TangentialDisplacements
 DISCRETE_SIZES = 10
 # largest rounding of a position, relative to the smallest radius, at which contacts still mean something [1]
 _COARSEST = 1e-6
+# a link has its length where its error, over the larger of that and the mean diameter, is below this: what seven digits
+# of a text file leave; runs leave 1e-13 [1]
+LINK_TOLERANCE = 1e-6
+# positions that differ from others by whole lattice vectors and this, relative to the largest, are the same places [1]
+_SAME_PLACE = 16.0 * float(np.finfo(float).eps)
+# a link that does not hold is looked for at this many images along each lattice vector: those within its length
+_MOST_IMAGES = 4
 
 
 def masses_of_density(
@@ -65,7 +72,9 @@ class Packing:
     box
         The periodic box.
     links
-        Rigid links between particles, if there are any.
+        Rigid links between particles, if there are any. One that does not hold at its image, but at exactly one other,
+        joins particles that were wrapped, and gets that image. Where one holds at none, calls refuse the packing, and
+        `reaffix_links` brings the particles back.
     mass_n
         (N,) masses. Unless given those of density 1: a particle's area pi r^2, or its volume 4/3 pi r^3 in space, which
         follow the radii; masses that are given stay when radii change.
@@ -164,6 +173,39 @@ class Packing:
         last = int(max(links.i_l.max(), links.j_l.max()))
         if last >= self.particles:
             raise ValueError(f"links must name particles below {self.particles}, got {last}")
+        if self.link_error > LINK_TOLERANCE:
+            held = self._at_images_that_hold(links)
+            if held is not links:
+                object.__setattr__(self, "links", held)
+                del self.__dict__["_link_error_l"]
+
+    def _at_images_that_hold(self, links: Links) -> Links:
+        """Return the links, those that hold at exactly one other image there: their ends were wrapped."""
+        vector = links.vectors(self.position_nd, self.box.lattice_dd)
+        # the way to another image is at least the smallest height of the box
+        far = 1.01 * (np.sqrt((vector**2).sum(axis=1)) + links.length_l) > self.box.height_d.min()
+        off = np.flatnonzero((self._link_error_l > LINK_TOLERANCE) & (links.i_l != links.j_l) & far)
+        if not len(off):
+            return links
+        vector, length = vector[off], links.length_l[off, None]
+        fraction, reach = vector @ self.box.inverse_dd.T, (1.0 + LINK_TOLERANCE) * length / self.box.height_d
+        low = np.ceil(-fraction - reach)
+        count = np.floor(reach - fraction) - low + 1.0
+        near = ((count >= 1.0) & (count <= _MOST_IMAGES)).all(axis=1)
+        if not near.any():
+            return links
+        off, vector, length, low, count = off[near], vector[near], length[near], low[near], count[near]
+        step = np.indices(count.max(axis=0).astype(int)).reshape(self.dimension, -1).T
+        shift = low[:, None] + step
+        distance = np.sqrt(((vector[:, None] + shift @ self.box.lattice_dd.T) ** 2).sum(axis=2))
+        allowed = LINK_TOLERANCE * np.maximum(length, self.diameter_n.mean())
+        holds = (np.abs(distance - length) <= allowed) & (step < count[:, None]).all(axis=2)
+        alone = holds.sum(axis=1) == 1
+        if not alone.any():
+            return links
+        image = links.image_ld.copy()
+        image[off[alone]] += shift[alone, holds[alone].argmax(axis=1)].astype(np.int64)
+        return Links(links.i_l, links.j_l, image, links.length_l, links.shape_l)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Packing) and (
@@ -232,12 +274,46 @@ class Packing:
     def replace(self, **changes: Any) -> Packing:
         """Return a packing with the named fields exchanged.
 
-        Tangential displacements belong to the contacts as they stand: a packing with other positions, radii, shapes or
-        another box has none unless they are given, too.
+        Particles that are moved by whole lattice vectors are where they were: links, and tangential displacements where
+        nothing else is changed, go with them to other images. Tangential displacements belong to the contacts as they
+        stand: a packing with other positions, radii, shapes or another box has none unless they are given, too.
         """
+        kept: dict[str, Any] = {"mass_n": self.given_mass_n}
         if not {"position_nd", "radius_n", "box", "shapes"}.isdisjoint(changes):
-            changes = {"tangential": None, **changes}
-        return dataclasses.replace(self, **{"mass_n": self.given_mass_n, **changes})
+            kept["tangential"] = None
+            if "position_nd" in changes and (self.links is not None or self.tangential is not None):
+                kept |= self._continued(changes)
+        return dataclasses.replace(self, **(kept | changes))
+
+    def _continued(self, changes: dict[str, Any]) -> dict[str, Any]:
+        """Return the links and tangential displacements that go with particles to other images."""
+        try:
+            position = np.asarray(changes["position_nd"], dtype=np.float64)
+        except (TypeError, ValueError):
+            return {}  # the constructor names what is wrong
+        box = changes.get("box", self.box)
+        if position.shape != self.position_nd.shape or not isinstance(box, Box) or box.dimension != self.dimension:
+            return {}
+        image = images_between(self.position_nd, self.box, position, box)
+        if image is None:
+            return {}
+        found: dict[str, Any] = {}
+        if self.tangential is not None and {"radius_n", "shapes"}.isdisjoint(changes) and box == self.box:
+            apart = position - self.position_nd - image @ box.lattice_dd.T
+            size = max(float(np.abs(one).max()) for one in (position, self.position_nd, box.lattice_dd))
+            if np.abs(apart).max() <= _SAME_PLACE * size:
+                found["tangential"] = self.tangential.moved(-image)
+        links = self.links
+        if links is not None and image.any():
+            both = (links, links.moved(-image))
+            here, there = (
+                np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l) for one in both
+            )
+            nearer = (there < here) & (here > LINK_TOLERANCE * links.length_l)
+            if nearer.any():
+                moved = np.where(nearer[:, None], both[1].image_ld, links.image_ld)
+                found["links"] = Links(links.i_l, links.j_l, moved, links.length_l, links.shape_l)
+        return found
 
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
@@ -262,11 +338,47 @@ class Packing:
     @property
     def link_error(self) -> float:
         """Largest error of a link's length, over the larger of that and the mean diameter [1]; 0 without links."""
-        if self.links is None:
-            return 0.0
-        vector = self.links.vectors(self.position_nd, self.box.lattice_dd)
-        error = np.abs(np.sqrt((vector**2).sum(axis=1)) - self.links.length_l)
-        return float((error / np.maximum(self.links.length_l, self.diameter_n.mean())).max())
+        return 0.0 if self.links is None else float(self._link_error_l.max())
+
+    @functools.cached_property
+    def _link_error_l(self) -> NDArray[np.float64]:
+        """The (L,) errors of the links' lengths, over the larger of these and the mean diameter [1]."""
+        assert self.links is not None
+        vector, length = self.links.vectors(self.position_nd, self.box.lattice_dd), self.links.length_l
+        error: NDArray[np.float64] = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
+        return error / np.maximum(length, self.diameter_n.mean())
+
+    def check_link_lengths(self, name: str, call: str) -> None:
+        """Check that links have their lengths, for a call whose answer depends on it.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument, the pair that is farthest from its length, and the way out.
+
+        """
+        if self.links is None or self.link_error <= LINK_TOLERANCE:
+            return
+        links, worst = self.links, int(self._link_error_l.argmax())
+        distance = float(np.sqrt((links.vectors(self.position_nd, self.box.lattice_dd)[worst] ** 2).sum()))
+        raise ValueError(
+            f"{name} must have links at their lengths to {LINK_TOLERANCE:g} for pm.{call}, got particles "
+            f"{links.i_l[worst]} and {links.j_l[worst]} at distance {distance:.9g} (image "
+            f"{links.image_ld[worst].tolist()}) for a link of length {links.length_l[worst]:.9g}: bring particles that "
+            "are near their links back with pm.reaffix_links(packing), or give links with the images of the positions"
+        )
+
+
+def images_between(
+    start_nd: NDArray[np.float64], start_box: Box, end_nd: NDArray[np.float64], end_box: Box
+) -> NDArray[np.int64] | None:
+    """Return the (N, d) whole lattice vectors nearest to how particles moved: end = start + lattice @ image + rest.
+
+    Strains of the box count as no motion. None where the way is no number, or too far for whole ones.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        image = np.rint(end_nd @ end_box.inverse_dd.T - start_nd @ start_box.inverse_dd.T)
+    return image.astype(np.int64) if (np.abs(image) <= 2.0**31).all() else None
 
 
 def _numbers_of(kept_n: NDArray[Any], particles: int) -> NDArray[np.int64]:

@@ -576,7 +576,17 @@ class Scene:
         return self.energy_scale / self.packing.reference_diameter**self.packing.dimension
 
     def replace(self, **changes: Any) -> Scene:
-        """Return a scene with the named fields exchanged."""
+        """Return a scene with the named fields exchanged.
+
+        Bonds go with particles of another packing that were wrapped to other images.
+        """
+        packing = changes.get("packing")
+        if "effects" not in changes and isinstance(packing, Packing) and packing is not self.packing:
+            # only bonds know images
+            follow = [getattr(one, "continued", None) for one in self.effects]
+            if any(follow):
+                together = zip(self.effects, follow, strict=True)
+                changes["effects"] = tuple(go_on(self.packing, packing) if go_on else one for one, go_on in together)
         return dataclasses.replace(self, **changes)
 
     def without(self, *kinds: type) -> Scene:

@@ -355,7 +355,7 @@ def _strain_motions(
     return motions
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, as_it_stands=True)
 def constraint_basis(
     packing: Packing,
     strain: str = "none",

@@ -127,7 +127,7 @@ def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
     return pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, as_it_stands=True)
 def constraint_jacobian(
     packing: Packing,
     strain: str = "none",

@@ -136,7 +136,7 @@ def _multipliers(
     return multiplier, float(share[0])
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, as_it_stands=True)
 def project_force(
     packing: Packing,
     force_nd: ArrayLike,
@@ -298,7 +298,7 @@ class ReaffixedLinks:
         return self.outcome.ok
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, as_it_stands=True)
 def reaffix_links(
     packing: Packing, *, tolerance: float = 1e-13, iteration_limit: int = 50, check: bool = True
 ) -> ReaffixedLinks:

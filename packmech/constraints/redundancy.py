@@ -284,7 +284,7 @@ def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> f
     return float(abs(error[worst]))
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, as_it_stands=True)
 def independent_links(
     packing: Packing, *, strain: str = "none", tolerance: float = 1e-9, rank_tolerance: float = SINE
 ) -> IndependentLinks:

@@ -261,7 +261,7 @@ def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension:
     return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
 
 
-@honors("links", packing_only=True, shaped="pm.find_shape_contacts")
+@honors("links", packing_only=True, shaped="pm.find_shape_contacts", as_it_stands=True)
 def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Contacts:
     """Return all touching pairs: gap <= gap_tolerance * (radius_i + radius_j), over every periodic image.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,7 +15,7 @@ from packmech.contacts.shape_contacts import find_shape_contacts
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.honors import honors
-from packmech.packing import Packing
+from packmech.packing import Packing, images_between
 from packmech.shapes import Beads
 
 
@@ -109,6 +110,30 @@ class Bonds:
             self.damping,
             self.tangential_damping,
         )
+
+    def continued(self, start: Packing, end: Packing) -> Bonds:
+        """Return the bonds of a packing that has become another one, particles of which may have been wrapped.
+
+        A bond between particles of which one was wrapped goes on at the image at which its vector has changed less.
+        """
+        if not len(self) or {end.position_nd.shape, (start.particles, self.image_bd.shape[1])} != {
+            start.position_nd.shape
+        }:
+            return self
+        image = images_between(start.position_nd, start.box, end.position_nd, end.box)
+        if image is None or not image.any() or int(self.j_b.max()) >= start.particles:
+            return self
+
+        def vectors(packing: Packing, image_bd: NDArray[np.int64]) -> NDArray[np.float64]:
+            place = packing.position_nd
+            return np.asarray(place[self.j_b] - place[self.i_b] + image_bd @ packing.box.lattice_dd.T)
+
+        other = self.image_bd - image[self.j_b] + image[self.i_b]
+        before = vectors(start, self.image_bd)
+        here, there = (((vectors(end, one) - before) ** 2).sum(axis=1) for one in (self.image_bd, other))
+        if not (there < here).any():
+            return self
+        return dataclasses.replace(self, image_bd=np.where((there < here)[:, None], other, self.image_bd))
 
 
 def _same(one: Any, other: Any) -> bool:

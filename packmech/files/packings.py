@@ -14,9 +14,11 @@ Three formats, chosen by the ending of the name:
     make it version 5, are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them, and
     rigid bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``; their tangential displacements,
     which make it version 7, have ``tangential_bead_c2``, too.
+    Other arrays are left out, and listed in a warning.
 ``.gsd`` (HOOMD schema, for freud, OVITO and HOOMD)
     Visible to those programs in single precision and in their orientation of the box; the exact packing lies beside it
     in log chunks, so that what packmech wrote it reads back to the last bit. Links are shown as bonds and constraints.
+    Of a trajectory any frame is read, the last unless one is asked for.
 ``.txt``, ``.dat``, ``.csv`` (plain table)
     Positions, radii and masses only; a packing with links, tangential displacements or shapes is refused.
     A line ``lattice x y [z]`` for each lattice vector, then a line ``x y [z] radius [mass]`` for each particle, with
@@ -39,11 +41,21 @@ visible to every reader
     Links are ``constraints`` (pair and length) and ``bonds`` of the types "bond" and "shape", for what draws or holds
     them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
     image is left out. Ellipses and spheroids have orientations and, for each particle type, shape definitions of the
-    kind "Ellipsoid", whose first axis is that along the director; rigid bodies such of the kind "SphereUnion".
+    kind "Ellipsoid", whose first axis is that along the director; rigid bodies such of the kind "SphereUnion", and
+    discs and spheres of up to ten sizes such of the kind "Sphere".
 exact, for packmech
     the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
     links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, with given masses
     ``mass_n``, and tangential displacements and shapes as in an ``.npz`` file.
+
+Of what another program wrote, a packing gets ``configuration``, ``particles/position`` unwrapped by
+``particles/image``, ``mass``, ``constraints`` as links to the nearest image, and sizes and shapes by
+``particles/type_shapes``, else by ``particles/diameter``. "Ellipsoid" may have any two axes equal (in the plane those
+that lie in it are an ellipse's), "SphereUnion" any origin. Refused are polygons, polyhedra, meshes, ellipsoids of
+three axes, diameters that contradict a "Sphere", particles that ``particles/body`` joins, and what leaves the plane in
+2D. Left out, and listed in a warning, are velocities, angular momenta, charges, moments of inertia, orientations of
+spheres, bonds without a constraint, angles, dihedrals, impropers, pairs, and log chunks. A link that single precision
+of the positions puts off its length is as long as its particles are apart.
 """
 
 from __future__ import annotations
@@ -51,6 +63,7 @@ from __future__ import annotations
 import json
 import os
 import uuid
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -62,13 +75,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import instance
+from packmech.check import finite_array, instance, integer, positive, positive_array
 from packmech.effects.laws import is_law, registered_laws
 from packmech.files.records import from_table, kinds_of, to_table
-from packmech.generate.rigid import beads_of, body_of, orientation_of
+from packmech.generate.rigid import Body, beads_of, body_of, orientation_of
 from packmech.honors import honors
 from packmech.links import Links
-from packmech.packing import DISCRETE_SIZES, Packing
+from packmech.packing import DISCRETE_SIZES, LINK_TOLERANCE, Packing
 from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
@@ -85,17 +98,30 @@ _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "ta
 _SPRING_BEADS = "tangential_bead_c2"
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
+_REQUIRED = ("position_nd", "radius_n", "lattice_dd")
+# all arrays that a file may hold of a packing
+_OWN = (
+    *_REQUIRED,
+    "mass_n",
+    _SPRING_BEADS,
+    *(prefix + name for prefix, names, _ in (_LINKS, _TANGENTIAL, _SPHEROIDS, _BEADS) for name in names),
+)
 _TEXT = (".txt", ".dat", ".csv")
 _ENDINGS = (".npz", ".gsd", *_TEXT)
 
 
-def read_packing(path: PathLike) -> Packing:
+def read_packing(path: PathLike, *, frame: int | None = None) -> Packing:
     """Return the packing in a .npz, .gsd or plain text file (of a .gsd trajectory the last frame).
+
+    What a file holds and a packing has no place for, such as velocities, is left out and listed in a UserWarning.
+    Particles of shapes that packings cannot have are refused.
 
     Parameters
     ----------
     path
         The file; its ending says the format, which the head of ``packmech.files.packings`` describes.
+    frame
+        Number of the frame of a .gsd trajectory, from 0, or from the end where it is negative; the last unless given.
 
     Raises
     ------
@@ -115,8 +141,19 @@ def read_packing(path: PathLike) -> Packing:
 
     """
     found = _existing(path)
-    read: Callable[[Path], Packing] = {".npz": _read_npz, ".gsd": read_gsd}.get(_ending(found), _read_text)
-    return _in_file(found, lambda: read(found))
+    ending = _ending(found)
+    if frame is not None:
+        frame = integer("frame", frame)
+        if ending != ".gsd":
+            raise ValueError(f"frame must be left out for {ending} files, which hold one packing, got {frame}")
+    read: Callable[[], tuple[Packing, list[str]]] = {
+        ".npz": lambda: _read_npz(found),
+        ".gsd": lambda: read_gsd(found, frame),
+    }.get(ending, lambda: (_read_text(found), []))
+    packing, left_out = _in_file(found, read)
+    if left_out:
+        warnings.warn(f"{found}: left out, as a packing has no place for them: {'; '.join(left_out)}", stacklevel=2)
+    return packing
 
 
 @honors("links shapes", packing_only=True)
@@ -273,14 +310,15 @@ def _arrays(path: Path) -> dict[str, Any]:
     return arrays
 
 
-def _read_npz(path: Path) -> Packing:
+def _read_npz(path: Path) -> tuple[Packing, list[str]]:
     arrays = _arrays(path)
-    missing = [name for name in ("position_nd", "radius_n", "lattice_dd") if name not in arrays]
+    missing = [name for name in _REQUIRED if name not in arrays]
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
+    left_out = [name for name in arrays if name not in (*_OWN, "format_version", "law")]
     box = Box(arrays["lattice_dd"])
     links = _group(arrays, *_LINKS)
-    return Packing(
+    packing = Packing(
         arrays["position_nd"],
         arrays["radius_n"],
         box,
@@ -289,12 +327,15 @@ def _read_npz(path: Path) -> Packing:
         _springs_in(arrays),
         _shapes_in(arrays),
     )
+    return packing, [f"arrays {', '.join(left_out)}"] if left_out else []
 
 
 def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
     """Return the tangential displacements that are written out in arrays, if there are any."""
     springs = _group(arrays, *_TANGENTIAL)
     if springs is None:
+        if arrays.get(_SPRING_BEADS) is not None:
+            raise ValueError(f"it must hold all arrays of its tangential displacements, got {_SPRING_BEADS} alone")
         return None
     i_c, j_c, image_cd, displacement_ck = springs
     # the schema of gsd flattens a single column
@@ -305,6 +346,8 @@ def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
 def _shapes_in(arrays: Mapping[str, Any]) -> Shapes | None:
     """Return the shapes that are written out in arrays, if there are any."""
     spheroids, beads = (_group(arrays, *one) for one in (_SPHEROIDS, _BEADS))
+    if spheroids is not None and beads is not None:
+        raise ValueError("it must hold arrays of spheroids or of rigid bodies, got both")
     if beads is not None:
         start, offset, size, gyration, orientation = beads
         # the schema of gsd flattens a single column
@@ -465,6 +508,9 @@ def write_gsd(packing: Packing, path: Path) -> None:
         type_n = _show_beads(frame, packing) if beads else _show_spheroids(frame, packing)
     elif len(size_k) > DISCRETE_SIZES:
         type_n = np.zeros_like(type_n)
+    else:
+        # the schema does not store diameters that are all 1, and OVITO takes them for 0 then
+        frame.particles.type_shapes = [{"type": "Sphere", "diameter": 2.0 * size} for size in size_k.tolist()]
     frame.particles.types = [_type_name(k) for k in range(int(type_n.max()) + 1)]
     frame.particles.typeid = type_n.astype(np.uint32)
     frame.log = {
@@ -539,44 +585,227 @@ def _visible_directions(packing: Packing, direction_nd: NDArray[np.float64]) -> 
     return np.asarray(direction_nd @ ((lattice * sign) @ np.linalg.inv(_visible(packing).lattice_dd)))
 
 
-def _seen_shapes(frame: Any, dimension: int) -> tuple[NDArray[np.float64], Shapes | None]:
-    """Return the radii of the frame's particles, and their ellipsoids or unions of spheres, if there are any."""
-    radius_n = 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64)
-    defined = frame.particles.type_shapes or []
-    if defined and all(one.get("type") == "SphereUnion" for one in defined):
-        return _seen_beads(frame, dimension)
-    kinds = [one for one in defined if one.get("type") == "Ellipsoid"]
-    if not kinds:
-        return radius_n, None
-    if len(kinds) < len(defined):
-        raise ValueError("its particle types must all be ellipsoids, all unions of spheres, or none")
-    axes = np.array([[one["a"], one["b"], one.get("c", one["b"])] for one in defined], dtype=np.float64)
-    if dimension == 3 and (axes[:, 1] != axes[:, 2]).any():
-        raise ValueError("its ellipsoids must have two equal axes, b and c")
-    w, x, y, z = np.asarray(frame.particles.orientation, dtype=np.float64).T
-    first = np.column_stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
-    type_n = np.asarray(frame.particles.typeid, dtype=np.int64)
-    return radius_n, Spheroids((axes[:, 0] / axes[:, 1])[type_n], first[:, :dimension])
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What particles of a frame are: radii and shapes, and vectors from their positions to their centers of mass."""
+
+    radius_n: NDArray[np.float64]
+    shapes: Shapes | None
+    center_nd: NDArray[np.float64]
 
 
-def _seen_beads(frame: Any, dimension: int) -> tuple[NDArray[np.float64], Beads]:
-    """Return the frame's unions of spheres, each about its center of mass, and the radii of equal area or volume."""
-    bodies = []
-    for one in frame.particles.type_shapes:
-        center = np.array(one["centers"], dtype=np.float64)[:, :dimension]
-        body = body_of(center, 0.5 * np.array(one["diameters"], dtype=np.float64))
-        if np.abs(body.center_d).max() > _SINGLE * body.radius:
-            raise ValueError("its unions of spheres must have their centers of mass at the origin")
-        bodies.append(body)
-    type_n = np.asarray(frame.particles.typeid, dtype=np.int64)
+# kinds of shape definitions of which a packing can be
+_KINDS = ("Sphere", "Ellipsoid", "SphereUnion")
+
+
+def _definitions(frame: Any) -> list[dict[str, Any]]:
+    """Return the shape definition of each particle's type, {} where it has none, after checking those in use."""
+    particles = frame.particles
+    type_n = np.asarray(particles.typeid, dtype=np.int64)
+    if type_n.max(initial=0) >= len(particles.types):
+        raise ValueError(f"its particles must have types below {len(particles.types)}, got {type_n.max()}")
+    defined = (list(particles.type_shapes or []) + [{}] * len(particles.types))[: len(particles.types)]
+    diameter = np.asarray(particles.diameter)
+    any_defined = any(defined[k] for k in np.unique(type_n))
+    for k in np.unique(type_n):
+        name, kind = particles.types[k], defined[k].get("type")
+        if defined[k] and kind not in _KINDS:
+            raise ValueError(
+                f"its particle types must be spheres, ellipsoids or unions of spheres, got {kind!r} for type {name!r}"
+            )
+        given = diameter[type_n == k]
+        # the schema does not store diameters that are all 1
+        if any_defined and not defined[k] and (given == 1.0).all():
+            raise ValueError(
+                f"its particle types must all have shape definitions or diameters where one has, got none for {name!r}"
+            )
+        if kind == "Sphere":
+            size = _size(defined[k], "diameter", name)
+            if not (given == 1.0).all() and not np.allclose(given, size, rtol=_SINGLE, atol=0.0):
+                wrong = float(given[np.abs(given - size).argmax()])
+                raise ValueError(
+                    f"its particles/diameter and particles/type_shapes must agree, got {wrong:g} and {size:g} for type "
+                    f"{name!r}"
+                )
+    return [defined[k] for k in type_n]
+
+
+def _size(definition: dict[str, Any], key: str, name: str) -> float:
+    """Return a length of a shape definition."""
+    if key not in definition:
+        raise ValueError(f"its {definition['type']} of type {name!r} must have {key!r}, got {', '.join(definition)}")
+    return positive(f"{key} of type {name!r}", definition[key])
+
+
+def _turns(frame: Any) -> NDArray[np.float64]:
+    """Return the (N, 3, 3) rotations of the frame's particles, whose columns are the turned axes."""
     turn = np.asarray(frame.particles.orientation, dtype=np.float64)
+    size = np.sqrt((turn**2).sum(axis=1))
+    if not (np.abs(size - 1.0) < 1e-3).all():
+        n = int(np.abs(size - 1.0).argmax())
+        raise ValueError(f"its orientations must be unit quaternions, got {turn[n].tolist()} for particle {n}")
+    w, x, y, z = (turn / size[:, None]).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def _seen_shapes(frame: Any, dimension: int) -> _Seen:
+    """Return what the frame's particles are, by the shape definitions of their types or else by their diameters."""
+    definition_n = _definitions(frame)
+    kinds = {one.get("type", "Sphere") for one in definition_n}
+    body = np.asarray(frame.particles.body, dtype=np.int64)
+    joined = np.flatnonzero(body != -1)
+    # a body that is one particle with a shape is that shape
+    shaped = all(definition_n[n].get("type") in ("Ellipsoid", "SphereUnion") for n in joined)
+    if len(joined) and not (shaped and len(np.unique(body[joined])) == len(joined)):
+        raise ValueError(
+            f"its particles must not form bodies, got particles/body {body[joined[0]]} for particle {joined[0]}: the "
+            "file does not say which particles of a body are solid; give positions and radii of these, and the numbers "
+            "of their bodies, to pm.rigid_packing"
+        )
+    if kinds >= {"Ellipsoid", "SphereUnion"}:
+        raise ValueError("its particle types must not be ellipsoids and unions of spheres in one packing, got both")
+    half = 0.5 * np.asarray(frame.particles.diameter, dtype=np.float64)
+    names = [frame.particles.types[k] for k in frame.particles.typeid]
+    radius_n = half.copy()
+    for n, one in enumerate(definition_n):
+        if one.get("type") == "Sphere":
+            radius_n[n] = 0.5 * _size(one, "diameter", names[n])
+    if "SphereUnion" in kinds:
+        return _seen_beads(frame, definition_n, names, radius_n, dimension)
+    if "Ellipsoid" in kinds:
+        return _seen_spheroids(frame, definition_n, names, radius_n, dimension)
+    return _Seen(radius_n, None, np.zeros((len(radius_n), dimension)))
+
+
+def _seen_spheroids(
+    frame: Any, definition_n: list[dict[str, Any]], names: list[str], radius_n: NDArray[np.float64], dimension: int
+) -> _Seen:
+    """Return the frame's ellipsoids, whose equal axes may be any two; in the plane, their sections there."""
+    axes = np.repeat(radius_n[:, None], 3, axis=1)
+    for n, one in enumerate(definition_n):
+        if one.get("type") == "Ellipsoid":
+            axes[n] = [_size({"c": one.get("b"), **one}, key, names[n]) for key in "abc"]
+    turn = _turns(frame)
+    many = np.arange(len(axes))
     if dimension == 2:
-        turn = np.column_stack([turn[:, 0] ** 2 - turn[:, 3] ** 2, 2.0 * turn[:, 0] * turn[:, 3]])
-    own = [bodies[k] for k in type_n]
-    given = beads_of(own, turn)
-    frames = given.frames() @ np.array([one.frame_dd for one in own])
-    oriented = given.oriented(np.array([orientation_of(one) for one in frames]))
-    return np.array([one.radius for one in own]), oriented
+        # in the plane are the two axes that are not along z
+        upright = np.abs(turn[:, 2]).argmax(axis=1)
+        tilted = (np.abs(turn[many, 2, upright]) < 1.0 - 1e-5) & (np.ptp(axes, axis=1) > 0.0)
+        if tilted.any():
+            n = int(tilted.argmax())
+            raise ValueError(
+                f"its ellipsoids must have an axis along z in two dimensions, got another for particle {n}"
+            )
+        first, other = np.array([[1, 2], [0, 2], [0, 1]])[upright].T
+    else:
+        # the axis that differs from the others, which are equal; the first where all are
+        pair = np.array([[1, 2], [0, 2], [0, 1]])
+        apart = np.abs(axes[:, pair[:, 0]] - axes[:, pair[:, 1]]) / axes.max(axis=1, keepdims=True)
+        equal = apart <= _SINGLE
+        if not equal.any(axis=1).all():
+            n = int((~equal.any(axis=1)).argmax())
+            raise ValueError(
+                f"its ellipsoids must have two equal axes, got {axes[n].tolist()} for particle {n} of type {names[n]!r}"
+            )
+        first = equal.argmax(axis=1)
+        other = pair[first, 0]
+    along, across = axes[many, first], axes[many, other]
+    director = turn[many, :dimension, first]
+    radius = np.sqrt(along * across) if dimension == 2 else np.cbrt(along * across * axes[many, pair[first, 1]])
+    return _Seen(radius, Spheroids(along / across, director), np.zeros((len(axes), dimension)))
+
+
+def _seen_beads(
+    frame: Any, definition_n: list[dict[str, Any]], names: list[str], radius_n: NDArray[np.float64], dimension: int
+) -> _Seen:
+    """Return the frame's unions of spheres, each about its center of mass, and the radii of equal area or volume."""
+    known: dict[tuple[str, float], Body] = {}
+    own = []
+    for name, one, radius in zip(names, definition_n, radius_n.tolist(), strict=True):
+        key = (name, 0.0 if one.get("type") == "SphereUnion" else radius)
+        if key not in known:
+            known[key] = (
+                _union(one, name, dimension) if key[1] == 0.0 else body_of(np.zeros((1, dimension)), np.array([radius]))
+            )
+        own.append(known[key])
+    turn = _turns(frame)
+    if dimension == 2 and (np.abs(turn[:, 2, 2]) < 1.0 - 1e-5).any():
+        n = int(np.abs(turn[:, 2, 2]).argmin())
+        raise ValueError(
+            f"its unions of spheres must turn about z in two dimensions, got another axis for particle {n}"
+        )
+    if dimension == 2 and (turn[:, 2, 2] < 0.0).any():
+        n = int(turn[:, 2, 2].argmin())
+        raise ValueError(f"its unions of spheres must not be turned over in two dimensions, got particle {n} so")
+    turn = turn[:, :dimension, :dimension]
+    frames = turn @ np.array([one.frame_dd for one in own])
+    shapes = beads_of(own, np.array([orientation_of(one) for one in frames]))
+    center = (turn @ np.array([one.center_d for one in own])[:, :, None])[:, :, 0]
+    return _Seen(np.array([one.radius for one in own]), shapes, center)
+
+
+def _union(definition: dict[str, Any], name: str, dimension: int) -> Body:
+    """Return the rigid body that a shape definition says."""
+    missing = next((key for key in ("centers", "diameters") if key not in definition), None)
+    if missing is not None:
+        raise ValueError(f"its SphereUnion of type {name!r} must have {missing!r}, got {', '.join(definition)}")
+    center = finite_array(f"centers of type {name!r}", definition["centers"], shape=(None, None), what="sphere")
+    if center.shape[1] not in (dimension, 3) or np.abs(center[:, dimension:]).max(initial=0.0) > 0.0:
+        raise ValueError(f"centers of type {name!r} must have {dimension} components, got {center[0].tolist()}")
+    diameter = positive_array(
+        f"diameters of type {name!r}", definition["diameters"], shape=(len(center),), what="sphere"
+    )
+    return body_of(center[:, :dimension], 0.5 * diameter)
+
+
+# what a packing has no place for: words, names of the arrays, and their values where there is none
+_NO_PLACE = (
+    ("velocities", "velocity", 0.0),
+    ("angular momenta", "angmom", 0.0),
+    ("charges", "charge", 0.0),
+    ("moments of inertia", "moment_inertia", 0.0),
+)
+
+
+def _left_out(frame: Any, seen: Packing, own_log: set[str]) -> list[str]:
+    """Return what the frame holds and a packing has no place for."""
+    particles = frame.particles
+    found = [words for words, name, none in _NO_PLACE if (np.asarray(getattr(particles, name)) != none).any()]
+    if seen.shapes is None and (np.asarray(particles.orientation) != [1.0, 0.0, 0.0, 0.0]).any():
+        found.append("orientations (its types have no shape that could turn)")
+    diameter = np.asarray(particles.diameter)
+    if seen.shapes is not None and not (diameter == 1.0).all():
+        if not np.allclose(diameter, seen.diameter_n, rtol=_SINGLE, atol=0.0):
+            found.append("particles/diameter (sizes are those of particles/type_shapes)")
+    used = np.unique(particles.typeid)
+    defined = (list(particles.type_shapes or []) + [{}] * len(particles.types))[: len(particles.types)]
+    looks = {
+        (json.dumps(defined[k], sort_keys=True), *np.unique(diameter[particles.typeid == k]).tolist()) for k in used
+    }
+    if len(looks) < len(used):
+        found.append(f"particle types ({', '.join(particles.types[k] for k in used)}), some of one size and shape")
+    linked = {(min(a, b), max(a, b)) for a, b in np.asarray(frame.constraints.group).reshape(-1, 2).tolist()}
+    spare = [
+        k for k, (a, b) in enumerate(np.asarray(frame.bonds.group).reshape(-1, 2)[: frame.bonds.N].tolist())
+        if (min(a, b), max(a, b)) not in linked or not frame.constraints.N
+    ]  # fmt: skip
+    if spare:
+        found.append(
+            f"{len(spare)} bonds (they have no lengths there: give them, with lengths, as pm.Links or pm.Bonds)"
+        )
+    for name in ("angles", "dihedrals", "impropers", "pairs"):
+        count = int(getattr(frame, name).N)
+        if count:
+            found.append(f"{count} {name}")
+    others = sorted(name for name in frame.log if name not in own_log)
+    if others:
+        found.append(f"log entries {', '.join(others)}")
+    return found
 
 
 def _shown(links: Links) -> NDArray[np.bool_]:
@@ -614,7 +843,13 @@ def _seen_links(frame: Any, position_nd: NDArray[np.float64], box: Box) -> Links
         marked = np.asarray(bonds.group)[np.asarray(bonds.typeid) == bonds.types.index("shape")]
         shapes = {(min(a, b), max(a, b)) for a, b in marked.tolist()}
     shape = [(min(a, b), max(a, b)) in shapes for a, b in zip(i.tolist(), j.tolist(), strict=True)]
-    return Links(i, j, image, np.asarray(frame.constraints.value, dtype=np.float64), np.array(shape))
+    links = Links(i, j, image, np.asarray(frame.constraints.value, dtype=np.float64), np.array(shape))
+    # single precision keeps positions less well than lengths: a link is as long as its particles are apart
+    distance = np.sqrt((links.vectors(position_nd, box.lattice_dd) ** 2).sum(axis=1))
+    error = np.abs(distance - links.length_l)
+    rounded = (error > 0.1 * LINK_TOLERANCE * links.length_l) & (error <= _SINGLE * np.abs(box.lattice_dd).max())
+    length = np.where(rounded, distance, links.length_l)
+    return Links(links.i_l, links.j_l, links.image_ld, length, links.shape_l)
 
 
 def _three_axes(array_nd: NDArray[Any]) -> NDArray[Any]:
@@ -623,14 +858,17 @@ def _three_axes(array_nd: NDArray[Any]) -> NDArray[Any]:
     return padded
 
 
-def read_gsd(path: Path) -> Packing:
-    """Return the packing in the last frame: the exact one where packmech wrote it, else what every reader sees.
+def read_gsd(path: Path, frame: int | None = None) -> tuple[Packing, list[str]]:
+    """Return the packing in a frame: the exact one where packmech wrote it, else what every reader sees.
+
+    Also what the frame holds and a packing has no place for.
 
     Raises
     ------
     ValueError
-        If the file has no frame or no particles, or if its exact and its visible packing differ by more than rounding
-        to single precision (another program changed one of them).
+        If the file has no such frame or no particles, if particles are of shapes that packings cannot have, or if its
+        exact and its visible packing differ by more than rounding to single precision (another program changed one of
+        them).
 
     """
     import gsd.hoomd
@@ -638,29 +876,48 @@ def read_gsd(path: Path) -> Packing:
     with gsd.hoomd.open(str(path), "r") as file:
         if len(file) == 0:
             raise ValueError("it must hold at least one frame, got none")
-        frame = file[len(file) - 1]
-    dimension = int(frame.configuration.dimensions)
-    lattice = _lattice(frame.configuration.box, dimension)
-    position = np.asarray(frame.particles.position, dtype=np.float64)[:, :dimension]
+        number = len(file) - 1 if frame is None else frame
+        if not -len(file) <= number < len(file):
+            raise ValueError(f"frame must be below {len(file)}, the number of frames, got {number}")
+        number %= len(file)
+        found = file[number]
+        # the library fills in the chunks of frame 0, which are of another packing
+        found.log = {name: one for name, one in found.log.items() if file.file.chunk_exists(number, f"log/{name}")}
+    dimension = int(found.configuration.dimensions)
+    lattice = _lattice(found.configuration.box, dimension)
+    position = np.asarray(found.particles.position, dtype=np.float64)
     box = Box(lattice)
-    mass_n = np.asarray(frame.particles.mass, dtype=np.float64)
-    visible = None if (mass_n == 1.0).all() else mass_n
-    radius_n, seen_shapes = _seen_shapes(frame, dimension)
-    seen = Packing(position, radius_n, box, mass_n=visible, shapes=seen_shapes)
-    chunks = [frame.log.get(_LOG + name) for name in ("position_nd", "radius_n", "lattice_dd")]
-    if any(chunk is None for chunk in chunks):
-        return seen.replace(links=_seen_links(frame, seen.position_nd, box))
-    own = {name.removeprefix(_LOG): one for name, one in frame.log.items()}
+    if dimension == 2:
+        side = float(np.abs(lattice).max())
+        if np.abs(position[:, 2]).max(initial=0.0) > 1e-5 * side or any(found.configuration.box[4:]):
+            raise ValueError("its particles and box must lie in the plane z = 0 in two dimensions, got others")
+    place = position[:, :dimension] + found.particles.image[:, :dimension] @ lattice.T
+    mass_n = np.asarray(found.particles.mass, dtype=np.float64)
+    what = _seen_shapes(found, dimension)
+    seen = Packing(
+        place + what.center_nd, what.radius_n, box, mass_n=None if (mass_n == 1.0).all() else mass_n, shapes=what.shapes
+    )
+    own = {name.removeprefix(_LOG): one for name, one in found.log.items() if name.startswith(_LOG)}
+    left_out = _left_out(found, seen, {_LOG + name for name in own if name in _OWN})
+    if any(own.get(name) is None for name in _REQUIRED):
+        return seen.replace(links=_seen_links(found, seen.position_nd, box)), left_out
     parts = _group(own, *_LINKS)
     links = None
     if parts is not None:
         i_l, j_l, image_ld, length_l, shape_l = parts
         links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
-    masses, shapes = frame.log.get(_LOG + "mass_n"), _shapes_in(own)
-    exact = Packing(chunks[0], chunks[1], Box(chunks[2]), links, masses, _springs_in(own), shapes)
-    if not (_agree(exact, seen) and _same_links(exact.links, frame.constraints)):
+    exact = Packing(
+        own["position_nd"],
+        own["radius_n"],
+        Box(own["lattice_dd"]),
+        links,
+        own.get("mass_n"),
+        _springs_in(own),
+        _shapes_in(own),
+    )
+    if not (_agree(exact, seen) and _same_links(exact.links, found.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
-    return exact
+    return exact, left_out
 
 
 def _same_links(links: Links | None, constraints: Any) -> bool:

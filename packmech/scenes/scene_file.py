@@ -305,7 +305,8 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     Raises
     ------
     TypeError, ValueError
-        Naming the argument: not a scene, not a file name, a folder that does not exist.
+        Naming the argument: not a scene, not a file name, a folder that does not exist, a packing with tangential
+        displacements, for which scene files have no place, or with links that do not have their lengths.
 
     Examples
     --------
@@ -319,6 +320,13 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     """
     instance("scene", scene, Scene)
     instance("description", description, str)
+    scene.packing.check_link_lengths("scene.packing", "write_scene")
+    if scene.packing.tangential is not None:
+        raise ValueError(
+            "scene.packing must have no tangential displacements for scene files, got "
+            f'{len(scene.packing.tangential)}: write it with pm.write_packing and name the file (kind = "file"), or '
+            "leave them out with packing.replace(tangential=None)"
+        )
     target = target_file(path)
     tables: dict[str, Any] = {"description": description} if description else {}
     tables["packing"] = inline_table(scene.packing)

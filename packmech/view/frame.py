@@ -36,7 +36,7 @@ OUTLINE_DIM = 0.75
 SLACK, TOUCH = 1e-12, 1e-12
 
 
-@honors("links shapes", packing_only=True)
+@honors("links shapes", packing_only=True, as_it_stands=True)
 def draw_frame(
     packing: Packing,
     *,
