@@ -26,6 +26,7 @@ from scipy.optimize import brentq
 
 from packmech.box import Box
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
+from packmech.contacts.overlaps import HARD
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts, slopes_of_ends
 from packmech.jamming.hard_packing import (
     REACH,
@@ -46,8 +47,9 @@ from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.shapes import Beads
 
-# contacts touch to this, and pairs that close at one strain are as near [contact distance]
-_TOUCH = 1e-11
+# contacts touch to this, below what hard particles may overlap by, and pairs that close at one strain are as near
+# [contact distance]
+_TOUCH = 0.5 * HARD
 _AT_ONCE = 1e-9
 # pairs are looked at within this reach beyond contact
 _NEAR = 0.1
@@ -174,6 +176,7 @@ class HardPath:
         self.shear_dd = self.lattice.shear_dd
         self.isotropic_kdd = np.eye(d)[None] / math.sqrt(d)
         self.radius_n = hard.packing.radius_n
+        self._touch = _TOUCH * 2.0 * float(self.radius_n.min())
         self.factorizations = 0
         self.vertex = self._vertex(0.0, hard.packing, hard.contacts, hard.force_c, hard.gap_error)
 
@@ -183,7 +186,7 @@ class HardPath:
         self, strain: float, packing: Packing, contacts: Contacts, force_c: NDArray[np.float64], gap_error: float
     ) -> Vertex:
         system = contact_system(contacts, self.isotropic_kdd)
-        redundant = len(contacts) - (contacts.dimension * (int(system.live_n.sum()) - 1) + 1)
+        redundant = redundancy(contacts)
         force_c = system.balanced(force_c, np.ones_like(force_c) if redundant <= 0 else np.maximum(force_c, 1e-300))
         imbalance = system.imbalance(force_c)
         rates = self._rates(system, contacts)
@@ -237,7 +240,7 @@ class HardPath:
         packing, contacts, error = bring_to_contact(ahead, pairs, self.isotropic_kdd)
         self.factorizations += 4
         corrected = float(np.abs(packing.position_nd - ahead.position_nd)[start.live_n].max())
-        if error > _TOUCH or corrected > _CORRECTED * self._length(start, strain) + _ROUNDED:
+        if error > self._touch or corrected > _CORRECTED * self._length(start, strain) + _ROUNDED:
             return _Trial(None, -math.inf, "fold")
         # the volume may have changed, its shape may not
         packing = packing.replace(box=self._lattice(strain, packing))
@@ -267,6 +270,14 @@ class HardPath:
         """Go on towards a strain; return the vertex there, or that of the first change on the way, and the change."""
         start = self.vertex
         goal = strain
+        if redundancy(start.contacts) > 0:
+            # equal particles close more contacts than can stay so: those that bear forces from here on
+            exchanged = self._exchange(start, strain - start.strain)
+            if exchanged is None:
+                return self.fall(strain - start.strain, "opening")
+            change = self._noted(*exchanged, "opening", 0.0)
+            self.vertex = self._relabeled(change.after)
+            return self.vertex, change
         while True:
             trial = self._try(start, goal)
             if trial.vertex is not None and trial.margin > -_TOUCH and not self._dips(start, trial.vertex):
@@ -281,8 +292,17 @@ class HardPath:
                 return self.fall(math.copysign(1.0, strain - start.strain), trial.cause if trial.vertex else "fold")
             goal = 0.5 * (start.strain + goal)
 
-    def fall(self, direction: float, cause: str) -> tuple[Vertex, Change]:
+    def fall(self, direction: float, cause: str, beyond: float = _BEYOND) -> tuple[Vertex, Change]:
         """Give the network up: go to the hard packing that is found next, whatever contacts it takes; and the change.
+
+        Parameters
+        ----------
+        direction
+            Sign of the strain to come.
+        cause
+            Why it falls.
+        beyond
+            How much farther in strain the next packing is looked for.
 
         Raises
         ------
@@ -290,7 +310,7 @@ class HardPath:
             If none is found.
 
         """
-        change = self._fall(self.vertex, cause, direction)
+        change = self._fall(self.vertex, cause, direction, beyond)
         self.vertex = self._relabeled(change.after)
         return self.vertex, change
 
@@ -360,13 +380,13 @@ class HardPath:
         closed &= live[near.i_c] & live[near.j_c]
         if abs(room) < _AT_ONCE:
             closed |= np.isin(self._key(near), self._key(held))
-        if not closed.any():
+        if not closed.any() and redundancy(vertex.contacts) <= 0:
             return None
         # where these touch exactly is a strain to solve for
         chosen = Candidates(*(part[bearing | closed] for part in (near.i_c, near.j_c, near.image_cd)))
         both = np.concatenate([self.isotropic_kdd, self.shear_dd[None]])
         packing, contacts, error = bring_to_contact(packing, chosen, both)
-        if error > _TOUCH:
+        if error > self._touch:
             return None
         relative = packing.box.lattice_dd @ np.linalg.inv(self.lattice.unsheared_dd)
         strain = float(relative[self.axes] / relative[self.axes[0], self.axes[0]])
@@ -411,7 +431,7 @@ class HardPath:
         solution = solve_highs(program, 1e-10)
         return solution.x if solution.solve.outcome is Outcome.CONVERGED else None
 
-    def _fall(self, vertex: Vertex, cause: str, direction: float) -> Change:
+    def _fall(self, vertex: Vertex, cause: str, direction: float, beyond: float = _BEYOND) -> Change:
         """Return the change to the hard packing nearby, where the network holds the packing no more.
 
         Raises
@@ -421,8 +441,9 @@ class HardPath:
 
         """
         packing = vertex.packing
-        strain = vertex.strain + math.copysign(_BEYOND, direction)
-        ahead = packing.position_nd + math.copysign(_BEYOND, direction) * (packing.position_nd @ self.shear_dd.T)
+        step = math.copysign(beyond, direction)
+        strain = vertex.strain + step
+        ahead = packing.position_nd + step * (packing.position_nd @ self.shear_dd.T)
         packing = packing.replace(position_nd=ahead, box=self._lattice(strain, packing))
         state = self._warm(packing, vertex)
         hard, iterations = search_hard(state, self.radius_n, self.isotropic_kdd)
@@ -471,6 +492,11 @@ class HardPath:
         return self._vertex(
             vertex.strain, packing, pair_contacts(packing, *pairs), vertex.force_c[order], vertex.gap_error
         )
+
+
+def redundancy(contacts: Contacts) -> int:
+    """Return how many contacts there are beyond those of one state of self stress, with the volume free."""
+    return len(contacts) - contacts.dimension * (int((contacts.count_n() > 0).sum()) - 1) - 1
 
 
 def dips(

@@ -38,8 +38,10 @@ from packmech.scene import Scene
 _NEARBY, _DENSER = 0.1, 0.01
 # net force over the mean one of a packing of shapes at a small pressure
 _BALANCED = 1e-6
-# strain within which a network that comes again is given up, and steps within it after which the path is
-_PROGRESS, _STEPS = 1e-7, 200
+# strain within which a network that comes again is given up, and steps within it after which the path is; how far
+# beyond the next one is looked for, the first time and, ten times as far each time, at most
+_PROGRESS, _STEPS = 1e-6, 60
+_BEYOND, _FARTHEST = 2e-9, 1e-5
 _COLUMNS = ("strain", "packing_fraction", "stress_ratio", "family", "contacts", "rattlers", "gap_error", "imbalance")
 
 
@@ -65,8 +67,8 @@ class FamilyChange:
     closed, opened
         Pairs (i, j, image) that bear forces after it and not before, and before it and not after.
     jump
-        Packing fraction after less that before, both at this strain to 2e-9, with shapes sometimes to 1e-3 [1]; 0 for
-        an exchange.
+        Packing fraction after less that before, both at this strain to 2e-9, where contacts change over and over to
+        1e-5, with shapes sometimes to 1e-3 [1]; 0 for an exchange.
     moved
         Largest displacement of a particle that bears forces before and after [mean diameter]; 0 for an exchange.
 
@@ -413,8 +415,8 @@ class _HardWalk:
         self.unit = length_unit(packing)
         self.found = _Rows(path.axes, began)
         self.report: dict[str, Any] = {}
-        # the strain up to which it has come on, networks since then, and steps
-        self.since, self.networks, self.steps = path.vertex.strain, {path.identity(path.vertex.contacts)}, 0
+        # the strain up to which it has come on, networks and steps since then, and how far beyond to look for the next
+        self._begin(path.vertex.strain, {path.identity(path.vertex.contacts)})
         self.last = path.vertex
         self._keep(path.vertex, self.found.number(path.identity(path.vertex.contacts)))
 
@@ -429,11 +431,14 @@ class _HardWalk:
                 self.loop.check_time()
                 try:
                     vertex, change = path.go(goal)
-                    while change is not None:
+                    if change is not None:
                         self._note(change)
-                        # contacts that change in turn, and none for good, change together
-                        again = self._comes_again(change)
-                        vertex, change = path.fall(direction, change.cause) if again else (vertex, None)
+                        if self._comes_again(change):
+                            # contacts that change in turn, and none for good, change together
+                            vertex, change = path.fall(direction, change.cause, self.beyond)
+                            self._note(change)
+                            self.since += vertex.strain - change.before.strain
+                            self.beyond = min(10.0 * self.beyond, _FARTHEST)
                 except Lost:
                     return self._stopped(Outcome.NOT_JAMMED, "no hard packing was found")
                 if self._stands_still():
@@ -451,20 +456,24 @@ class _HardWalk:
 
     def _comes_again(self, change: Change | ShapeChange) -> bool:
         """Return whether a change leads to a network that it has had since the strain last grew."""
-        self.steps += 1
+        # what a fall looks beyond is no way made
+        self.since += change.after.strain - change.before.strain
         if abs(change.after.strain - self.since) > _PROGRESS:
-            self.since, self.networks, self.steps = change.after.strain, {change.identities[0]}, 0
+            self._begin(change.after.strain, {change.identities[0]})
         again = change.identities[1] in self.networks
         self.networks.add(change.identities[1])
-        return again and self.steps <= _STEPS
+        return again
 
     def _stands_still(self) -> bool:
         """Return whether it has gone on for too many steps without the strain growing."""
         strain = self.path.vertex.strain
         self.steps += 1
         if abs(strain - self.since) > _PROGRESS:
-            self.since, self.networks, self.steps = strain, set(), 0
+            self._begin(strain, set())
         return self.steps > _STEPS
+
+    def _begin(self, strain: float, networks: set[frozenset[tuple[int, ...]]]) -> None:
+        self.since, self.networks, self.steps, self.beyond = strain, networks, 0, _BEYOND
 
     def _stopped(self, outcome: Outcome, why: str) -> Outcome:
         self.report["stopped"] = f"{why}, beyond strain {self.last.strain:.10g}"

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from packmech.contacts.network import Candidates, Contacts
+from packmech.contacts.overlaps import HARD
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.jamming.hard_path import Lost, dips, make_room
@@ -38,8 +39,9 @@ from packmech.packing import Packing
 # stiffness of the augmented Lagrangian, whose multipliers are of order one: its inverse is the rate of convergence
 _STIFFNESS, _TRACE, _PASSES = 1e6, 1e-14, 3
 _ITERATIONS, _IDLE = 30, 4
-# contacts touch to this, forces balance to this over the mean one, and pairs that close at one strain are as near
-_TOUCH, _BALANCED, _AT_ONCE = 1e-11, 1e-9, 1e-9
+# contacts touch to this, below what hard particles may overlap by, forces balance to this over the mean one, and pairs
+# that close at one strain are as near
+_TOUCH, _BALANCED, _AT_ONCE = 0.5 * HARD, 1e-9, 1e-9
 _NEAR = 0.1
 # room over the contact distance with which a rattler is left where it is
 _TIGHT = 1e-3
@@ -49,7 +51,7 @@ _NO_FORCE, _NO_RATE = 1e-7, 1e-9
 _CORRECTED, _ROUNDED = 0.25, 1e-9
 # the shortest step of strain that is tried, and the strain beyond a fall's beginning at which it ends
 _SHORTEST, _BEYOND = 1e-9, 2e-9
-_FURTHER = (_BEYOND, 1e-4, 1e-3)
+_FURTHER = (1e-4, 1e-3)
 # pressures at which it falls, over that asked for; iterations down; pressures on the way to none
 _HARDER, _DOWNHILL, _SOFTER, _ROUNDS, _SOUND = (1.0, 10.0, 100.0), 200, (1.0, 0.1, 1e-2, 1e-3), 12, 1e-4
 
@@ -367,8 +369,17 @@ class HardShapePath:
                 return self.fall(direction, "instability")
             aim, halved = start.strain + 0.5 * (aim - start.strain), True
 
-    def fall(self, direction: float, cause: str) -> tuple[ShapeVertex, ShapeChange]:
+    def fall(self, direction: float, cause: str, beyond: float = _BEYOND) -> tuple[ShapeVertex, ShapeChange]:
         """Give the network up: go to the hard packing that is found next, whatever contacts it takes; and the change.
+
+        Parameters
+        ----------
+        direction
+            Sign of the strain to come.
+        cause
+            Why it falls.
+        beyond
+            How much farther in strain the next packing is looked for, at least.
 
         Raises
         ------
@@ -376,7 +387,7 @@ class HardShapePath:
             If none is found.
 
         """
-        change = self._fall(self.vertex, cause, direction)
+        change = self._fall(self.vertex, cause, direction, beyond)
         self.vertex = self._relabeled(change.after)
         return self.vertex, change
 
@@ -512,7 +523,7 @@ class HardShapePath:
 
     # falls
 
-    def _fall(self, vertex: ShapeVertex, cause: str, direction: float) -> ShapeChange:
+    def _fall(self, vertex: ShapeVertex, cause: str, direction: float, beyond: float = _BEYOND) -> ShapeChange:
         """Return the change to the hard packing nearby, where the network holds the packing no more.
 
         Raises
@@ -521,12 +532,12 @@ class HardShapePath:
             If none is found.
 
         """
-        strain = vertex.strain + direction * _BEYOND
-        for further in _FURTHER:
+        strain = vertex.strain + direction * beyond
+        for further in (beyond, *(one for one in _FURTHER if one > beyond)):
             after = self._fallen(vertex, vertex.strain + direction * further)
             if after is None:
                 continue
-            if further > _BEYOND:
+            if further > beyond:
                 # soft, it goes on a little further than hard: back to where that ends
                 back = self._try(after, strain)
                 if back is not None and min(self._margins(back).values()) > -_TOUCH:
