@@ -17,6 +17,7 @@ from packmech.effects import Harmonic, Repulsion
 from packmech.honors import declare
 from packmech.links import Links, image_offsets
 from packmech.measure.counting import packing_fraction
+from packmech.mechanics.stability import stability
 from packmech.minimize import batch_kernels as kernels
 from packmech.minimize.bodies_apart import separate
 from packmech.minimize.first_order.damped import DampedDynamics
@@ -209,6 +210,8 @@ class QuenchBatch:
         self._figure_bk = np.zeros((self.batch, kernels.FIGURES))
         self._stress_bdd = np.zeros((self.batch, 3, 3))
         self._none_b = np.zeros(self.batch)
+        # unstable directions where packings are now; None until `outcome` is called
+        self._negative_b: list[int | None] = [None] * self.batch
         self._packings: Any = None
         self._turns_in_space = isinstance(scene.packing.shapes, Beads) and scene.packing.dimension == 3
         # the minimizer's state of each packing
@@ -324,13 +327,23 @@ class QuenchBatch:
     def outcome(self, index: int) -> Outcome:
         """Return how the last relaxation of a packing ended; STEP_LIMIT while it goes on.
 
+        Outcome.UNSTABLE where forces balance on a saddle, which `relaxed_b` does not tell: the second derivative of the
+        whole packing is factored where this is called.
+
         Parameters
         ----------
         index
             Which one.
 
         """
-        return OUTCOME_OF[int(self._figure_bk[self._index(index), kernels.STATUS])]
+        b = self._index(index)
+        outcome = OUTCOME_OF[int(self._figure_bk[b, kernels.STATUS])]
+        if outcome not in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
+            return outcome
+        if self._negative_b[b] is None:
+            largest = float(self._figure_bk[b, kernels.MAX_FORCE])
+            self._negative_b[b] = stability(self.scene.replace(packing=self.packing(b)), largest).negative or 0
+        return Outcome.UNSTABLE if self._negative_b[b] else outcome
 
     @property
     def packing_fraction_b(self) -> NDArray[np.float64]:
@@ -395,7 +408,7 @@ class QuenchBatch:
 
     @property
     def relaxed_b(self) -> NDArray[np.bool_]:
-        """Whether the last relaxation of each packing met the tolerance, or found no contacts."""
+        """Whether the last relaxation of each packing met the tolerance, or found no contacts; see `outcome`."""
         return np.asarray(_SUCCESS[self._figure_bk[:, kernels.STATUS].astype(np.int64)])
 
     def _figures(self, k: int) -> NDArray[np.float64]:
@@ -421,6 +434,8 @@ class QuenchBatch:
     def _advance(self, index_k: Any, change_b: Any, strain_b: Any, *, relax: bool) -> None:
         """Strain these packings and relax them, or only measure them, each thread taking one part after the other."""
         settings = self._settings if relax else self._settings._replace(steps=-1)
+        for b in index_k:
+            self._negative_b[b] = None
         count = len(index_k)
         size = max(1, -(-count // (_PARTS * self.threads)))
         if self.threads == 1 or count <= size:

@@ -9,6 +9,7 @@ import numpy as np
 from packmech.check import integer, positive, real
 from packmech.files.records import is_record
 from packmech.measure.counting import packing_fraction
+from packmech.mechanics.stability import stability
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
@@ -165,7 +166,9 @@ class StepHalving:
         protocol.report["compression_steps"] = number + 1
         protocol.report["jamming_packing_fraction"] = packing_fraction(packing)
         if outcome.ok and protocol.strain == "free":
-            packing, outcome = self._stabilized(protocol, packing)
+            return self._stabilized(protocol, packing)
+        if outcome.ok and stability(protocol.scene.replace(packing=packing)).negative:
+            outcome = Outcome.UNSTABLE
         return packing, outcome
 
     def _relaxed(self, protocol: Protocol, packing: Packing, floor: float) -> tuple[Packing, float, float, int]:

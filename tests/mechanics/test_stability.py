@@ -1,0 +1,37 @@
+"""Facts about the stability of whole scenes: closed forms for rows, and what counts as no instability."""
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.mechanics.stability import stability
+
+
+def row(count, overlap, dimension):
+    position = np.full((count, dimension), 1.5)
+    position[:, 0] = np.arange(count) + 0.5
+    box = pm.Box(np.diag([float(count)] + [3.0] * (dimension - 1)))
+    return pm.Scene(pm.Packing(position, np.full(count, 0.5 * (1.0 + overlap)), box), (pm.Repulsion(),))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("count", [3, 4, 7])
+@pytest.mark.parametrize("overlap", [1e-6, 0.05])
+def test_a_straight_row_has_an_unstable_direction_across_for_each_wave_but_the_uniform_one(count, overlap, dimension):
+    # curvature across at wave number q: -2 (1 - cos q) times force over distance
+    assert stability(row(count, overlap, dimension)).negative == (count - 1) * (dimension - 1)
+
+
+def test_the_direction_that_is_given_is_among_the_lowest_curvatures():
+    scene = row(6, 0.05, 2)
+    step = stability(scene).direction().ravel()
+    curvature = float(step @ (pm.hessian(scene, "none") @ step) / (step @ step))
+    sigma = 2.0 * float(scene.packing.radius_n[0])
+    lowest = -4.0 * (sigma - 1.0) / sigma**2
+    assert lowest <= curvature * (1.0 - 1e-12) and curvature < 0.25 * lowest
+
+
+def test_a_packing_at_rest_with_rattlers_has_no_unstable_direction():
+    packing = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.86, seed=3)
+    run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-12)
+    assert pm.find_rattlers(run.packing).any() and stability(pm.Scene(run.packing, (pm.Repulsion(),))).negative == 0
