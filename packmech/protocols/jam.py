@@ -123,8 +123,8 @@ def jam(
         was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With
         links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
         of self stress. Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with
-        friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)] and kinetic_energy, over
-        pressure times volume.
+        friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)], added_damping of contacts whose
+        own dashpots are too weak (0: none) [mass/time] and kinetic_energy, over pressure times volume.
 
     Raises
     ------
