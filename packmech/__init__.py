@@ -286,6 +286,7 @@ _PUBLIC = {
     "tap": "packmech.protocols.anneal",
     "shear_families": "packmech.protocols.shearing.families",
     "shear_stabilize": "packmech.protocols.shearing.shear_stabilize",
+    "settle": "packmech.protocols.settle",
     "sweep_pressure": "packmech.protocols.sweep",
     "sweep_stress": "packmech.protocols.sweep",
     "JammingScaling": "packmech.ensemble.jamming_scaling",

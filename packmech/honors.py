@@ -39,10 +39,10 @@ INSTEAD = {
     "damping": "pm.simulate",
     "friction": "pm.simulate or pm.contact_forces",
     "bonds": "pm.simulate or pm.oscillatory_shear",
-    "gravity": "pm.simulate or pm.quench",
+    "gravity": "pm.simulate, pm.quench or, with friction, pm.settle",
     "walls": "pm.simulate or pm.quench",
     "drag": "pm.simulate",
-    "held": "pm.simulate or pm.quench",
+    "held": "pm.simulate, pm.quench or, with friction, pm.settle",
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
 }

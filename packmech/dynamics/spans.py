@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.engine import Engine, build_engine
+from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import (
     CONTACTS,
     KINETIC,
@@ -21,9 +22,28 @@ from packmech.dynamics.observables import (
     TOTAL,
     tensors,
 )
+from packmech.effects import Bonds, ContactDamping, Friction, Walls
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.result import Condition, Outcome
 from packmech.scene import Scene
+
+# damping of contacts that brings packings to rest in some collisions, over sqrt(k m), and the part of it that is enough
+_DASHPOT, _ENOUGH = 0.3, 0.1
+
+
+def with_dashpot(scene: Scene) -> tuple[Scene, float]:
+    """Return the scene with a dashpot at each contact where nothing else would take energy out, and its damping.
+
+    It is .3 sqrt(k m) [mass/time], k the stiffness of a contact and m the mean mass, and 0 where the scene's own
+    dashpots have a tenth of that, or a background drag as much for a particle. Where all is at rest it does nothing.
+    """
+    pairs = scene.replace(effects=tuple(one for one in scene.effects if not isinstance(one, Friction | Bonds | Walls)))
+    stiff, damped, drag = stiffness_and_damping(pairs)
+    mass = float(scene.packing.mass_n.mean())
+    damping = _DASHPOT * math.sqrt(stiff * mass)
+    if max(damped, drag * mass) >= _ENOUGH * damping:
+        return scene, 0.0
+    return scene.replace(effects=(*scene.effects, ContactDamping(damping))), damping
 
 
 class Spans:

@@ -13,7 +13,7 @@ from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.friction_cones import FrictionCones
-from packmech.effects import contact_terms, held_particles, single_terms
+from packmech.effects import contact_terms, held_particles, single_effects, single_terms
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.shaped import shape_forces
@@ -91,13 +91,25 @@ class ContactForces:
 
     @functools.cached_property
     def residual(self) -> float:
-        """Largest net force, or net torque over the radius, over the mean normal force [1]; 0 where nothing touches."""
-        if not len(self.contacts):
+        """Largest net force, or net torque over the radius, over the mean normal force [1]; 0 where nothing is pushed.
+
+        Forces on single particles count in the mean: weights, and pushes of walls.
+        """
+        force_k = np.concatenate([np.abs(self.normal_c), *self._pushes()])
+        if not force_k.any():
             return 0.0
         radius = self.scene.packing.radius_n
         force = np.sqrt((self.force_nd**2).sum(axis=1)).max()
         torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / radius).max()
-        return float(max(force, torque) / np.abs(self.normal_c).mean())
+        return float(max(force, torque) / force_k.mean())
+
+    def _pushes(self) -> list[NDArray[np.float64]]:
+        """Return the forces on single particles that are free, those of each effect apart [force]."""
+        packing, found = self.scene.packing, []
+        for one in single_effects(self.scene.effects):
+            size = np.sqrt((self._free(single_terms((one,), packing).force_nd) ** 2).sum(axis=1))
+            found.append(size[size > 0.0])
+        return found
 
     @property
     def stress_dd(self) -> NDArray[np.float64]:

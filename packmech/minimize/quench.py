@@ -58,7 +58,7 @@ _COINCIDENT = 0.99
 _FLOORS = 8.0
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True)
+@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.settle")
 def quench(
     scene: Scene,
     *,
@@ -76,7 +76,8 @@ def quench(
     Starts with coincident or deeply overlapping particles are fine: steps are bounded, and coincident ones part along
     a direction made of their numbers. Under a law that diverges at the center (repulsive Lennard-Jones,
     DivergentRepulsion), and for Newton's method where centers all but coincide, deep overlaps are first relaxed with
-    the harmonic law. Effects without an energy, such as damping, have no part in it.
+    the harmonic law. Effects without an energy, such as damping, have no part in it; with friction there is no energy
+    to minimize: `settle` comes to rest in time.
 
     With links in two dimensions, overlaps deeper than a quarter are relaxed first by steps that let no links pass
     through each other. From there on contacts keep them apart by themselves, unless links are longer than sqrt(2) times

@@ -113,9 +113,10 @@ def jam(
         links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
         of self stress. Of a packing that is followed: rearrangements on the way (none where `start` is "continued"),
         contacts_closed and contacts_opened, and onset_rearrangements, on the way down to the hard packing; Press and
-        StepHalving cannot count rearrangements and say "rearranged" wherever contacts changed. Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with
-        friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)] and kinetic_energy, over
-        pressure times volume.
+        StepHalving cannot count rearrangements and say "rearranged" wherever contacts changed. Links that do not cross
+        at the start are kept from it, as in `quench`. Press reports counts with friction instead, as
+        `ContactForces.to_dict` does, and rate, time [sqrt(m / k)], added_damping of contacts whose own dashpots are too
+        weak (0: none) [mass/time] and kinetic_energy, over pressure times volume.
 
     Raises
     ------

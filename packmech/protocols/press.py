@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.check import integer, positive
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
-from packmech.dynamics.spans import Spans
+from packmech.dynamics.spans import Spans, with_dashpot
 from packmech.effects import BackgroundDamping, Repulsion
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
@@ -44,8 +44,10 @@ class Press:
     The box shrinks at a constant rate until most particles touch; then its strains follow the stress, the rate of
     strain being the missing stress over the stiffness of a contact and ten times that of a contact, and never faster
     than before. A drag against the local flow, and the scene's own dashpots, take the energy out; at the end motion is
-    stopped again and again instead. Times are counted in sqrt(m / k), mean mass over stiffness of a contact. What comes
-    back holds its tangential springs.
+    stopped again and again instead. Contacts of a scene whose dashpots are too weak for that are given one more, of
+    damping .3 sqrt(k m), while it is pressed (`report["added_damping"]` [mass/time]).
+    Times are counted in sqrt(m / k), mean mass over stiffness of a contact. What comes back holds its tangential
+    springs.
 
     Parameters
     ----------
@@ -124,7 +126,8 @@ class _Pressing:
         stiff = stiffness_and_damping(scene)[0]
         self.tau = math.sqrt(float(packing.mass_n.mean()) / stiff)
         drag = BackgroundDamping(method.drag / self.tau)
-        self.scene = scene.replace(effects=(*scene.effects, drag))
+        damped, self.added_damping = with_dashpot(scene)
+        self.scene = damped.replace(effects=(*damped.effects, drag))
         self.dt = choose_time_step(self.scene, _STEP)
         self.span = max(1, round(_SPAN * self.tau / self.dt))
         d = packing.dimension
@@ -191,6 +194,7 @@ class _Pressing:
         """Return what pressing adds to the report of the run."""
         return {
             "rate": self.method.rate,
+            "added_damping": self.added_damping,
             "time": self.steps * self.dt / self.tau,
             # over the work that the pressure would do on the whole volume
             "kinetic_energy": self.spans.kinetic_energy / (self.pressure * self.packing.box.volume),
