@@ -417,6 +417,7 @@ BAD = {
     "simulate.applied_strain": [3, "shear", 0.1, pm.SteadyStrain],
     "ramp_strain.applied_strain": POSITIVE,
     "steady_shear.applied_strain": POSITIVE,
+    "steady_shear.drift_tolerance": POSITIVE,
     "ramp_strain.mode": CHOICE,
     **{
         f"{one}.axes": [3, None, (0,), (0, 0), (0, 2), (0, -1), (0.5, 1), "01"]
@@ -428,7 +429,7 @@ BAD = {
     **{
         f"{one}.{name}": POSITIVE
         for one, names in {
-            "shear_at_pressure": ("rate", "pressure", "applied_strain", "answer"),
+            "shear_at_pressure": ("rate", "pressure", "applied_strain", "answer", "pressure_tolerance"),
             "shear_jam": ("rate", "pressure", "step", "largest_strain", "force_tolerance"),
         }.items()
         for name in names

@@ -65,7 +65,7 @@ MOVING = {
     "ramp_strain": lambda scene: pm.ramp_strain(scene, rate=0.1, applied_strain=0.05, **COMMON).packing.position_nd,
     "shear_at_pressure": lambda scene: (
         pm.shear_at_pressure(
-            scene, rate=0.05, pressure=0.01, applied_strain=0.05, skip_strain=0.0, dt=0.02
+            scene, rate=0.05, pressure=0.01, applied_strain=0.05, skip_strain=0.0, dt=0.02, check=False
         ).packing.position_nd
     ),
     "shear_jam": lambda scene: (
@@ -75,7 +75,7 @@ MOVING = {
     ),
     "creep": lambda scene: pm.creep(scene, stress=0.01, duration=0.4, **COMMON).strain_t,
     "steady_shear": lambda scene: (
-        pm.steady_shear(scene, rates=[0.1], applied_strain=0.05, skip_strain=0.0, blocks=2, dt=0.02)
+        pm.steady_shear(scene, rates=[0.1], applied_strain=0.05, skip_strain=0.0, blocks=2, dt=0.02, check=False)
         .runs[0]
         .packing.position_nd
     ),

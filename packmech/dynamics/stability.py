@@ -154,7 +154,7 @@ def step_condition(
         def grows(step: float, one: Motion = one) -> bool:
             spring, dashpot = one.inverse_mass * one.spring * step**2, one.inverse_mass * one.dashpot * step
             how = {"tangential": one.tangential, "second_order": second_order, "lead": lead}
-            return growth(spring, dashpot, **how) > _GROWTH  # type: ignore[arg-type]
+            return growth(spring, dashpot, **how) > _GROWTH
 
         if grows(longest):
             what, low, high = one.of, 0.0, longest
