@@ -157,22 +157,26 @@ def test_a_batch_calls_a_saddle_unstable():
     assert batch.outcome(0) is pm.Outcome.UNSTABLE
 
 
+@pm.effect
+class Bowl(NamedTuple):
+    """A potential of single particles whose second derivative is not given."""
+
+    depth: float = 0.1
+
+    def body_force(
+        self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
+    ) -> tuple[float, float, float]:
+        return 0.0, -self.depth * (y - 1.5), 0.0
+
+    def body_energy(self, x: float, y: float, z: float, mass: float, radius: float) -> float:
+        return 0.5 * self.depth * (y - 1.5) ** 2
+
+
+@pytest.mark.slow
 def test_a_scene_without_second_derivatives_says_that_it_was_not_judged():
-    @pm.effect
-    class ForceWithoutSlope(NamedTuple):
-        """A spring whose second derivative is left out."""
-
-        stiffness: float = 1.0
-
-        def pair_energy(self, distance: float, contact_distance: float) -> float:
-            return 0.5 * self.stiffness * (contact_distance - distance) ** 2
-
-        def pair_first(self, distance: float, contact_distance: float, rate: float) -> float:
-            return self.stiffness * (distance - contact_distance)
-
-    run = pm.quench(row(6, 0.05, effects=(ForceWithoutSlope(),)), force_tolerance=1e-5)
+    run = pm.quench(row(6, 0.05, effects=(pm.Repulsion(), Bowl())), force_tolerance=1e-5)
     assert run.report["negative_modes"] is None
-    assert run.report["not_judged"] == "minimum or saddle: ForceWithoutSlope has no pair_second"
+    assert run.report["not_judged"] == "minimum or saddle: Bowl has no body_second"
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
