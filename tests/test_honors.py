@@ -102,6 +102,7 @@ RESTING = {
     "contact_forces": lambda scene: pm.contact_forces(scene).force_cd,
     "torques": pm.torques,
     "quench": lambda scene: pm.quench(scene, force_tolerance=1e-8).packing.position_nd,
+    "settle": lambda scene: pm.settle(scene, force_tolerance=1e-8).packing.position_nd,
     "jam": lambda scene: pm.jam(scene, pressure=1e-4).packing.position_nd,
     "compress": lambda scene: pm.compress(scene, [1e-3])[0].packing.position_nd,
     "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,

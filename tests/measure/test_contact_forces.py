@@ -92,6 +92,65 @@ def test_a_spring_beyond_the_limit_is_cut_to_it():
     assert found.torque_nk[:, 0] == pytest.approx([-0.45 * 0.05] * 2)
 
 
+def near_the_limit(distance_c, residual):
+    """Return the contacts at the limit of a row of distances to it, over the mean normal force, at a residual."""
+    from packmech.contacts.coulomb_limit import find_at_limit
+
+    normal = np.ones(len(distance_c))
+    return find_at_limit(0.5 - np.asarray(distance_c), normal, 0.5, residual)
+
+
+# distances of an issue: a packing pressed to a residual of 8.5e-9, eight contacts apart from all others
+PRESSED = [4e-9, 9e-9, 1.3e-8, 2e-8, 3.1e-8, 4.4e-8, 8e-8, 1.1e-7, 8e-3, 2e-2, 0.1, 0.3]
+
+
+def test_contacts_that_a_wide_gap_parts_from_the_others_are_at_the_limit_however_far_the_residual_leaves_them():
+    found = near_the_limit(PRESSED, 8.5e-9)
+    assert found.at_limit_c.tolist() == [True] * 8 + [False] * 4 and not found.doubtful_c.any()
+    assert 1.1e-7 < found.bound < 8e-3
+    # what stands off the limit by more than the residual explains is none
+    assert not near_the_limit([3e-6, 2e-4, 1e-3, 0.2, 0.4], 5e-9).at_limit_c.any()
+
+
+def test_without_a_gap_the_contacts_beside_the_bound_are_doubtful():
+    ladder = 10.0 ** np.arange(-8.0, 0.0, 0.5)
+    found = near_the_limit(ladder, 1e-8)
+    assert 1 <= found.doubtful_c.sum() <= 5
+    assert (np.abs(np.log10(ladder[found.doubtful_c] / found.bound)) <= 1.0).all()
+
+
+def test_contacts_that_slide_in_motion_are_at_the_limit_to_rounding_and_none_besides():
+    found = near_the_limit([0.0, 1e-10, 1e-7, 1e-3], 0.4)
+    assert found.at_limit_c.tolist() == [True, True, False, False] and not found.doubtful_c.any()
+
+
+@functools.cache
+def pressed(dimension, mu=0.1):
+    """Return a scene pressed until it is at rest, to residuals of 1e-8 and, going on from there, of 1e-12."""
+    sizes, fraction = (pm.Bidisperse(ratio=1.4), 0.7) if dimension == 2 else (pm.Monodisperse(), 0.5)
+    packing = pm.random_packing(32, dimension=dimension, sizes=sizes, packing_fraction=fraction, seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring(1.0)), pm.ContactDamping(0.3), pm.Friction(mu, 1.0, 0.1)))
+    scenes = []
+    for tolerance in (1e-8, 1e-12):
+        method = pm.Press(force_tolerance=tolerance)
+        scene = scene.replace(packing=pm.jam(scene, pressure=1e-2, strain="isotropic", method=method).packing)
+        scenes.append(scene)
+    return scenes
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_sliding_fraction_at_the_residual_of_jam_is_that_of_a_residual_of_1e_minus_12(dimension):
+    rough, fine = (pm.contact_forces(scene) for scene in pressed(dimension))
+    assert rough.residual > 1e-10 and fine.residual <= 1e-12
+    # exactly at the limit but for rounding, at a residual that is but rounding
+    size = np.sqrt((fine.tangential_cd**2).sum(axis=1))
+    sliding = fine.bearing_c & (size > 0.1 * fine.normal_c * (1.0 - 1e-9))
+    assert rough.to_dict()["contacts_at_limit"] == sliding.sum() > 10
+    assert rough.to_dict()["doubtful_at_limit"] == 0
+    assert np.array_equal(rough.at_limit_c, fine.at_limit_c)
+    assert rough.isostatic_coordination > dimension + 1.1
+
+
 def balances(normal, arm, mu):
     return bool(can_balance(normal, arm, len(normal), mu))
 

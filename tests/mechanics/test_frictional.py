@@ -251,6 +251,53 @@ def test_moduli_go_over_to_those_without_friction_where_contacts_slip_and_not_wh
     assert apart[1] < 1e-4 and apart[1] < 0.05 * apart[0]
 
 
+@functools.cache
+def pressed(dimension):
+    """Return a scene pressed until it is at rest, with contacts at the Coulomb limit."""
+    sizes, fraction = (pm.Bidisperse(ratio=1.4), 0.7) if dimension == 2 else (pm.Monodisperse(), 0.5)
+    packing = pm.random_packing(32, dimension=dimension, sizes=sizes, packing_fraction=fraction, seed=1)
+    scene = pm.Scene(packing, (HARD, pm.ContactDamping(0.3), pm.Friction(0.1, 1.0, 0.1)))
+    for tolerance in (1e-8, 1e-12):
+        method = pm.Press(force_tolerance=tolerance)
+        scene = scene.replace(packing=pm.jam(scene, pressure=1e-2, strain="isotropic", method=method).packing)
+    return scene
+
+
+def strained(scene, gamma, mode):
+    """Return forces after the box was strained by gamma in time, slowly and under a drag, and all came to rest."""
+    slow = scene.replace(effects=(HARD, pm.Friction(0.1, 1.0), pm.BackgroundDamping(0.3)))
+    applied = pm.SteadyStrain(gamma / 2000.0, duration=2000.0, mode=mode)
+    run = pm.simulate(slow, duration=3000.0, dt=0.1, applied_strain=applied)
+    return pm.contact_forces(scene.replace(packing=run.packing))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_moduli_of_a_strain_are_those_of_simulated_strains_of_both_signs(dimension):
+    """Contacts at the limit slide or stick as the sign of the strain has it; all stick or all slip for neither."""
+    scene, size = pressed(dimension), 1e-7
+    shear = np.zeros((dimension, dimension))
+    shear[0, 1] = shear[1, 0] = 1.0
+    before = pm.contact_forces(scene)
+    stick, slip = (pm.elastic_moduli(scene, contacts_at_limit=choice) for choice in ("stick", "slip"))
+    assert len(stick.sliding_k) == 0 < len(slip.sliding_k) == len(slip.at_limit_k) == before.at_limit_c.sum()
+    found = []
+    for sign in (1.0, -1.0):
+        moduli = pm.elastic_moduli(scene, contacts_at_limit=sign * shear)
+        assert 0 < len(moduli.sliding_k) < len(moduli.at_limit_k) and moduli.doubtful_at_limit == 0
+        after = strained(scene, sign * size, "shear")
+        simulated = (after.stress_dd - before.stress_dd)[0, 1] / (sign * size)
+        assert moduli.shear_modulus == pytest.approx(simulated, rel=1e-3)
+        assert slip.shear_modulus < 0.95 * simulated and simulated < 0.95 * stick.shear_modulus
+        found.append(simulated)
+    assert abs(found[0] - found[1]) > 0.02 * found[0]
+    # compression loads other contacts than expansion does
+    for sign in (1.0, -1.0):
+        moduli = pm.elastic_moduli(scene, contacts_at_limit=sign * np.eye(dimension))
+        after = strained(scene, sign * size, "isotropic")
+        simulated = (before.pressure - after.pressure) / (sign * size * dimension)
+        assert moduli.bulk_modulus == pytest.approx(simulated, rel=1e-3)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_slow_oscillations_of_the_box_have_the_shear_modulus_of_the_sparse_solve(dimension):
     """Contacts kept from sliding by a larger mu; G'(omega) extrapolated in omega^2 from two slow shears."""
@@ -299,6 +346,8 @@ def test_an_undamped_run_started_along_a_mode_follows_it_and_grows_where_its_fre
             "gap_tolerance must be None for a scene with fric",
         ),
         (lambda scene: pm.elastic_moduli(scene, contacts_at_limit="roll"), "contacts_at_limit must be .*stick.*slip"),
+        (lambda scene: pm.elastic_moduli(scene, contacts_at_limit=np.eye(4)), "contacts_at_limit must have shape"),
+        (lambda scene: pm.elastic_moduli(scene, contacts_at_limit=np.zeros((2, 2))), "strain that is not zero"),
         (lambda scene: pm.stiffness_matrix(scene, "isotropic"), "strain must be 'none' or 'free'"),
         (lambda scene: pm.stiffness_matrix(scene, kind="paper"), "kind must be .*exact.*unstressed"),
         (lambda scene: pm.frictional_modes(scene, method="lanczos"), "method must be .*auto.*dense"),

@@ -50,6 +50,16 @@ def test_friction_lets_packings_be_looser_with_fewer_contacts():
     assert rough["isostatic_coordination"] <= rough["coordination_number"] < 3.6
 
 
+def test_without_a_dashpot_it_comes_to_rest_by_one_of_its_own_and_says_so():
+    scene, damped = pressed(0.5)
+    bare = scene.without(pm.ContactDamping)
+    bare = bare.replace(effects=(bare.effects[0], pm.Friction(0.5, 1.0)))
+    run = pm.jam(bare, pressure=1e-3, strain="isotropic", method=pm.Press(step_limit=200_000))
+    assert run.outcome is pm.Outcome.CONVERGED and run.residual <= 1e-8
+    assert run.report["added_damping"] == pytest.approx(0.3 * scene.packing.mass_n.mean() ** 0.5, rel=1e-12)
+    assert damped.report["added_damping"] == 0.0
+
+
 def test_without_friction_it_ends_in_a_packing_that_is_jammed():
     scene, run = pressed(0.0)
     bare = scene.without(pm.Friction).replace(packing=run.packing)
