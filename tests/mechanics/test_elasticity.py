@@ -288,3 +288,31 @@ SCENE = pm.Scene(pm.lattice_packing("triangular", repeats=(2, 2)), (pm.Repulsion
 def test_bad_input_gets_one_clear_error(call, error, text):
     with pytest.raises(error, match=text):
         call()
+
+
+def not_at_rest():
+    return pm.Scene(pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=3), (pm.Repulsion(),))
+
+
+def test_the_residual_of_a_packing_that_is_not_at_rest_is_that_of_all_its_contacts():
+    scene = not_at_rest()
+    contacts = pm.find_contacts(scene.packing)
+    # the law's force is the relative overlap over the contact distance
+    mean = np.mean(contacts.overlap_c / contacts.contact_distance_c)
+    largest = np.sqrt((pm.forces(scene) ** 2).sum(axis=1)).max()
+    np.testing.assert_allclose(pm.elastic_moduli(scene).force_residual, largest / mean, rtol=1e-9)
+
+
+def test_the_compliance_of_a_packing_that_is_not_at_rest_is_refused():
+    with pytest.raises(ValueError, match="scene must be at rest"):
+        pm.compliance_matrix(not_at_rest())
+
+
+def test_rattlers_that_bear_the_pressure_are_not_left_out_in_silence():
+    row = pm.Packing([[0.5, 0.3], [3.0, 0.7]], [0.5, 0.5], pm.Box([[6.0, 0.0], [0.0, 0.9]]))
+    scene = pm.Scene(row, (pm.Repulsion(),))
+    with pytest.raises(ValueError, match='rattlers="keep"'):
+        pm.elastic_moduli(scene)
+    # two springs of stiffness 1 and length .9 across a box of volume 5.4
+    moduli = pm.elastic_moduli(scene, kind="unstressed", rattlers="keep")
+    np.testing.assert_allclose(moduli.component("yyyy"), 2.0 * 0.9**2 / 5.4, rtol=1e-12)

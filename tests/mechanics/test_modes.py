@@ -262,3 +262,8 @@ def test_where_no_mode_is_left_there_are_no_states_and_nothing_is_divided_by_zer
         assert states.modes == 0 and len(states.count_b) == len(states.edge_b) - 1
         assert not states.count_b.any() and not states.density_b.any()
         assert np.isnan(states.plateau) and np.isnan(states.plateau_edge)
+
+
+def test_modes_of_a_packing_that_is_not_at_rest_say_so():
+    scene = pm.Scene(pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=3), (pm.Repulsion(),))
+    assert pm.normal_modes(scene, 5).force_residual == pm.elastic_moduli(scene).force_residual > 0.1

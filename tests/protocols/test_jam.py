@@ -301,3 +301,55 @@ def test_something_else_than_a_scene_is_refused():
 def test_a_bad_setting_of_a_protocol_is_named(method, settings):
     with pytest.raises(ValueError, match=next(iter(settings))):
         method(**settings)
+
+
+def strip(length, shapes=None):
+    """Return twenty discs of diameter 1 in a box of height 1: each touches its own images above and below."""
+    place = np.random.default_rng(1).random((20, 2)) * [length, 1.0]
+    return pm.Scene(pm.Packing(place, np.full(20, 0.5), pm.Box([[length, 0.0], [0.0, 1.0]]), shapes=shapes), HARMONIC)
+
+
+@pytest.mark.parametrize("length", [30.0, 1000.0])
+def test_discs_between_their_own_images_alone_are_not_jammed(length):
+    run = pm.jam(strip(length), pressure=1e-6, strain="isotropic", check=False)
+    assert (run.outcome, run.report["backbone_pressure"]) == (pm.Outcome.NOT_JAMMED, 0.0)
+
+
+def test_ellipses_between_their_own_images_alone_are_not_jammed():
+    lying = pm.Spheroids(np.full(20, 1.2), np.tile([1.0, 0.0], (20, 1)))
+    run = pm.jam(strip(40.0, lying), pressure=1e-6, strain="isotropic", check=False)
+    assert run.outcome is pm.Outcome.NOT_JAMMED
+
+
+@pytest.mark.parametrize("call", [pm.sweep_pressure, pm.compress])
+def test_a_packing_that_its_rattlers_bear_is_not_followed_as_jammed(call):
+    pressed = strip(30.0)
+    side = [[29.7, 0.0], [0.0, 0.99]]
+    apart = np.column_stack([1.4 * np.arange(20), np.full(20, 0.5)])
+    pressed = pressed.replace(packing=pressed.packing.replace(position_nd=apart, box=pm.Box(side)))
+    assert pm.pressure(pressed) > 0.0
+    (run,) = call(pressed, [1e-4], strain="isotropic", check=False)
+    assert run.outcome is pm.Outcome.NOT_JAMMED
+
+
+def test_a_tolerance_below_the_rounding_of_positions_ends_at_its_floor_and_names_it(fixed):
+    run = pm.jam(start(), pressure=1e-10, force_tolerance=1e-10, strain="isotropic")
+    assert run.outcome is pm.Outcome.ROUNDING_FLOOR
+    assert 1e-10 < run.residual <= 8.0 * run.report["rounding_floor"]
+
+
+def test_the_floor_is_the_rounding_of_positions_over_the_overlap():
+    one = pm.Packing([[0.3, 0.4]], [0.5], pm.Box.cubic(2.0, 2))
+    report = pm.jam(pm.Scene(one, HARMONIC), pressure=1e-6, strain="isotropic").report
+    # a contact of stiffness 1 / sigma^2 bears p L
+    np.testing.assert_allclose(report["rounding_floor"], np.finfo(float).eps / 1e-6, rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(7))
+def test_rattlers_that_graze_do_not_decide_on_a_disc_that_its_own_images_bear(seed):
+    rng = np.random.default_rng(seed)
+    radius = np.r_[22.0, rng.uniform(0.4, 0.6, 150)]
+    packing = pm.Packing(rng.random((151, 2)) * 48.4, radius, pm.Box.cubic(48.4, 2))
+    run = pm.jam(pm.Scene(packing, (pm.Repulsion(pm.Hertz()),)), pressure=1e-6, strain="isotropic", check=False)
+    assert (run.outcome, run.report["rattlers"]) == (pm.Outcome.CONVERGED, 150)

@@ -136,3 +136,20 @@ def test_scene_files_keep_shapes_and_draw_them(tmp_path):
     (tmp_path / "drawn.toml").write_text(text, encoding="utf-8")
     drawn = pm.read_scene(tmp_path / "drawn.toml").packing
     assert drawn == pm.random_packing(12, dimension=2, packing_fraction=0.8, seed=2, shapes=pm.Ellipses(1.4))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_spheroids_in_a_cube_leave_the_symmetric_saddle_and_jam(seed):
+    packing = pm.random_packing(2, dimension=3, packing_fraction=0.3, seed=seed, shapes=pm.Ellipses(1.5))
+    run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic", check=False)
+    assert run.outcome is pm.Outcome.CONVERGED
+    assert abs(run.report["pressure"] / 1e-6 - 1.0) < 1e-6 and run.report["states_of_self_stress"] >= 1
+
+
+@pytest.mark.parametrize("strain", ["isotropic", "free"])
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize(("d", "aspect"), [(2, 1.5), (3, 1.5), (3, 0.6)])
+def test_a_few_ellipses_and_spheroids_jam_on_a_backbone_that_bears_the_pressure(d, aspect, count, strain):
+    run = pm.jam(start(d, count=count, aspect=aspect), pressure=1e-6, strain=strain, check=False)
+    assert run.outcome is pm.Outcome.CONVERGED
+    assert run.report["backbone_pressure"] > 0.99
