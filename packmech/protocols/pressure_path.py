@@ -66,6 +66,7 @@ class PressurePath:
         # where strains are free that a pressure alone does not change, the stress that they bear now
         shears = len(isochoric_part(protocol.basis_kdd, scene.packing.dimension)) > 0
         self.rest_dd = Load.of(stress_tensor(scene)).rest_dd if shears else None
+        self.sheared = False
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
         self.pairs = pairs_of(touching_pairs(scene.packing))
@@ -73,13 +74,12 @@ class PressurePath:
     def go(self, pressure: float, rest_dd: NDArray[np.float64] | None = None) -> Outcome:
         """Go on to a load, its pressure in units of [energy_scale / diameter^d]; return how that ended.
 
-        A packing that is at rest under the load stays as it is, to the last bit. Where strains are free and no rest of
-        the load is given, the stress becomes isotropic on the way, little by little.
+        A packing that is at rest under the load stays as it is, to the last bit.
         """
         protocol, rearrangements, iterations = self.protocol, 0, 0
         tolerance = max(protocol.force_tolerance, 1e-7)
-        if rest_dd is None and self.rest_dd is not None and float(np.abs(self.rest_dd).max()) > tolerance:
-            rest_dd = np.zeros_like(self.rest_dd)
+        # shear stress that the load has not is set free at once
+        self.sheared = rest_dd is None and self.rest_dd is not None and float(np.abs(self.rest_dd).max()) > tolerance
         way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
         place, factor = way.start, _FIRST
         shortest = min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.apart(way.start, way.end))
@@ -102,7 +102,7 @@ class PressurePath:
                     rearrangements += 1
                     state = find_bottom(self.packing, protocol.units, protocol.basis_kdd, load, tolerance)
                     iterations += state.iterations
-                    if not state.sound(tolerance) and self.packing.plain:
+                    if not state.sound(tolerance):
                         state = search_pressure(protocol, self.packing, load)
                     self.before = None
                     if not state.sound(tolerance):
@@ -117,7 +117,7 @@ class PressurePath:
                     iterations += lower.iterations
                     if lower.sound(tolerance) and lower.residual < state.residual:
                         state = lower
-                self.packing, place = state.packing, further
+                self.packing, place, self.sheared = state.packing, further, False
                 self.pressure, self.rest_dd = way.pressure(place), way.rest(place)
                 protocol.last = protocol.restored(self.packing)
                 if further == way.end:
@@ -150,6 +150,9 @@ class PressurePath:
             return True
         before, now = way.pressure(place), way.pressure(further)
         packing, reached = self.packing, state.packing
+        if self.sheared:
+            # where it stands no enthalpy is at a minimum
+            return pairs_of(touching_pairs(packing)) == pairs_of(touching_pairs(reached))
         largest = (packing.box.volume - reached.box.volume) * (now - before)
         strain_dd = reached.box.lattice_dd @ packing.box.inverse_dd - np.eye(packing.dimension)
         moved_nd = reached.position_nd - packing.position_nd - packing.position_nd @ strain_dd.T

@@ -199,16 +199,16 @@ def test_ellipses_jammed_again_at_their_pressure_are_the_same_packing_to_the_las
     assert abs(onset - before) < 1e-8
 
 
-def test_a_packing_whose_shear_stress_is_set_free_goes_to_the_isotropic_stress_without_rearranging():
+def test_a_packing_whose_contacts_change_when_its_shear_stress_is_set_free_is_not_called_continued():
     first = jammed(2, "isotropic")
     run = pm.jam(pm.Scene(first.packing, (pm.Repulsion(),)), pressure=1e-6, strain="free")
     assert first.report["stress_anisotropy"] > 1e-2 and run.report["stress_anisotropy"] < 1e-7
-    assert (run.report["start"] == "continued") == (run.report["rearrangements"] == 0)
+    assert run.report["contacts_closed"] > 0 and run.report["start"] == "rearranged"
 
 
 def test_linked_packings_shear_stabilized_at_their_own_pressure_stay():
-    scene = at_pressure("links", 6)
-    pressure = asked("links", 6)["pressure"]
+    scene = at_pressure("links", 3)
+    pressure = asked("links", 3)["pressure"]
     free = pm.shear_stabilize(scene, pressure=pressure)
     again = pm.shear_stabilize(scene.replace(packing=free.packing), pressure=pressure)
     assert again.packing == free.packing
