@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from packmech.check import instance, integer, one_of, positive
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.generate.cluster_shapes import LinearCluster
 from packmech.generate.random import generator_of
 from packmech.generate.rigid import beads_of, body_of
@@ -20,7 +21,8 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
-from packmech.protocols.protocol import Protocol, finish, is_jammed, sequence
+from packmech.protocols.pressure_path import follow_jammed
+from packmech.protocols.protocol import Protocol, finish, is_jammed, pairs_of, report_start, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
@@ -101,7 +103,8 @@ def anneal_shape(
     Returns
     -------
     tuple of Run
-        `report` as for `jam`, and aspect.
+        `report` as for `jam`, and aspect. contacts_closed and contacts_opened are pairs of particles since the packing
+        before; `start` is "continued" where there are none, otherwise "rearranged".
 
     Raises
     ------
@@ -156,7 +159,8 @@ def anneal_shape(
     for aspect in goals.tolist():
         shapes: Shapes = _spheroids(packing, aspect, rng) if beads is None else _rows(packing, aspect, beads, rng)
         try:
-            run = _jammed_again(scene.replace(packing=packing.replace(shapes=shapes)), settings, ends, **asked)
+            changed = scene.replace(packing=packing.replace(shapes=shapes))
+            run = _jammed_again(changed, packing, settings, ends, **asked)
         except KeyboardInterrupt as stop:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
             raise
@@ -241,7 +245,8 @@ def tap(
     Returns
     -------
     tuple of Run
-        `report` as for `jam`, and tap (1 for the first) and amplitude.
+        `report` as for `jam`, and tap (1 for the first) and amplitude. contacts_closed and contacts_opened are since
+        the packing before; `start` is "continued" where there are none, otherwise "rearranged".
 
     Raises
     ------
@@ -282,7 +287,7 @@ def tap(
     for count in range(1, number + 1):
         shaken = scene.replace(packing=kicked(scene.packing, kick, rng))
         try:
-            run = _jammed_again(shaken, settings, ends, **asked)
+            run = _jammed_again(shaken, scene.packing, settings, ends, **asked)
             report = {"tap": count, "amplitude": float(amplitude), **run.report}
             runs.append(dataclasses.replace(run, report=report))
             if run.outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
@@ -298,6 +303,7 @@ def tap(
 
 def _jammed_again(
     scene: Scene,
+    before: Packing,
     settings: RunSettings,
     ends: float,
     *,
@@ -306,24 +312,47 @@ def _jammed_again(
     force_tolerance: float,
     method: str,
 ) -> Run:
-    """Return the run of a packing that was changed: relaxed, compressed where it stands, then down to the pressure."""
+    """Return the run of a packing that was changed: relaxed, compressed where it stands, then down to the pressure.
+
+    One that is still at rest, because it was changed by nothing, is followed in pressure from where it stands.
+    """
     began = time.process_time()
     loop = RunLoop(dataclasses.replace(settings, time_limit=max(ends - began, 1e-9)))
     protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, force_tolerance, loop)
     protocol.continues = True
-    protocol.report["start"] = "continued"
 
     def work() -> Outcome:
+        if is_jammed(scene):
+            protocol.last, outcome = _followed(protocol, pressure)
+            return outcome
         until = max(PRESSED, pressure)
         protocol.last, now = compress_linked(protocol, protocol.scene.packing, until, _QUENCHED, _QUENCH_STEPS, _DENSER)
         if now < until:
             return Outcome.NOT_JAMMED
         protocol.scene = protocol.scene.replace(packing=protocol.last)
         if scene.packing.plain:
-            protocol.last, outcome = HardVertex().follow(protocol, pressure)
+            protocol.last, outcome = _followed(protocol, pressure)
         else:
             protocol.last, outcome = follow_pressure(protocol, protocol.last, now, pressure)
         return outcome
 
+    def finished(outcome: Outcome) -> Run:
+        # pairs of particles: their shapes may be others than before
+        was, now = (
+            {pair[: 2 + before.dimension] for pair in pairs_of(touching_pairs(one))} for one in (before, protocol.last)
+        )
+        # those that the way down in pressure counts are not all
+        protocol.report.pop("rearrangements", None)
+        protocol.report.update(contacts_closed=len(now - was), contacts_opened=len(was - now))
+        report_start(protocol)
+        return finish(protocol, protocol.last, outcome, pressure, method, began)
+
     with single_thread():
-        return loop.run(work, lambda outcome: finish(protocol, protocol.last, outcome, pressure, method, began))
+        return loop.run(work, finished)
+
+
+def _followed(protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
+    """Return the scene's packing, which is jammed, followed to the pressure, and how that ended."""
+    if protocol.scene.packing.plain:
+        return HardVertex().follow(protocol, pressure)
+    return follow_jammed(protocol, pressure)

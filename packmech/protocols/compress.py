@@ -16,10 +16,12 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
+from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import (
     Protocol,
     at_packing_fraction,
     follow_series,
+    is_jammed,
     pairs_of,
     report_changes,
     sequence,
@@ -47,8 +49,9 @@ def compress(
     """Return one run for each distance: the packing at packing fraction onset + distance, in balance.
 
     The onset is that of the exact hard packing nearby, found from the packing as it is (jam it first to choose the
-    protocol). From there the packing is followed upward in small steps by Newton's method; where that does not end in
-    a minimum, contacts rearrange: the next one lies where Newton's method leads going down, and the report counts it.
+    protocol); one that is jammed above a pressure of 1e-5 is followed down to that first. From there the packing is
+    followed upward in small steps by Newton's method; where that does not end in a minimum, contacts rearrange: the
+    next one lies where Newton's method leads going down, and the report counts it.
 
     With links, which keep their lengths, the box is scaled about the centers of unwrapped clusters (one that winds
     around it is strained with it and moved back onto its links). No hard packing is looked for: the packing is followed
@@ -80,7 +83,8 @@ def compress(
     -------
     tuple of Run
         `report` as for `jam`, and distance, onset, rearrangements (on the way from the distance before),
-        contacts_closed and contacts_opened (since the distance before); pressure_asked is None.
+        onset_rearrangements (of a jammed packing on the way down to its onset), contacts_closed and contacts_opened
+        (since the distance before); pressure_asked is None.
 
     Raises
     ------
@@ -158,7 +162,11 @@ class _Ascent:
             if found is None:
                 return None
             return _Onset(found.state.packing, found.fraction, found.depth, pairs_of(found.contacts))
-        hard = find_hard_packing(protocol, protocol.scene.packing, self.iteration_limit)
+        near: Packing | None = protocol.scene.packing
+        if is_jammed(protocol.scene):
+            near = PressurePath(protocol).go_down()
+            protocol.report["onset_rearrangements"] = protocol.report["rearrangements"]
+        hard = None if near is None else find_hard_packing(protocol, near, self.iteration_limit)
         if hard is None:
             return None
         depth = min(_FIRST, 0.5 * self.nearest)

@@ -64,10 +64,11 @@ def jam(
 
     A packing that is jammed already, its forces balanced under pressure, is followed in pressure from where it stands
     (`sweep_pressure`) and keeps its contact network as far as pressure lets it; one that is at rest at the pressure
-    asked for stays as it is. Press and StepHalving begin where it stands. Any other, and where `method` gives the start, is scaled to the start of the protocol, whatever its packing fraction.
-    Radii and links never change: clusters keep their shape, so that the volume of fused ones, their union, does too.
-    Every figure is recomputed from the packing that is returned. Particles that stand so far away that rounding of
-    their places exceeds 1e-11 of the smallest radius are wrapped into the cell first.
+    asked for stays as it is. Press and StepHalving begin where it stands. Any other, and where `method` gives the
+    start, is scaled to the start of the protocol, whatever its packing fraction. Radii and links never change: clusters
+    keep their shape, so that the volume of fused ones, their union, does too. Every figure is recomputed from the
+    packing that is returned. Particles that stand so far away that rounding of their places exceeds 1e-11 of the
+    smallest radius are wrapped into the cell first.
 
     Ellipses and spheroids end at rest in their turns, too: counts are those of all degrees of freedom, and in place of
     missing contacts there are `floppy_modes` of the stiffness (`quartic_modes`).
@@ -108,15 +109,15 @@ def jam(
         `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
         (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
-        held redundantly), stress_anisotropy, method, strain, start ("continued", "rearranged" or "anew"), and, where a hard packing
-        was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With
-        links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
-        of self stress. Of a packing that is followed: rearrangements on the way (none where `start` is "continued"),
-        contacts_closed and contacts_opened, and onset_rearrangements, on the way down to the hard packing; Press and
-        StepHalving cannot count rearrangements and say "rearranged" wherever contacts changed. Links that do not cross
-        at the start are kept from it, as in `quench`. Press reports counts with friction instead, as
-        `ContactForces.to_dict` does, and rate, time [sqrt(m / k)], added_damping of contacts whose own dashpots are too
-        weak (0: none) [mass/time] and kinetic_energy, over pressure times volume.
+        held redundantly), stress_anisotropy, method, strain, start ("continued", "rearranged" or "anew"), and, where a
+        hard packing was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance,
+        smallest_force. With links in two dimensions also crossing_links: pairs that cross are locked, press at any
+        pressure and add states of self stress. Of a packing that is followed: rearrangements on the way (none where
+        `start` is "continued"), contacts_closed and contacts_opened, and onset_rearrangements, on the way down to the
+        hard packing; Press and StepHalving cannot count rearrangements and say "rearranged" wherever contacts changed.
+        Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with friction
+        instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)], added_damping of contacts whose own
+        dashpots are too weak (0: none) [mass/time] and kinetic_energy, over pressure times volume.
 
     Raises
     ------

@@ -12,8 +12,16 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
-from packmech.minimize.second_order.soft_network import Load, isochoric_part
-from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge, newton, standing
+from packmech.minimize.second_order.soft_network import REACH, Load, isochoric_part
+from packmech.minimize.second_order.soft_newton import (
+    SoftState,
+    descend,
+    find_bottom,
+    judge,
+    network_of,
+    newton,
+    standing,
+)
 from packmech.packing import Packing
 from packmech.protocols.protocol import CHANGES, Protocol, pairs_of, report_changes
 from packmech.protocols.soft import extrapolated, search_pressure
@@ -26,6 +34,10 @@ _ALMOST = 0.01
 # logarithms of a ratio of pressures that count as much as a change of the rest of the load by the pressure
 _TURN = 10.0
 _ITERATIONS = 25
+# the last part of a short way that is not divided again
+_SHORTEST = 0.2
+# what rounding and the forces out of balance may add to the enthalpy between two steps, over its largest change [1]
+_SLACK = 0.02
 # pressure [energy_scale / diameter^d] down to which a jammed packing is followed before its onset is looked for, and
 # the second of the two on the line to the onset, in units of the first
 _FOLLOWED_TO, _SECOND = 1e-5, 0.5
@@ -54,6 +66,7 @@ class PressurePath:
         # where strains are free that a pressure alone does not change, the stress that they bear now
         shears = len(isochoric_part(protocol.basis_kdd, scene.packing.dimension)) > 0
         self.rest_dd = Load.of(stress_tensor(scene)).rest_dd if shears else None
+        self.sheared = False
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
         self.pairs = pairs_of(touching_pairs(scene.packing))
@@ -61,15 +74,15 @@ class PressurePath:
     def go(self, pressure: float, rest_dd: NDArray[np.float64] | None = None) -> Outcome:
         """Go on to a load, its pressure in units of [energy_scale / diameter^d]; return how that ended.
 
-        A packing that is at rest under the load stays as it is, to the last bit. Where strains are free and no rest of
-        the load is given, the stress becomes isotropic on the way, little by little.
+        A packing that is at rest under the load stays as it is, to the last bit.
         """
         protocol, rearrangements, iterations = self.protocol, 0, 0
         tolerance = max(protocol.force_tolerance, 1e-7)
-        if rest_dd is None and self.rest_dd is not None and float(np.abs(self.rest_dd).max()) > tolerance:
-            rest_dd = np.zeros_like(self.rest_dd)
+        # shear stress that the load has not is set free at once
+        self.sheared = rest_dd is None and self.rest_dd is not None and float(np.abs(self.rest_dd).max()) > tolerance
         way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
         place, factor = way.start, _FIRST
+        shortest = min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.apart(way.start, way.end))
         if rest_dd is not None:
             self.before = None
         with protocol.stage("following the pressure" if rest_dd is None else "following the stress") as figures:
@@ -81,14 +94,15 @@ class PressurePath:
                 load = way.load(further)
                 state = self._step(place, further, load)
                 iterations += state.iterations
-                if not state.sound(tolerance):
-                    if factor > _MINIMUM_FACTOR:
-                        factor = factor**0.5
+                if not (state.sound(tolerance) and self._followed(state, way, place, further)):
+                    reach = way.apart(place, further)
+                    if reach > shortest:
+                        factor = math.exp(0.5 * reach)
                         continue
                     rearrangements += 1
                     state = find_bottom(self.packing, protocol.units, protocol.basis_kdd, load, tolerance)
                     iterations += state.iterations
-                    if not state.sound(tolerance) and self.packing.plain:
+                    if not state.sound(tolerance):
                         state = search_pressure(protocol, self.packing, load)
                     self.before = None
                     if not state.sound(tolerance):
@@ -103,7 +117,7 @@ class PressurePath:
                     iterations += lower.iterations
                     if lower.sound(tolerance) and lower.residual < state.residual:
                         state = lower
-                self.packing, place = state.packing, further
+                self.packing, place, self.sheared = state.packing, further, False
                 self.pressure, self.rest_dd = way.pressure(place), way.rest(place)
                 protocol.last = protocol.restored(self.packing)
                 if further == way.end:
@@ -115,9 +129,37 @@ class PressurePath:
         self.pairs = report_changes(protocol, rearrangements, self.pairs)
         return judge(state, protocol.force_tolerance)
 
+    def go_down(self) -> Packing | None:
+        """Return the packing at a pressure low enough to look for its onset, or None where it was lost on the way."""
+        low = min(_FOLLOWED_TO, self.pressure / self.protocol.reduced_pressure(1.0))
+        return self.protocol.last if self.go(low).ok else None
+
     def _there(self, state: SoftState) -> bool:
         """Return whether the packing, as it stands, is in stable balance under the load."""
         return state.sound(self.protocol.force_tolerance) and state.stress_error <= max(_THERE, state.least_error)
+
+    def _followed(self, state: SoftState, way: _Way, place: float, further: float) -> bool:
+        """Return whether the step ended where the packing goes by itself, not in another minimum.
+
+        Where it stays stable its volume V only falls with the pressure p, through changes of contacts, too. So its
+        enthalpy H with dH/dp = V grows by an amount between V dp before and V dp after the step, and U + p V at the
+        pressure before by one between 0 and -dV dp. What lies outside has jumped.
+        """
+        if isinstance(way.load(further), Load):
+            # a load that is no pressure has no enthalpy
+            return True
+        before, now = way.pressure(place), way.pressure(further)
+        packing, reached = self.packing, state.packing
+        if self.sheared:
+            # where it stands no enthalpy is at a minimum
+            return pairs_of(touching_pairs(packing)) == pairs_of(touching_pairs(reached))
+        largest = (packing.box.volume - reached.box.volume) * (now - before)
+        strain_dd = reached.box.lattice_dd @ packing.box.inverse_dd - np.eye(packing.dimension)
+        moved_nd = reached.position_nd - packing.position_nd - packing.position_nd @ strain_dd.T
+        if float(np.abs(moved_nd).max(initial=0.0)) > REACH:
+            return False
+        growth = network_of(packing, self.protocol.units, self.protocol.basis_kdd, before).growth_to(reached)
+        return -_SLACK * largest <= growth <= (1.0 + _SLACK) * largest
 
     def _step(self, place: float, further: float, load: float | Load) -> SoftState:
         """Return the packing at another load, looked for on the line through the last two."""
@@ -163,11 +205,10 @@ def follow_jammed(
 def _find_onset(protocol: Protocol, packing: Packing, search: Callable[[Packing], object | None] | None) -> int | None:
     """Report the onset of jamming of a packing; return how often it rearranged on the way, None if it was lost."""
     path = PressurePath(protocol, packing)
-    rearrangements, near = 0, packing
-    if path.pressure > protocol.reduced_pressure(_FOLLOWED_TO):
-        if not path.go(_FOLLOWED_TO).ok:
-            return None
-        rearrangements, near = protocol.report["rearrangements"], protocol.last
+    near = path.go_down()
+    rearrangements = int(protocol.report["rearrangements"])
+    if near is None:
+        return None
     if search is not None:
         search(near)
         return rearrangements
@@ -175,7 +216,7 @@ def _find_onset(protocol: Protocol, packing: Packing, search: Callable[[Packing]
     if not path.go(_SECOND * path.pressure / protocol.reduced_pressure(1.0)).ok:
         return None
     report_onset(protocol, depth, onset_depth(path.packing))
-    return rearrangements + protocol.report["rearrangements"]
+    return rearrangements + int(protocol.report["rearrangements"])
 
 
 def onset_depth(packing: Packing) -> tuple[float, float]:

@@ -649,9 +649,8 @@ def report_start(protocol: Protocol) -> None:
     if not protocol.continues:
         report["start"] = "anew"
         return
-    if "rearrangements" not in report:
-        changed = contacts_changed(pairs_of(touching_pairs(protocol.scene.packing)), protocol.last)
-        report.update(changed)
+    if "contacts_closed" not in report:
+        report.update(contacts_changed(pairs_of(touching_pairs(protocol.scene.packing)), protocol.last))
     same = not report.get("rearrangements", report["contacts_closed"] + report["contacts_opened"])
     report["start"] = "continued" if same else "rearranged"
 

@@ -11,7 +11,7 @@ from packmech.box import Box
 from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
 from packmech.minimize.second_order.soft_network import Load, Units, scaled_load
-from packmech.minimize.second_order.soft_newton import SoftState, newton
+from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, newton
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol
 
@@ -53,7 +53,11 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
             done = protocol.relax_strained(packing, asked, tolerance, _FIRE_STEPS)
             figures.steps += done.steps
             packing = protocol.last = done.packing
-            best = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+            reduced = protocol.reduced(packing)
+            if packing.plain:
+                best = newton(reduced, protocol.units, protocol.basis_kdd, goal)
+            else:
+                best = find_bottom(reduced, protocol.units, protocol.basis_kdd, goal, protocol.force_tolerance)
             if best.sound(protocol.force_tolerance) or done.merit > tolerance:
                 break
             tolerance *= 0.03
