@@ -10,7 +10,8 @@ strain Newton's method on the distances gives it exactly. The network lasts unti
   falls to the next hard packing, by the interior-point method that minimizes the volume: packing fraction jumps up.
 
 Rattlers are kept apart from what surrounds them, by linear programs for the largest smallest gap over all pairs that
-these can bring together; one that is squeezed closes d + 1 contacts at once. Families of sheared packings: Schreck and O'Hern, section 2.2 of their chapter.
+these can bring together; one that is squeezed closes d + 1 contacts at once. Families of sheared packings: Schreck and
+O'Hern, section 2.2 of their chapter.
 """
 
 from __future__ import annotations
@@ -641,9 +642,7 @@ def _apart(packing: Packing, group_n: NDArray[np.bool_]) -> tuple[Packing, float
         push = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max(initial=0.0)), 1e-300)
         chosen = now.select(push)
         limits = (
-            chosen.pairs
-            if isinstance(chosen, ShapeContacts)
-            else Candidates(chosen.i_c, chosen.j_c, chosen.image_cd)
+            chosen.pairs if isinstance(chosen, ShapeContacts) else Candidates(chosen.i_c, chosen.j_c, chosen.image_cd)
         )
         if reached <= room + 1e-15:
             # distances of other shapes bend both ways: nearer by they are straight

@@ -225,9 +225,7 @@ def kept_of(packing):
     return pm.shear_families(packing, 0.05, step=2.5e-3, keep=np.linspace(0.0, 0.05, 21)[1:], time_limit=60.0).packings
 
 
-@pytest.mark.parametrize(
-    ("ratio", "seed", "packing_fraction"), [(3.0, 3, 0.8), (1.4, 5, 0.75), (10.0, 0, 0.75)]
-)
+@pytest.mark.parametrize(("ratio", "seed", "packing_fraction"), [(3.0, 3, 0.8), (1.4, 5, 0.75), (10.0, 0, 0.75)])
 def test_no_pair_of_a_kept_packing_overlaps_rattlers_or_not(ratio, seed, packing_fraction):
     packings = kept_of(jammed_mixture(ratio, seed, packing_fraction, 0.1 if ratio > 5.0 else 0.0))
     assert len(packings) == 20
