@@ -10,7 +10,8 @@ strain Newton's method on the distances gives it exactly. The network lasts unti
   falls to the next hard packing, by the interior-point method that minimizes the volume: packing fraction jumps up.
 
 Rattlers are kept apart from what surrounds them, by linear programs for the largest smallest gap over all pairs that
-these can bring together; one that is squeezed closes d + 1 contacts at once. Families of sheared packings: Schreck and O'Hern, section 2.2 of their chapter.
+these can bring together; one that is squeezed closes d + 1 contacts at once. Families of sheared packings: Schreck and
+O'Hern, section 2.2 of their chapter.
 """
 
 from __future__ import annotations
@@ -270,14 +271,6 @@ class HardPath:
         """Go on towards a strain; return the vertex there, or that of the first change on the way, and the change."""
         start = self.vertex
         goal = strain
-        if redundancy(start.contacts) > 0:
-            # equal particles close more contacts than can stay so: those that bear forces from here on
-            exchanged = self._exchange(start, strain - start.strain)
-            if exchanged is None:
-                return self.fall(strain - start.strain, "opening")
-            change = self._noted(*exchanged, "opening", 0.0)
-            self.vertex = self._relabeled(change.after)
-            return self.vertex, change
         while True:
             trial = self._try(start, goal)
             if trial.vertex is not None and trial.margin > -_TOUCH and not self._dips(start, trial.vertex):
@@ -289,6 +282,12 @@ class HardPath:
                     self.vertex = self._relabeled(change.after)
                     return self.vertex, change
             if abs(goal - start.strain) < _SHORTEST:
+                # equal particles close more contacts than may stay so: those that bear forces from here on
+                exchanged = self._exchange(start, strain - start.strain) if redundancy(start.contacts) > 0 else None
+                if exchanged is not None:
+                    change = self._noted(*exchanged, "opening", 0.0)
+                    self.vertex = self._relabeled(change.after)
+                    return self.vertex, change
                 return self.fall(math.copysign(1.0, strain - start.strain), trial.cause if trial.vertex else "fold")
             goal = 0.5 * (start.strain + goal)
 

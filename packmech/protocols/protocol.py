@@ -430,6 +430,13 @@ def finish(
         if packing.links is not None:
             net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(net)
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
+        if packing.links is None and outcome.ok:
+            # a rattler that is pressed is none: what presses it from two sides holds it at no place
+            loose = rattlers_of(contacts)
+            push_c = np.abs(first_c[loose[contacts.i_c] | loose[contacts.j_c]])
+            allowed = max(protocol.force_tolerance, 10.0 * residual) * float(np.abs(first_c).mean())
+            if push_c.max(initial=0.0) > allowed:
+                outcome = Outcome.UNSTABLE
     report: dict[str, Any] = {
         "method": method,
         "strain": protocol.strain,

@@ -187,3 +187,87 @@ def test_ellipses_walk_back_the_way_they_came_where_none_fell():
 
 def test_slopes_of_ellipses_are_as_exact_as_those_of_discs():
     assert slope_error(jammed_ellipses(), 1e-5) < 1e-8
+
+
+@functools.cache
+def jammed_mixture(ratio, seed, packing_fraction=0.75, scatter=0.0, aspect=None):
+    """Return a small jammed packing in which many particles rattle, or one of ellipses."""
+    shapes = None if aspect is None else pm.Ellipses(aspect)
+    start = pm.random_packing(
+        16 if aspect is None else 12,
+        dimension=2,
+        sizes=pm.Bidisperse(ratio=ratio, scatter=scatter),
+        packing_fraction=packing_fraction,
+        seed=seed,
+        shapes=shapes,
+    )
+    pressure = None if aspect is None else 1e-6
+    return pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, strain="isotropic").packing
+
+
+def overlap_of_all_pairs(packing):
+    """Return the largest overlap over the contact distance, by every pair and image in turn."""
+    if packing.shapes is not None:
+        return float(np.maximum(pm.find_shape_contacts(packing).overlap_c, 0.0).max(initial=0.0))
+    images = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+    worst = 0.0
+    for image in images:
+        vector = packing.position_nd[None] - packing.position_nd[:, None] + packing.box.lattice_dd @ image
+        distance = np.sqrt((vector**2).sum(axis=2))
+        if not image.any():
+            np.fill_diagonal(distance, np.inf)
+        worst = max(worst, float((1.0 - distance / np.add.outer(packing.radius_n, packing.radius_n)).max()))
+    return worst
+
+
+def kept_of(packing):
+    """Return twenty kept packings of a path up to a strain of 0.05."""
+    return pm.shear_families(packing, 0.05, step=2.5e-3, keep=np.linspace(0.0, 0.05, 21)[1:], time_limit=60.0).packings
+
+
+@pytest.mark.parametrize(("ratio", "seed", "packing_fraction"), [(3.0, 3, 0.8), (1.4, 5, 0.75), (10.0, 0, 0.75)])
+def test_no_pair_of_a_kept_packing_overlaps_rattlers_or_not(ratio, seed, packing_fraction):
+    packings = kept_of(jammed_mixture(ratio, seed, packing_fraction, 0.1 if ratio > 5.0 else 0.0))
+    assert len(packings) == 20
+    assert max(overlap_of_all_pairs(one) for one in packings) <= 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("ratio", "aspect"), [(1.4, None), (3.0, None), (10.0, None), (1.4, 1.5)], ids=["1.4", "3", "10", "ellipses"]
+)
+def test_none_of_a_thousand_kept_packings_overlaps(ratio, aspect):
+    # equal large discs of the last mixture would make crystals
+    scatter = 0.1 if ratio > 5.0 else 0.0
+    density = 0.75 if aspect is None else 0.6
+    worst = [
+        overlap_of_all_pairs(one)
+        for seed in range(13)
+        for one in kept_of(jammed_mixture(ratio, seed, density, scatter, aspect))
+    ]
+    assert len(worst) == 260
+    assert max(worst) <= 1e-12
+
+
+def test_rattlers_that_are_squeezed_are_so_at_a_strain_that_the_step_does_not_move():
+    packing = jammed_mixture(3.0, 21)
+    coarse, fine = (pm.shear_families(packing, 0.015, step=step, time_limit=20.0) for step in (5e-3, 1e-3))
+    assert [one.cause for one in coarse.changes] == [one.cause for one in fine.changes] == ["squeezing"]
+    assert abs(coarse.changes[0].strain - fine.changes[0].strain) < 1e-11
+
+
+def test_contacts_that_change_over_and_over_in_a_crystal_end_the_path_with_a_reason():
+    # eight equal discs bear all forces, many more contacts of them closed than one state of self stress needs
+    run = pm.shear_families(jammed_mixture(10.0, 1), 0.05, time_limit=20.0, check=False)
+    assert run.outcome in (pm.Outcome.NOT_JAMMED, pm.Outcome.STALLED)
+    assert "beyond strain" in run.report["stopped"]
+    assert overlap_of_all_pairs(run.packing) <= 1e-12
+
+
+def test_a_start_with_more_contacts_than_needed_goes_on_with_those_that_bear_forces():
+    packing = jammed_mixture(1.4, 5)
+    run = pm.shear_families(packing, 1e-3, step=1e-3)
+    first = run.changes[0]
+    assert (first.strain, first.cause, first.route) == (0.0, "opening", "exchange")
+    assert len(first.opened) == 1 and not first.closed
+    assert run.gap_error_t.max() < 1e-13

@@ -206,3 +206,20 @@ def test_what_was_finished_is_kept_where_time_is_up():
     assert run.outcome is pm.Outcome.TIME_LIMIT and len(run.strain_t) > 1
     assert len(run.to_csv().splitlines()) == len(run.strain_t) + 1
     assert math.isfinite(run.to_dict()["modulus"]) and "quasistatically" in repr(run)
+
+
+@pytest.mark.parametrize("pressure", [None, 1e-3])
+def test_where_all_changes_are_located_a_change_that_falls_is_located_once_and_passed(pressure):
+    start = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.85, seed=3)
+    pressed = pm.Scene(start, (pm.Repulsion(),))
+    pressed = pressed.replace(packing=pm.jam(pressed, pressure=1e-3).packing)
+    near = pm.quasistatic_shear(pressed, 2.8e-3, step=1.4e-3, pressure=pressure, locate="none").packing
+    run = pm.quasistatic_shear(
+        pressed.replace(packing=near), 2e-4, step=1e-4, pressure=pressure, locate="all", time_limit=20.0
+    )
+    assert run.outcome is pm.Outcome.FINISHED
+    falling = [one for one in run.changes if one.pair == (20, 42, 0, 0)]
+    assert len(falling) == 1 and falling[0].falls
+    fall = run.avalanches[0]
+    assert falling[0].strain < fall.strain < falling[0].strain + 1e-4 / 1000.0
+    assert fall.energy_drop > 0.0

@@ -248,7 +248,7 @@ def shear_families(
     TypeError, ValueError
         If an argument is not what it must be, or the packing is not jammed.
     NotConverged
-        If the hard packing is lost and `check` is set; its `.run` holds what was reached, its packing the last hard one.
+        If the hard packing is lost and `check` is set; its `.run` holds what was reached, and the last hard packing.
     KeyboardInterrupt
         Passed on with `.run` set to what was finished.
 
@@ -416,6 +416,7 @@ class _HardWalk:
         self.found = _Rows(path.axes, began)
         self.report: dict[str, Any] = {}
         # the strain up to which it has come on, networks and steps since then, and how far beyond to look for the next
+        self.beyond = _BEYOND
         self._begin(path.vertex.strain, {path.identity(path.vertex.contacts)})
         self.last = path.vertex
         self._keep(path.vertex, self.found.number(path.identity(path.vertex.contacts)))

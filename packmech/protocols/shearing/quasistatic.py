@@ -22,7 +22,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.jam import free_strains
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, finish, is_jammed, pairs_of
-from packmech.protocols.shearing.strain_path import Located, Sheared, StrainPath, work_between
+from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
 
@@ -32,6 +32,8 @@ _COLUMNS = (
 )  # fmt: skip
 # part of the energy that a fall must free to be one and no exchange of contacts
 _FALL = 1e-12
+# strain within which a network that comes again is not located again
+_PROGRESS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -503,6 +505,9 @@ class _Shear:
         self.changed = False
         # the strain at the end
         self.goal = 0.0
+        # networks since the strain last grew, and that strain: changes there and back are not located again and again
+        self.lately: set[Pairs] = set()
+        self.since = self.shortest = 0.0
         self.path: StrainPath | None = None
 
     def run(self, goals: NDArray[np.float64]) -> QuasistaticShear:
@@ -523,6 +528,7 @@ class _Shear:
         if not path.sound:
             return Outcome.STALLED
         self._keep(path.now, 0.0, float(goals[0]))
+        self.shortest = abs(float(goals[0])) * 0.5**HALVINGS
         for goal in goals.tolist():
             while path.now.strain != goal:
                 ended = self._towards(path, goal)
@@ -540,10 +546,38 @@ class _Shear:
         reached, fallen = path.step(goal)
         if wanted and (reached.pairs != start.pairs or fallen is not None):
             found = path.locate(start, reached.strain if fallen is None else fallen.strain)
-            if found is not None and abs(found.below - start.strain) <= abs(goal - start.strain):
+            if found is not None and abs(found.below - start.strain) > abs(goal - start.strain):
+                found = None
+            if found is not None and self._comes_again(found):
+                # behind the change there was balance to the tolerance only, and none farther on
+                if found.after is None and self.changes and self.changes[-1].pair == found.pair:
+                    self.changes[-1] = dataclasses.replace(self.changes[-1], falls=True, strain_from_above=found.above)
+                found = None
+            if found is not None:
                 self._note(found, start, goal)
-                path.now = found.there if found.after is None else found.after
-                return None
+                if found.after is not None:
+                    path.now = found.after
+                    return None
+                # it falls where it has been located, not at the end of the step
+                start = found.there
+                path.now = start
+                reached, fallen = path.fall_from(start, goal, self.shortest)
+        return self._went(path, start, reached, fallen, goal)
+
+    def _comes_again(self, found: Located) -> bool:
+        """Return whether a change leads to a network that it has had since the strain last grew."""
+        known = found.before.pairs
+        if abs(found.below - self.since) > _PROGRESS:
+            self.since, self.lately = found.below, {known}
+        after = known ^ {found.pair} if found.after is None else found.after.pairs
+        again = after in self.lately
+        self.lately.add(after)
+        return again
+
+    def _went(
+        self, path: StrainPath, start: Sheared, reached: Sheared, fallen: Sheared | None, goal: float
+    ) -> Outcome | None:
+        """Keep the equilibrium that was reached, and what it fell to; return how the run ended, if it did."""
         self.changed |= reached.pairs != start.pairs or fallen is not None
         if reached is not start:
             self.growth += start.network.growth_to(reached.packing)

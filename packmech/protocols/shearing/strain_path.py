@@ -27,7 +27,7 @@ _ITERATIONS = 25
 # an equilibrium this near where the tangent leads, over the way, is the same one gone on; and rounding [diameter]
 _CORRECTED, _ROUNDED = 2.0, 1e-8
 # halvings of a step before contacts are let rearrange
-_HALVINGS = 10
+HALVINGS = 10
 # part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
 # or behind the change that is near enough
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
@@ -232,7 +232,7 @@ class StrainPath:
         The first is the equilibrium at that strain wherever the packing goes on to it.
         """
         start, goal = self.now, strain
-        shortest = abs(strain - start.strain) * 0.5**_HALVINGS
+        shortest = abs(strain - start.strain) * 0.5**HALVINGS
         while True:
             found = self.at(start, goal)
             if found is not None:
@@ -247,6 +247,18 @@ class StrainPath:
                 self.now = after
                 return start, after
             goal = 0.5 * (start.strain + goal)
+
+    def fall_from(self, start: Sheared, goal: float, way: float) -> tuple[Sheared, Sheared | None]:
+        """Return what `step` does of an equilibrium that has none behind it: so much strain on, at most to the goal."""
+        aim = start.strain + math.copysign(min(way, abs(goal - start.strain)), goal - start.strain)
+        if abs(goal - aim) < way:
+            aim = goal
+        found = self.at(start, aim)
+        if found is not None:
+            self.now = found
+            return found, None
+        self.now = after = self._fallen(start, aim)
+        return start, after
 
     def _fallen(self, start: Sheared, strain: float) -> Sheared:
         """Return the equilibrium that an unstable packing falls to."""
