@@ -14,7 +14,7 @@ from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
 from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
 from packmech.protocols.linked_jam import decompress_linked
-from packmech.protocols.pressure_path import follow_jammed
+from packmech.protocols.pressure_path import PressurePath, follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
 
@@ -68,7 +68,8 @@ class Decompression:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
         start = self.start_packing_fraction
         if not protocol.scene.packing.plain:
-            if protocol.continues:
+            # a shear stress that is set free moves what has links or shapes so far that there is nothing to follow
+            if protocol.continues and not PressurePath(protocol).sheared:
                 return follow_jammed(protocol, pressure)
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
         if protocol.continues:

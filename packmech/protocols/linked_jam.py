@@ -190,8 +190,8 @@ def stabilize_linked(protocol: Protocol, pressure: float | None, step_limit: int
         Maximum number of FIRE steps in one box.
 
     """
-    if pressure is not None and is_jammed(protocol.scene):
-        outcome = PressurePath(protocol).go(pressure)
+    if pressure is not None and is_jammed(protocol.scene) and not (path := PressurePath(protocol)).sheared:
+        outcome = path.go(pressure)
         return protocol.last, outcome
     if pressure is not None:
         packing, now = compress_linked(protocol, protocol.scene.packing, pressure, _FIRE_TOLERANCES[0], step_limit)

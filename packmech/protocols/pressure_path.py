@@ -34,6 +34,8 @@ _ALMOST = 0.01
 # logarithms of a ratio of pressures that count as much as a change of the rest of the load by the pressure
 _TURN = 10.0
 _ITERATIONS = 25
+# net force over mean contact force, and shear stress over pressure, that count as balance on the way, at least
+_ISOTROPIC = 1e-7
 # the last part of a short way that is not divided again
 _SHORTEST = 0.2
 # what rounding and the forces out of balance may add to the enthalpy between two steps, over its largest change [1]
@@ -66,7 +68,10 @@ class PressurePath:
         # where strains are free that a pressure alone does not change, the stress that they bear now
         shears = len(isochoric_part(protocol.basis_kdd, scene.packing.dimension)) > 0
         self.rest_dd = Load.of(stress_tensor(scene)).rest_dd if shears else None
-        self.sheared = False
+        # whether that is to be set free
+        self.sheared = self.rest_dd is not None and bool(
+            np.abs(self.rest_dd).max() > max(protocol.force_tolerance, _ISOTROPIC)
+        )
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
         self.pairs = pairs_of(touching_pairs(scene.packing))
@@ -77,12 +82,12 @@ class PressurePath:
         A packing that is at rest under the load stays as it is, to the last bit.
         """
         protocol, rearrangements, iterations = self.protocol, 0, 0
-        tolerance = max(protocol.force_tolerance, 1e-7)
-        # shear stress that the load has not is set free at once
-        self.sheared = rest_dd is None and self.rest_dd is not None and float(np.abs(self.rest_dd).max()) > tolerance
+        tolerance = max(protocol.force_tolerance, _ISOTROPIC)
+        self.sheared &= rest_dd is None
         way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
         place, factor = way.start, _FIRST
-        shortest = min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.apart(way.start, way.end))
+        # a way that almost nothing would be left of cannot be divided
+        shortest = max(min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.apart(way.start, way.end)), 2.0 * _ALMOST)
         if rest_dd is not None:
             self.before = None
         with protocol.stage("following the pressure" if rest_dd is None else "following the stress") as figures:
