@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.network import candidate_pairs
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.packing import Packing
 
@@ -57,5 +58,11 @@ def overlap_of_hard(packing: Packing) -> Overlap | None:
         The packing.
 
     """
+    allowed = max(HARD, _ROUNDINGS * packing.rounding)
+    if packing.plain:
+        # touching pairs are not even listed: one compiled search
+        pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 - allowed)
+        if not len(pairs.i_c):
+            return None
     found = largest_overlap(packing)
-    return None if found is None or found.relative <= max(HARD, _ROUNDINGS * packing.rounding) else found
+    return None if found is None or found.relative <= allowed else found

@@ -241,7 +241,7 @@ def shear_families(
     ShearFamilies
         Outcome.FINISHED; Outcome.NOT_JAMMED where no hard packing is found after a jump; Outcome.STALLED where the path
         makes no progress; Outcome.INACCURATE where particles would overlap by more than 1e-12 of their contact
-        distance: all pairs of each packing on the way are checked. `report["stopped"]` says why and where.
+        distance: all pairs of every packing that is returned are checked. `report["stopped"]` says why and where.
 
     Raises
     ------
@@ -444,12 +444,12 @@ class _HardWalk:
                     return self._stopped(Outcome.NOT_JAMMED, "no hard packing was found")
                 if self._stands_still():
                     return self._stopped(Outcome.STALLED, "contacts change over and over, and the strain does not grow")
-                wrong = overlap_of_hard(vertex.packing)
-                if wrong is not None:
-                    return self._stopped(Outcome.INACCURATE, str(wrong))
                 self.last = vertex
                 self._keep(vertex, found.number(path.identity(vertex.contacts)))
             if goal in kept:
+                wrong = overlap_of_hard(path.vertex.packing)
+                if wrong is not None:
+                    return self._stopped(Outcome.INACCURATE, str(wrong))
                 found.kept.append(self._restored(path.vertex))
             last = found.rows[-1]
             self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
@@ -522,5 +522,8 @@ class _HardWalk:
         return self.given.replace(position_nd=position, box=box, shapes=vertex.packing.shapes)
 
     def finish(self, outcome: Outcome) -> ShearFamilies:
-        """Return the run as far as it came."""
+        """Return the run as far as it came, its last packing checked as those that are kept."""
+        wrong = overlap_of_hard(self.last.packing)
+        if wrong is not None and "stopped" not in self.report:
+            outcome = self._stopped(Outcome.INACCURATE, str(wrong))
         return self.found.run(self._restored(self.last), outcome, self.path.factorizations, self.report)
