@@ -70,22 +70,29 @@ def block_mean(value_t: NDArray[np.float64], blocks: int) -> tuple[float, float]
 def block_drift(value_t: NDArray[np.float64], blocks: int) -> tuple[float, float]:
     """Return the mean of the second half of a signal less that of the first, and its error by blocks.
 
+    The error is that of the scatter of block means about a straight line, so that a drift is no part of it.
+
     Parameters
     ----------
     value_t
         (T,) values, at least one for each block.
     blocks
-        At least 4, half of them for each half.
+        Four are taken where there are fewer.
 
     Examples
     --------
     >>> change, error = block_drift(np.arange(80.0), 8)
-    >>> change, error < 15.0
+    >>> change, error < 1e-12
     (40.0, True)
 
     """
-    first, second = (block_mean(part, max(blocks // 2, 2)) for part in np.array_split(value_t, 2))
-    return second[0] - first[0], math.hypot(first[1], second[1])
+    first, second = (float(part.mean()) for part in np.array_split(value_t, 2))
+    means = np.array([part.mean() for part in np.array_split(value_t, max(blocks, 4))])
+    place = np.arange(len(means)) - 0.5 * (len(means) - 1)
+    slope = float(place @ means) / float(place @ place)
+    left = means - means.mean() - slope * place
+    scatter = math.sqrt(float(left @ left) / (len(means) - 2))
+    return second - first, 2.0 * scatter / math.sqrt(len(means))
 
 
 _TURN = 2.0 * math.pi
