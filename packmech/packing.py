@@ -345,8 +345,8 @@ class Packing:
         """The (L,) errors of the links' lengths, over the larger of these and the mean diameter [1]."""
         assert self.links is not None
         vector, length = self.links.vectors(self.position_nd, self.box.lattice_dd), self.links.length_l
-        error: NDArray[np.float64] = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
-        return error / np.maximum(length, self.diameter_n.mean())
+        error = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
+        return np.asarray(error / np.maximum(length, self.diameter_n.mean()))
 
     def check_link_lengths(self, name: str, call: str) -> None:
         """Check that links have their lengths, for a call whose answer depends on it.
