@@ -168,7 +168,8 @@ def _default_route(descent: _Descent, tolerance: float, note: str) -> Outcome:
     method: Any
     name, method = ("L-BFGS", LBFGS()) if radius.max() > _BROAD * radius.min() else ("FIRE", Fire())
     outcome = descent.follow(name + note, method, max(tolerance, _HAND_OVER))
-    if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
+    # Newton's method may help where steps ran out on the way to the first balance
+    if tolerance >= _HAND_OVER or not (outcome is Outcome.CONVERGED or (outcome is Outcome.STEP_LIMIT and not note)):
         return outcome
     if descent.to_the_end:
         return descent.follow(f"{name}, to the end", method, tolerance)
