@@ -112,7 +112,10 @@ def quench(
     -------
     Run
         Outcome.ROUNDING_FLOOR, a success, where the tolerance lies below what the coordinates' rounding allows;
-        Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
+        Outcome.UNJAMMED, a success, where nothing touches any more. On a saddle of the whole energy, rattlers and what
+        acts on single particles included, particles are moved off it and the minimizer goes on; Outcome.UNSTABLE where
+        that ends on saddles again and again. `report["negative_modes"]` is 0 where the end was found to be a minimum,
+        None where there is no second derivative, and "not_judged" says why. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
         the box that it is not known).
@@ -382,7 +385,7 @@ class _Descent:
         if self._trace is not None:
             self._trace.add(self.steps, self.program)
             trace = self._trace.build()
-        judged = {} if self.stability is None else {"negative_modes": self.stability.negative}
+        judged: dict[str, Any] = {} if self.stability is None else {"negative_modes": self.stability.negative}
         if self.stability is not None and self.stability.reason:
             judged["not_judged"] = f"minimum or saddle: {self.stability.reason}"
         return Run(
