@@ -113,7 +113,10 @@ def quench(
     -------
     Run
         Outcome.ROUNDING_FLOOR, a success, where the tolerance lies below what the coordinates' rounding allows;
-        Outcome.UNJAMMED, a success, where nothing touches any more. With links in two dimensions `report` names the
+        Outcome.UNJAMMED, a success, where nothing touches any more. On a saddle of the whole energy, rattlers and what
+        acts on single particles included, particles are moved off it and the minimizer goes on; Outcome.UNSTABLE where
+        that ends on saddles again and again. `report["negative_modes"]` is 0 where the end was found to be a minimum,
+        None where there is no second derivative, and "not_judged" says why. With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
         the box that it is not known).
@@ -169,7 +172,8 @@ def _default_route(descent: _Descent, tolerance: float, note: str) -> Outcome:
     method: Any
     name, method = ("L-BFGS", LBFGS()) if radius.max() > _BROAD * radius.min() else ("FIRE", Fire())
     outcome = descent.follow(name + note, method, max(tolerance, _HAND_OVER))
-    if tolerance >= _HAND_OVER or outcome not in (Outcome.CONVERGED, Outcome.STEP_LIMIT):
+    # Newton's method may help where steps ran out on the way to the first balance
+    if tolerance >= _HAND_OVER or not (outcome is Outcome.CONVERGED or (outcome is Outcome.STEP_LIMIT and not note)):
         return outcome
     if descent.to_the_end:
         return descent.follow(f"{name}, to the end", method, tolerance)
@@ -382,7 +386,7 @@ class _Descent:
         if self._trace is not None:
             self._trace.add(self.steps, self.program)
             trace = self._trace.build()
-        judged = {} if self.stability is None else {"negative_modes": self.stability.negative}
+        judged: dict[str, Any] = {} if self.stability is None else {"negative_modes": self.stability.negative}
         if self.stability is not None and self.stability.reason:
             judged["not_judged"] = f"minimum or saddle: {self.stability.reason}"
         return Run(
