@@ -119,7 +119,10 @@ def jam(
         `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
         (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
-        held redundantly), stress_anisotropy, method, strain, start ("continued" or "anew"), and, where a hard packing
+        held redundantly), stress_anisotropy, rounding_floor (the residual that rounding of positions alone can cause),
+        backbone_pressure (the part of the pressure between particles that do not rattle; below .99 the outcome is
+        NOT_JAMMED; with links 0 or 1, whether there are such contacts), method,
+        strain, start ("continued" or "anew"), and, where a hard packing
         was found, hard_packing, hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With
         links in two dimensions also crossing_links: pairs that cross are locked, press at any pressure and add states
         of self stress. Links that do not cross at the start are kept from it, as in `quench`. Press reports counts with
