@@ -260,7 +260,7 @@ def steady_shear(
     blocks: int = 8,
     samples: int = 400,
     axes: tuple[int, int] = (0, 1),
-    drift_tolerance: float = 0.1,
+    drift_tolerance: float = 0.25,
     check: bool = True,
     **common: Unpack[Several],
 ) -> FlowCurve:
