@@ -116,7 +116,9 @@ def quench(
         Outcome.UNJAMMED, a success, where nothing touches any more. On a saddle of the whole energy, rattlers and what
         acts on single particles included, particles are moved off it and the minimizer goes on; Outcome.UNSTABLE where
         that ends on saddles again and again. `report["negative_modes"]` is 0 where the end was found to be a minimum,
-        None where there is no second derivative, and "not_judged" says why. With links in two dimensions `report` names the
+        None where there is no second derivative, and "not_judged" says why.
+
+        With links in two dimensions `report` names the
         pairs of links that cross at the end, "crossing_links", and those of them that crossed on the way,
         "crossed_links": they are locked, and may bear forces at any density (None where links are so much longer than
         the box that it is not known).
