@@ -316,11 +316,9 @@ def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push:
         except NotDefinite:
             floppy = 1
     if solve is None:
-        # zero modes do not stand in the way of a shifted factorization; refinement takes the shift back
-        try:
-            solve = _factored(matrix + shift if floppy else matrix).solve
-        except RuntimeError:
-            solve = _factored(matrix + shift).solve
+        # zero modes, which the symmetric part does not show where contacts slide or carry tangential forces, do not
+        # stand in the way of a shifted factorization; refinement takes the shift back
+        solve = _factored(matrix + shift).solve
     solution = np.asarray(solve(right))
     rest = right - matrix @ solution
     reached = float(np.abs(rest).max())
