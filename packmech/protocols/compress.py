@@ -83,8 +83,8 @@ def compress(
     -------
     tuple of Run
         `report` as for `jam`, and distance, onset, rearrangements (on the way from the distance before),
-        onset_rearrangements (of a jammed packing on the way down to its onset), contacts_closed and contacts_opened
-        (since the distance before); pressure_asked is None.
+        onset_rearrangements (of a jammed packing on the way down to its onset; None: not counted), contacts_closed and
+        contacts_opened (since the distance before); pressure_asked is None.
 
     Raises
     ------

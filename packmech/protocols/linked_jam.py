@@ -57,13 +57,15 @@ def find_onset(protocol: Protocol, distance: float) -> Onset | None:
         if now < PRESSED:
             return None
     low = min(low, now)
-    if resting:
-        path = PressurePath(protocol)
-        outcome = path.go(low)
+    start, outcome = packing, Outcome.STALLED
+    if resting and is_jammed(scene):
+        outcome = PressurePath(protocol).go(low)
         packing = protocol.last
         protocol.report["onset_rearrangements"] = protocol.report["rearrangements"]
-    else:
-        packing, outcome = follow_pressure(protocol, packing, now, low)
+    if not outcome.ok:
+        # searches by FIRE lead on where contacts just touch, and may rearrange them
+        packing, outcome = follow_pressure(protocol, start, now, low)
+        protocol.report["onset_rearrangements"] = None
     if not outcome.ok:
         return None
     with protocol.stage("onset") as figures:
