@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.jamming import hard_path
 
 
 @functools.cache
@@ -256,11 +257,20 @@ def test_rattlers_that_are_squeezed_are_so_at_a_strain_that_the_step_does_not_mo
     assert abs(coarse.changes[0].strain - fine.changes[0].strain) < 1e-11
 
 
-def test_contacts_that_change_over_and_over_in_a_crystal_end_the_path_with_a_reason():
-    # eight equal discs bear all forces, many more contacts of them closed than one state of self stress needs
-    run = pm.shear_families(jammed_mixture(10.0, 1), 0.05, time_limit=20.0, check=False)
-    assert run.outcome in (pm.Outcome.NOT_JAMMED, pm.Outcome.STALLED)
-    assert "beyond strain" in run.report["stopped"]
+def test_a_crystal_with_rattlers_is_sheared_to_where_its_contacts_part_and_on():
+    # eight equal discs bear all forces, five contacts more than one state of self stress needs
+    run = pm.shear_families(jammed_mixture(10.0, 2), 0.05, step=2.5e-3, keep=[0.025, 0.05], time_limit=20.0)
+    assert run.contacts_t[0] == 20 and run.contacts_t[-1] < 20
+    assert len(run.changes) == 1 and 0.0 < run.changes[0].strain < 1e-6
+    assert max(overlap_of_all_pairs(one) for one in run.packings) <= 1e-12
+
+
+def test_a_path_that_loses_the_packing_says_why_and_keeps_the_last_hard_one(monkeypatch):
+    monkeypatch.setattr(hard_path, "search_hard", lambda *_: (None, 0))
+    run = pm.shear_families(jammed().packing, 0.06, step=0.01, check=False)
+    assert run.outcome is pm.Outcome.NOT_JAMMED
+    assert run.report["stopped"].startswith("no hard packing was found, beyond strain 0.03")
+    assert 0.03 <= run.strain_t[-1] < 0.0392
     assert overlap_of_all_pairs(run.packing) <= 1e-12
 
 

@@ -41,7 +41,9 @@ _BALANCED = 1e-6
 # strain within which a network that comes again is given up, and steps within it after which the path is; how far
 # beyond the next one is looked for, the first time and, ten times as far each time, at most
 _PROGRESS, _STEPS = 1e-6, 60
-_BEYOND, _FARTHEST = 2e-9, 1e-5
+_BEYOND, _FARTHEST = 2e-9, 1e-4
+# a fall back into its own network that moves no particle by more is none [mean diameter]
+_SAME = 1e-6
 _COLUMNS = ("strain", "packing_fraction", "stress_ratio", "family", "contacts", "rattlers", "gap_error", "imbalance")
 
 
@@ -68,7 +70,7 @@ class FamilyChange:
         Pairs (i, j, image) that bear forces after it and not before, and before it and not after.
     jump
         Packing fraction after less that before, both at this strain to 2e-9, where contacts change over and over to
-        1e-5, with shapes sometimes to 1e-3 [1]; 0 for an exchange.
+        1e-4, with shapes sometimes to 1e-3 [1]; 0 for an exchange.
     moved
         Largest displacement of a particle that bears forces before and after [mean diameter]; 0 for an exchange.
 
@@ -431,17 +433,17 @@ class _HardWalk:
             while abs(path.vertex.strain) < abs(goal):
                 self.loop.check_time()
                 try:
-                    vertex, change = path.go(goal)
+                    change = self._gone(goal, direction)
                     if change is not None:
                         self._note(change)
                         if self._comes_again(change):
                             # contacts that change in turn, and none for good, change together
-                            vertex, change = path.fall(direction, change.cause, self.beyond)
+                            change = self._fallen(direction, change.cause)
                             self._note(change)
-                            self.since += vertex.strain - change.before.strain
-                            self.beyond = min(10.0 * self.beyond, _FARTHEST)
+                            self.since += change.after.strain - change.before.strain
                 except Lost:
                     return self._stopped(Outcome.NOT_JAMMED, "no hard packing was found")
+                vertex = path.vertex
                 if self._stands_still():
                     return self._stopped(Outcome.STALLED, "contacts change over and over, and the strain does not grow")
                 self.last = vertex
@@ -454,6 +456,24 @@ class _HardWalk:
             last = found.rows[-1]
             self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
         return Outcome.FINISHED
+
+    def _gone(self, goal: float, direction: float) -> Change | ShapeChange | None:
+        """Go on towards a strain; return the change on the way, if there was one."""
+        try:
+            return self.path.go(goal)[1]
+        except Lost:
+            return self._fallen(direction, "fold")
+
+    def _fallen(self, direction: float, cause: str) -> Change | ShapeChange:
+        """Give the network up, and look ever farther beyond for the next; return the change."""
+        while True:
+            beyond, self.beyond = self.beyond, min(10.0 * self.beyond, _FARTHEST)
+            try:
+                return self.path.fall(direction, cause, beyond)[1]
+            except Lost:
+                # where many contacts part by next to nothing, which of them are closed is seen farther on only
+                if beyond >= _FARTHEST:
+                    raise
 
     def _comes_again(self, change: Change | ShapeChange) -> bool:
         """Return whether a change leads to a network that it has had since the strain last grew."""
@@ -495,8 +515,10 @@ class _HardWalk:
         )
 
     def _note(self, change: Change | ShapeChange) -> None:
-        """Keep a change, and a row of what was before it."""
+        """Keep a change, and a row of what was before it; what rounding took for a change is none."""
         before, after = change.identities
+        if before == after and change.moved < _SAME:
+            return
         first, second = self.found.number(before), self.found.number(after)
         self._keep(change.before, first)
         jump = packing_fraction(change.after.packing) - packing_fraction(change.before.packing)
