@@ -309,9 +309,11 @@ class Packing:
             here, there = (
                 np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l) for one in both
             )
-            nearer = (there < here) & (here > LINK_TOLERANCE * links.length_l)
-            if nearer.any():
-                moved = np.where(nearer[:, None], both[1].image_ld, links.image_ld)
+            held = LINK_TOLERANCE * links.length_l
+            nearer = (there <= held) | ((there < here) & (here > held))
+            moved = np.where(nearer[:, None], both[1].image_ld, links.image_ld)
+            # links that hold at neither image may come to name a pair twice: they stay, and calls refuse them
+            if len(np.unique(np.column_stack([links.i_l, links.j_l, moved]), axis=0)) == len(links):
                 found["links"] = Links(links.i_l, links.j_l, moved, links.length_l, links.shape_l)
         return found
 

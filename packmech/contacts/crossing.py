@@ -44,7 +44,7 @@ class Crossings:
         return len(self.first_c)
 
 
-@honors("links", packing_only=True)
+@honors("links", packing_only=True, as_it_stands=True)
 def crossing_links(packing: Packing) -> Crossings:
     """Return the pairs of links that cross, over all periodic images; bonds only, in two dimensions.
 

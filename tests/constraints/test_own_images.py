@@ -12,10 +12,12 @@ import packmech as pm
 def crystal():
     """Return a triangular crystal with a small disc in a hole, and the same with that disc linked to its own image."""
     whole = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-3)
-    place = np.vstack([whole.position_nd[1:], whole.position_nd[0] + 0.01])
-    free = pm.Packing(place, np.append(whole.radius_n[1:], 0.1), whole.box)
+    # above the middle between two neighbors in a row: far from all three discs around the hole
+    row = whole.box.lattice_dd[:, 0] / 4.0
+    hole = whole.position_nd[0] + row / 2.0 + np.array([-row[1], row[0]]) / (2.0 * np.sqrt(3.0))
+    free = pm.Packing(np.vstack([whole.position_nd, hole]), np.append(whole.radius_n, 0.05), whole.box)
     length = float(np.linalg.norm(whole.box.lattice_dd[:, 0]))
-    return free, free.replace(links=pm.Links([15], [15], [[1, 0]], [length]))
+    return free, free.replace(links=pm.Links([16], [16], [[1, 0]], [length]))
 
 
 def scene(packing):
