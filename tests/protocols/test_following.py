@@ -116,10 +116,16 @@ def at_pressure(family, seed):
     return scene.replace(packing=pm.jam(scene, **asked(family, seed)).packing)
 
 
+def contacts_of(packing):
+    """Return the pairs that overlap."""
+    if packing.shapes is not None:
+        return pm.find_shape_contacts(packing)
+    return pm.find_contacts(packing, gap_tolerance=0.0)
+
+
 def touching(packing):
     """Return the touching pairs, of bodies those of their beads, by name, and their overlaps."""
-    columns = ["i_c", "j_c", "image_cd"]
-    contacts = pm.find_contacts(packing) if packing.shapes is None else pm.find_shape_contacts(packing)
+    columns, contacts = ["i_c", "j_c", "image_cd"], contacts_of(packing)
     if packing.shapes is not None:
         columns += ["site_i_c", "site_j_c"]
     named = np.column_stack([getattr(contacts, name) for name in columns])
@@ -131,7 +137,7 @@ def overlap_changes(scene, pressure, more, strain):
     packing, d = scene.packing, scene.packing.dimension
     per_volume = scene.pressure_unit * packing.box.volume
     matrix = pm.hessian(scene, strain="free").toarray()
-    rows = pm.rigidity_matrix(packing, strain="free").toarray()
+    rows = pm.rigidity_matrix(packing, strain="free", contacts=contacts_of(packing)).toarray()
     trace = np.r_[np.ones(d), np.zeros(d * (d - 1) // 2)]
     size, strains = len(matrix), len(trace)
     # what the pressure adds to the curvature where strains change the volume
