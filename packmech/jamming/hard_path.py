@@ -55,7 +55,7 @@ _AT_ONCE = 1e-9
 # pairs are looked at within this reach beyond contact
 _NEAR = 0.1
 # room that is enough for a rattler, trust radius of its programs, and their number [diameter]
-_ROOM, _TRUST, _PROGRAMS = 0.01, 0.1, 30
+_ROOM, _TRUST, _PROGRAMS = 1e-3, 0.1, 30
 # trust radius at which other shapes have straight distances
 _STRAIGHT = 1e-7
 # force that counts as none, over the mean
@@ -523,10 +523,9 @@ def make_room(
 ) -> tuple[Packing, float, Candidates]:
     """Return the packing with its rattlers as far from everything as they can be, the room left, and who limits it.
 
-    Each group of rattlers that can meet is moved by itself, all else standing where it is. Each program maximizes the
-    smallest relative gap to first order in their displacements, turns among them, over all pairs that these can bring
-    together; distances of discs and spheres are convex, so that the true gaps are no smaller. Room of a hundredth is
-    enough.
+    Each program maximizes the smallest relative gap of each group of rattlers that can meet, to first order in their
+    displacements, turns among them, over all pairs that these can bring together; distances of discs and spheres are
+    convex, so that the true gaps are no smaller. Room of a thousandth is enough.
 
     Parameters
     ----------
@@ -552,13 +551,9 @@ def make_room(
         waiting[end_c[loose_c & (gap_c <= _ROOM)]] = True
     if not waiting.any():
         return packing, room, _no_pairs(packing)
-    found: list[tuple[float, Candidates]] = []
-    for k in np.flatnonzero(waiting).tolist():
-        if waiting[k]:
-            group_n = _group(packing, k, rattling_n)
-            waiting &= ~group_n
-            packing, own, limits = _apart(packing, group_n)
-            found.append((own, limits))
+    meeting = _within_reach(packing, rattling_n, _TRUST)
+    label_n = _groups(meeting, rattling_n)
+    packing, found = _apart(packing, rattling_n & np.isin(label_n, label_n[waiting]))
     room = min(own for own, _ in found)
     limiting = [limits for own, limits in found if own <= room + _AT_ONCE]
     return packing, room, Candidates(*(np.concatenate(part) for part in zip(*limiting, strict=True)))
@@ -591,71 +586,100 @@ def _within_reach(packing: Packing, member_n: NDArray[np.bool_], trust: float) -
     return pair_contacts(packing, *(part[keep] for part in pairs))
 
 
-def _group(packing: Packing, k: int, rattling_n: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the (N,) rattlers that can meet rattler k, or those that can meet it, in one program."""
-    near = _within_reach(packing, rattling_n, _TRUST)
-    both = rattling_n[near.i_c] & rattling_n[near.j_c]
-    label_n = clusters(packing.particles, near.i_c[both], near.j_c[both])
-    return np.asarray(label_n == label_n[k])
+def _groups(near: Contacts | ShapeContacts, member_n: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the (N,) number of each particle's group of those members that the pairs join."""
+    both = member_n[near.i_c] & member_n[near.j_c]
+    return clusters(len(member_n), near.i_c[both], near.j_c[both])
 
 
-def _apart(packing: Packing, group_n: NDArray[np.bool_]) -> tuple[Packing, float, Candidates]:
-    """Return the packing with the group as far from everything as it can be, its room, and the pairs that limit it."""
-    number = np.where(group_n, np.cumsum(group_n) - 1, -1)
-    count, trust = int(group_n.sum()), _TRUST
-    limits = _no_pairs(packing)
-    here = _within_reach(packing, group_n, trust)
-    room = float((here.gap_c / here.contact_distance_c).min(initial=_NEAR))
-    for _ in range(_PROGRAMS):
-        unit, ends = here.contact_distance_c, _slopes_of_ends(packing, here)
-        q = ends.shape[2]
-        row, column, value = [], [], []
-        for end, slope_cq in zip((here.i_c, here.j_c), ends, strict=True):
-            one = np.flatnonzero(group_n[end])
-            row.append(np.repeat(one, q))
-            column.append((number[end[one]][:, None] * q + np.arange(q)).ravel())
-            value.append(-slope_cq[one].ravel())
-        lines = np.arange(len(here))
-        below = sp.coo_array(
-            (
-                np.concatenate([*value, unit]),
-                (np.concatenate([*row, lines]), np.concatenate([*column, np.full(len(here), count * q)])),
-            ),
-            shape=(len(here), count * q + 1),
-        ).tocsr()
-        cost = np.zeros(count * q + 1)
-        cost[-1] = -1.0
-        bound = np.full(count * q + 1, trust)
-        bound[-1] = _NEAR
-        program = LinearProgram(
-            cost=cost, equal=sp.csr_array((0, len(cost))), equal_to=np.zeros(0), below=below, below_to=here.gap_c,
-            lower=np.where(np.arange(len(cost)) < count * q, -bound, -np.inf), upper=bound, dimension=q,
-        )  # fmt: skip
-        solution = solve_highs(program, 1e-10)
-        if solution.solve.outcome is not Outcome.CONVERGED:
-            break
-        u_nq = np.zeros((packing.particles, q))
-        u_nq[group_n] = solution.x[:-1].reshape(count, q)
-        moved = displaced(packing, u_nq)
-        now = _same_pairs(moved, here)
-        reached = float((now.gap_c / now.contact_distance_c).min(initial=_NEAR))
-        push = solution.below_multiplier > 1e-6 * max(float(solution.below_multiplier.max(initial=0.0)), 1e-300)
-        chosen = now.select(push)
-        limits = (
-            chosen.pairs if isinstance(chosen, ShapeContacts) else Candidates(chosen.i_c, chosen.j_c, chosen.image_cd)
-        )
-        if reached <= room + 1e-15:
+def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list[tuple[float, Candidates]]]:
+    """Return the packing with each group of members as far from everything as it can be, and of each its limits.
+
+    These are the room that it has and the pairs that hold it there. One program moves all groups; they do not meet in
+    it, so each has a room of its own.
+    """
+    found: list[tuple[float, Candidates]] = []
+    member_n, trust_n = member_n.copy(), np.full(packing.particles, _TRUST)
+    for left in range(_PROGRAMS, 0, -1):
+        here = _within_reach(packing, member_n, float(trust_n[member_n].max()))
+        label_n = _groups(here, member_n)
+        names = np.unique(label_n[member_n])
+        group_n = np.where(member_n, np.searchsorted(names, label_n), -1)
+        group_c = np.where(member_n[here.i_c], group_n[here.i_c], group_n[here.j_c])
+        trust_g = np.full(len(names), _TRUST)
+        np.minimum.at(trust_g, group_n[member_n], trust_n[member_n])
+        u_nq, push_c = _outwards(packing, here, group_n, group_c, trust_g)
+        room_g = _smallest(here, group_c, len(names))
+        reached_g = _smallest(_same_pairs(displaced(packing, u_nq), here), group_c, len(names))
+        better_g = reached_g > room_g + 1e-15
+        packing = displaced(packing, u_nq * better_g[group_n][:, None])
+        way_g = np.zeros(len(names))
+        np.maximum.at(way_g, group_n[member_n], np.abs(u_nq[member_n]).max(axis=1))
+        stuck_g = ~better_g
+        if packing.shapes is not None:
             # distances of other shapes bend both ways: nearer by they are straight
-            if packing.shapes is None or trust < _STRAIGHT:
-                break
-            trust *= 0.25
-        else:
-            gained, room, packing = reached - room, reached, moved
-            if room > _ROOM or gained < 1e-14:
-                break
-            trust = min(trust, max(3.0 * float(np.abs(u_nq).max()), 1e-6))
-        here = _within_reach(packing, group_n, trust)
-    return packing, room, limits
+            stuck_g &= (trust_g < _STRAIGHT) | (way_g == 0.0)
+        done_g = stuck_g | (better_g & ((reached_g > _ROOM) | (reached_g - room_g < 1e-14))) | (left == 1)
+        for g in np.flatnonzero(done_g):
+            limits = here.select((group_c == g) & push_c)
+            pairs = limits.pairs if isinstance(limits, ShapeContacts) else Candidates(*_ends_of(limits))
+            found.append((float(max(reached_g[g], room_g[g])), pairs))
+        trust_g = np.where(better_g, np.minimum(trust_g, np.maximum(3.0 * way_g, 1e-6)), 0.25 * trust_g)
+        trust_n[member_n] = trust_g[group_n[member_n]]
+        member_n &= ~done_g[group_n]
+        if not member_n.any():
+            break
+    return packing, found
+
+
+def _ends_of(pairs: Contacts) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    return pairs.i_c, pairs.j_c, pairs.image_cd
+
+
+def _smallest(near: Contacts | ShapeContacts, group_c: NDArray[np.int64], groups: int) -> NDArray[np.float64]:
+    """Return the (G,) smallest relative gaps of the pairs of each group, at most that up to which pairs are near."""
+    smallest = np.full(groups, _NEAR)
+    np.minimum.at(smallest, group_c, near.gap_c / near.contact_distance_c)
+    return smallest
+
+
+def _outwards(
+    packing: Packing,
+    here: Contacts | ShapeContacts,
+    group_n: NDArray[np.int64],
+    group_c: NDArray[np.int64],
+    trust_g: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the displacements that give each group the most room to first order, and the pairs that limit them.
+
+    Where the program is not solved there are none.
+    """
+    ends = _slopes_of_ends(packing, here)
+    member_n, q, groups = group_n >= 0, ends.shape[2], len(trust_g)
+    count, number = int(member_n.sum()), np.cumsum(member_n) - 1
+    lines = np.arange(len(here))
+    row, column, value = [lines], [count * q + group_c], [here.contact_distance_c]
+    for end, slope_cq in zip((here.i_c, here.j_c), ends, strict=True):
+        one = np.flatnonzero(member_n[end])
+        row.append(np.repeat(one, q))
+        column.append((number[end[one]][:, None] * q + np.arange(q)).ravel())
+        value.append(-slope_cq[one].ravel())
+    below = sp.coo_array(
+        (np.concatenate(value), (np.concatenate(row), np.concatenate(column))), shape=(len(here), count * q + groups)
+    ).tocsr()
+    bound = np.repeat(trust_g[group_n[member_n]], q)
+    program = LinearProgram(
+        cost=np.concatenate([np.zeros(count * q), -np.ones(groups)]),
+        equal=sp.csr_array((0, count * q + groups)), equal_to=np.zeros(0), below=below, below_to=here.gap_c,
+        lower=np.concatenate([-bound, np.full(groups, -np.inf)]),
+        upper=np.concatenate([bound, np.full(groups, _NEAR)]), dimension=q,
+    )  # fmt: skip
+    solution = solve_highs(program, 1e-10)
+    u_nq = np.zeros((packing.particles, q))
+    if solution.solve.outcome is not Outcome.CONVERGED:
+        return u_nq, np.zeros(len(here), dtype=bool)
+    u_nq[member_n] = solution.x[: count * q].reshape(count, q)
+    return u_nq, np.asarray(solution.below_multiplier > 1e-6 * float(solution.below_multiplier.max(initial=1e-300)))
 
 
 def displaced(packing: Packing, u_nq: NDArray[np.float64]) -> Packing:
