@@ -298,6 +298,7 @@ _PUBLIC = {
     "kernel": "packmech.jit.compiled",
     # outcomes
     "NotConverged": "packmech.result",
+    "Condition": "packmech.result",
     "Outcome": "packmech.result",
     "Run": "packmech.result",
     "Solve": "packmech.result",

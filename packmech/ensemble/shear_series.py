@@ -19,6 +19,7 @@ from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
 from packmech.ensemble.folder import CHECKPOINT
 from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
+from packmech.result import NotConverged
 from packmech.rheology.amplitude_sweep import check_amplitudes
 from packmech.rheology.oscillatory import oscillatory_shear
 from packmech.scene import Scene
@@ -212,7 +213,8 @@ def shear_series(
     TypeError, ValueError
         If an argument is not what it must be.
     NotConverged
-        If a time step is too long; a RuntimeError where other processes run the trials.
+        If a run does not come to its end, as where a time step is too long; a RuntimeError where other processes run
+        the trials.
     KeyboardInterrupt
         Passed on; what is in the folder stays there.
 
@@ -302,7 +304,9 @@ def shear_trial(
 ) -> ShearTrial:
     """Return what a member of a series is: one trial of a scene that is kept beside the members."""
     strained = controlled(scene_at(scene_path(folder, scene)), control, friction)
-    run = oscillatory_shear(strained, amplitude=amplitude, checkpoint=folder / CHECKPOINT, **choices)
+    run = oscillatory_shear(strained, amplitude=amplitude, checkpoint=folder / CHECKPOINT, check=False, **choices)
+    if not run.measured:
+        raise NotConverged(run)
     assert run.moduli is not None
     return ShearTrial(
         run.moduli.storage,

@@ -186,8 +186,8 @@ def jam(
 
     def finished(outcome: Outcome) -> Run:
         report_start(protocol)
-        made = finish_pressed if isinstance(method, Press) else finish
-        return made(protocol, protocol.last, outcome, aim, type(method).__name__, began)
+        ended = (protocol, protocol.last, outcome, aim, type(method).__name__, began)
+        return finish_pressed(*ended, method.force_tolerance) if isinstance(method, Press) else finish(*ended)
 
     with single_thread():
         return loop.run(work, finished)

@@ -17,7 +17,7 @@ from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
-from packmech.protocols.protocol import Protocol, at_packing_fraction
+from packmech.protocols.protocol import PRESSED, Protocol, at_packing_fraction
 from packmech.result import Outcome
 from packmech.scene import Scene
 
@@ -25,8 +25,6 @@ from packmech.scene import Scene
 _SPAN = 10.0
 # time in which strains of a box as stiff as a contact follow the stress, over that of a contact
 _ANSWER = 10.0
-# largest error of the pressure, and of other stresses over it, at which a packing counts as pressed [1]
-_PRESSED = 1e-6
 # missing part of the pressure at which the drag ends [1]
 _NEARLY = 0.05
 # fraction of the shortest time of a contact that a step takes: what is at rest at the end is no matter of accuracy
@@ -164,7 +162,7 @@ class _Pressing:
     def at_rest(self) -> bool:
         """Return whether forces, torques and stress are in balance under the pressure."""
         quiet = self.figures()[0] <= self.method.force_tolerance
-        if not quiet or float(np.abs(self._missing()).max()) > _PRESSED * self.pressure:
+        if not quiet or float(np.abs(self._missing()).max()) > PRESSED * self.pressure:
             return False
         found = contact_forces(self.protocol.scene.replace(packing=self.packing))
         return found.residual <= self.method.force_tolerance

@@ -6,7 +6,6 @@ Compiled scene, reduced units, stages, relaxation in a given box; figures recomp
 from __future__ import annotations
 
 import functools
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -59,7 +58,7 @@ _ROUNDING = 1e-11
 # part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
 _BORNE_BY_RATTLERS = 1e-2
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
-_PRESSED = 1e-6
+PRESSED = 1e-6
 
 
 def is_jammed(scene: Scene) -> bool:
@@ -430,13 +429,6 @@ def finish(
         if packing.links is not None:
             net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(net)
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
-        if packing.links is None and outcome.ok:
-            # a rattler that is pressed is none: what presses it from two sides holds it at no place
-            loose = rattlers_of(contacts)
-            push_c = np.abs(first_c[loose[contacts.i_c] | loose[contacts.j_c]])
-            allowed = max(protocol.force_tolerance, 10.0 * residual) * float(np.abs(first_c).mean())
-            if push_c.max(initial=0.0) > allowed:
-                outcome = Outcome.UNSTABLE
     report: dict[str, Any] = {
         "method": method,
         "strain": protocol.strain,
@@ -453,17 +445,25 @@ def finish(
         **locked_links(packing),
         **protocol.report,
     }
-    share = None
+    share, pressed = None, False
     if packing.links is None:
         carried = report["contacts"] > 0
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
         rattling = rattlers_of(contacts)
-        share = share_of(first_c * contacts.distance_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c]))
+        loose_c = rattling[contacts.i_c] | rattling[contacts.j_c]
+        share = share_of(first_c * contacts.distance_c, ~loose_c)
+        # a particle that its contacts do not hold must bear no force, but for what is not balanced
+        allowed = (
+            max(protocol.force_tolerance, 10.0 * residual) * float(np.abs(first_c).mean()) if len(contacts) else 0.0
+        )
+        pressed = float(np.abs(first_c[loose_c]).max(initial=0.0)) > allowed
     elif report["contacts"] is not None:
         # contacts of clusters that rattle as a whole bear no pressure, but where they are with own images
         share = float(report["contacts"] > 0)
     outcome = judged(protocol, packing, outcome, residual, report, share)
+    if pressed and outcome.ok and outcome is not Outcome.UNJAMMED:
+        outcome = Outcome.UNSTABLE
     return _run_of(protocol, packing, outcome, residual, report, began)
 
 
@@ -505,7 +505,7 @@ def judged(
         return Outcome.NOT_JAMMED
     asked, tolerance = report["pressure_asked"], protocol.force_tolerance
     least = max(tolerance, FLOORS * floor)
-    if residual > least or (asked is not None and abs(report["pressure"] / asked - 1.0) > max(least, _PRESSED)):
+    if residual > least or (asked is not None and abs(report["pressure"] / asked - 1.0) > max(least, PRESSED)):
         return Outcome.STALLED
     return Outcome.ROUNDING_FLOOR if residual > tolerance else outcome
 
@@ -575,15 +575,22 @@ def _finish_shaped(
 
 
 def _run_of(
-    protocol: Protocol, packing: Packing, outcome: Outcome, residual: float, report: dict[str, Any], began: float
+    protocol: Protocol,
+    packing: Packing,
+    outcome: Outcome,
+    residual: float,
+    report: dict[str, Any],
+    began: float,
+    tolerance: float | None = None,
 ) -> Run:
-    asked, tolerance = report["pressure_asked"], protocol.force_tolerance
+    """Return the run, with the conditions that it does not meet; the protocol's force tolerance unless given."""
+    asked, tolerance = report["pressure_asked"], protocol.force_tolerance if tolerance is None else tolerance
     conditions = [Condition("force residual", residual, tolerance)]
     if asked is not None:
-        conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, _PRESSED)))
-    if "distance" in report:
-        above = report["packing_fraction"] - report.get("onset", math.nan)
-        conditions.append(Condition("packing fraction above the onset", above, report["distance"], _PRESSED))
+        conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, PRESSED)))
+    if "distance" in report and "onset" in report:
+        above = report["packing_fraction"] - report["onset"]
+        conditions.append(Condition("packing fraction above the onset", above, report["distance"], PRESSED))
     return Run(
         packing=packing,
         outcome=outcome,
@@ -599,9 +606,15 @@ def _run_of(
 
 
 def finish_pressed(
-    protocol: Protocol, packing: Packing, outcome: Outcome, asked: float | None, method: str, began: float
+    protocol: Protocol,
+    packing: Packing,
+    outcome: Outcome,
+    asked: float | None,
+    method: str,
+    began: float,
+    tolerance: float,
 ) -> Run:
-    """Return the run of a protocol that pressed a packing, with friction or without, as `finish` does of others."""
+    """Return the run of a protocol that pressed a packing to its own force tolerance, as `finish` does of others."""
     found = contact_forces(protocol.scene.replace(packing=packing))
     counts = found.to_dict()
     pressure = counts.pop("pressure")
@@ -623,7 +636,7 @@ def finish_pressed(
     )
     if outcome.ok and outcome is not Outcome.UNJAMMED and share < 1.0 - _BORNE_BY_RATTLERS:
         outcome = Outcome.NOT_JAMMED
-    return _run_of(protocol, packing, outcome, found.residual, report, began)
+    return _run_of(protocol, packing, outcome, found.residual, report, began, tolerance)
 
 
 def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float64]:

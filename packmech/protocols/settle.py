@@ -16,7 +16,7 @@ from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.packing import Packing
-from packmech.result import Outcome, Run, Stage
+from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 
 # time between two looks at the motion, over that of a contact
@@ -116,16 +116,19 @@ class _Settling:
     def work(self) -> Outcome:
         """Fall, then come to rest; return how that ended."""
         if self._balanced():
-            return Outcome.CONVERGED
+            return self._at_rest()
         damped, self.added_damping = with_dashpot(self.scene)
         self.tau = math.sqrt(float(self.packing.mass_n.mean()) / stiffness_and_damping(self.scene)[0])
         self.spans = Spans(damped, choose_time_step(damped, _STEP))
         outcome = self._stage("falling", self._fall)
         if outcome is Outcome.FINISHED:
             outcome = self._stage("coming to rest", self._rest)
-            if outcome is Outcome.CONVERGED and self._forces().residual == 0.0:
-                outcome = Outcome.UNJAMMED
+            outcome = self._at_rest() if outcome is Outcome.CONVERGED else outcome
         return outcome
+
+    def _at_rest(self) -> Outcome:
+        """Return how what is in balance ends: nothing is pushed where not even a force balances another."""
+        return Outcome.CONVERGED if self._forces().residual > 0.0 else Outcome.UNJAMMED
 
     def _forces(self) -> ContactForces:
         return contact_forces(self.scene.replace(packing=self.packing))
@@ -175,6 +178,7 @@ class _Settling:
     def finish(self, outcome: Outcome) -> Run:
         """Return the run."""
         found = self._forces()
+        limits = () if self.spans is None else self.spans.limits()
         steps = 0 if self.spans is None else self.spans.steps
         return Run(
             packing=self.packing,
@@ -190,4 +194,5 @@ class _Settling:
                 "time": 0.0 if self.spans is None else steps * self.spans.dt / self.tau,
                 "kinetic_energy": 0.0 if self.spans is None else self.spans.kinetic_energy,
             },
+            unmet=unmet_conditions(outcome, *limits, Condition("force residual", found.residual, self.tolerance)),
         )

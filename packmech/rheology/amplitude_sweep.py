@@ -18,9 +18,6 @@ from packmech.rheology.arguments import Several, listed, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
 
-# outcomes of runs that got to their end and have figures
-_MEASURED = (Outcome.NOT_STEADY, Outcome.NEAR_RESONANCE)
-
 
 @dataclass(frozen=True, eq=False)
 class AmplitudeSweep:
@@ -47,7 +44,6 @@ class AmplitudeSweep:
     runs: tuple[OscillatoryShear, ...]
 
     @property
-    @property
     def outcome(self) -> Outcome:
         """How the runs ended: as the first of them that is no success, if there is one."""
         return next((run.outcome for run in self.runs if not run.ok), Outcome.FINISHED)
@@ -57,6 +53,7 @@ class AmplitudeSweep:
         """Whether every run is a success."""
         return self.outcome.ok
 
+    @property
     def yield_strain(self) -> float:
         """Amplitude at which G' = G'' [1], as the function of this name finds it; nan where they do not cross."""
         return yield_strain(self.amplitude_a, self.storage_a, self.loss_a)
@@ -162,7 +159,7 @@ def amplitude_sweep(
         except KeyboardInterrupt as stop:
             stop.run = _gathered(asked, runs) if runs else None  # type: ignore[attr-defined]
             raise
-        if not run.ok and run.outcome not in _MEASURED:
+        if not run.measured:
             raise NotConverged(run)
         runs.append(run)
     return _gathered(asked, runs)

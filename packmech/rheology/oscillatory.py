@@ -65,6 +65,11 @@ class OscillatoryShear(StrainRun):
     walls: WallModuli | None = None
 
     @property
+    def measured(self) -> bool:
+        """Whether the run came to its end and has moduli, steady and in balance or not."""
+        return self.ok or self.outcome in (Outcome.NOT_STEADY, Outcome.NEAR_RESONANCE)
+
+    @property
     def kinetic_share(self) -> float:
         """Mean kinetic energy of peculiar motion over V |G*| amplitude^2 / 4, over the periods that count [1].
 
@@ -401,6 +406,6 @@ def _judged(run: OscillatoryShear) -> OscillatoryShear:
         if math.isfinite(error)
     ]
     error = found.storage_error if math.isfinite(found.storage_error) else found.storage_fit_error
-    led = Condition("-G'", -found.storage, _SURE * error + _NEGATIVE * size)
+    led = Condition("negative G'", -found.storage, _SURE * error + _NEGATIVE * size)
     unmet = [(name, one) for name, one in [*conditions, (Outcome.NEAR_RESONANCE, led)] if not one.met]
     return replace(run, outcome=unmet[0][0], unmet=tuple(one for _, one in unmet)) if unmet else run

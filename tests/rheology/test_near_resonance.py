@@ -46,4 +46,4 @@ def test_a_negative_storage_modulus_beyond_its_error_is_a_stress_led_by_inertia(
     upside_down = dataclasses.replace(slow, stress=turned)
     judged = _judged(dataclasses.replace(upside_down, moduli=upside_down.demodulated()))
     assert judged.outcome.name == "NEAR_RESONANCE"
-    assert [one.name for one in judged.unmet] == ["-G'"]
+    assert [one.name for one in judged.unmet] == ["negative G'"]

@@ -176,7 +176,7 @@ class ShearFamilies(Run):
             ("jumps", str(found["jumps"]), jumps),
             ("gap error", f"{found['gap_error']:.1e}", "over the mean diameter"),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
-            *(("stopped", f"at {found['strain']:.6g}", found["stopped"]) for _ in range("stopped" in found)),
+            *([("stopped", f"at {found['strain']:.6g}", found["stopped"])] if "stopped" in found else []),
         ]
 
     def table(self) -> Table:

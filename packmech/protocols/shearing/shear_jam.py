@@ -196,7 +196,7 @@ class _Shearing:
         spans, seconds = self.spans, time.process_time() - self.began
         strain, pressure, stress = np.array(self.rows).reshape(-1, 3).T.copy()
         report: dict[str, Any] = {"strain": self.strain}
-        residual, balance = 0.0, Condition("force residual", spans.residual, self.force_tolerance)
+        residual, balance = spans.residual, Condition("force residual", spans.residual, self.force_tolerance)
         if outcome is Outcome.CONVERGED:
             forces = self._forces()
             residual = forces.residual

@@ -78,7 +78,11 @@ def moduli(kind: str, method: object, step: float, repeat: int) -> tuple[float, 
         dt=step * tau,
         method=method,
         samples_per_period=100,
+        # steps are coarse on purpose
+        check=False,
     )
+    if not run.measured:
+        raise pm.NotConverged(run)
     return run.moduli.storage, run.moduli.loss
 
 
