@@ -136,8 +136,10 @@ def _answer(scene: Scene, network: ShapedNetwork, strain: str, rest: RestCheck, 
     flat = int((value <= scale).sum())
     if flat:
         return answer(AMBIGUOUS, f"forces hold all but {flat} of {floppy} motions to second order")
-    free = quartic.free_turns
-    reason = f"to second order: the contact forces hold {floppy - free} motions that the contacts leave (quartic modes)"
+    # what the contacts leave and forces need not hold are turns of single bodies
+    held = len(value)
+    free = floppy - held
+    reason = f"to second order: the contact forces hold {held} motions that the contacts leave (quartic modes)"
     return answer(JAMMED, reason + (f"; {free} turns of single bodies are free" if free else ""))
 
 

@@ -28,6 +28,11 @@ from packmech.scene import Scene
 # largest memory of the modes [bytes]
 _BASIS_BYTES = 3e9
 
+# forces below this part of the mean are those of contacts that just touch [1]
+_IDLE = 1e-9
+# 1 - cosine of the angle below which a turn lies in the space of motions that stretch no contact
+_INSIDE = 1e-9
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class QuarticModes:
@@ -135,8 +140,10 @@ def quartic_modes(
         everything = np.ones(network.free_nq.size, dtype=bool)
         size, strains = len(everything), floppy.motion_xk.shape[0] - network.free_nq.size
         basis, whole = floppy.motion_xk, found.sums.matrix(everything)
-        free = free_turns(network.packing, network.contacts)
-        basis = _without(basis, free)
+        # a body that turns freely comes to rest against another, which it does not push: that contact holds nothing
+        force_c = np.abs(found.terms.first_c)
+        bearing = np.flatnonzero(force_c > _IDLE * force_c.mean())
+        basis, free = _without(basis, free_turns(network.packing, network.contacts.select(bearing)))
         moved = whole @ basis[:size]
         if strains:
             coupling = found.sums.coupling(everything)
@@ -158,24 +165,31 @@ def quartic_modes(
         certain=floppy.certain,
         pressure=pressure,
         seconds=time.process_time() - start,
-        free_turns=len(free),
+        free_turns=free,
     )
 
 
-def _without(basis_xk: NDArray[np.float64], free_fnq: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an orthonormal basis of what is left of a space of motions without some of its motions.
+def _without(basis_xk: NDArray[np.float64], free_fnq: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    """Return an orthonormal basis of what is left of a space of motions without free turns, and how many those are.
 
-    Uniform translations are no part of the space, and of these motions not either.
+    Turns whose combinations stretch a contact that bears no force, and so lie outside the space, take no part.
     """
     if not len(free_fnq):
-        return basis_xk
+        return basis_xk, 0
     d = 2 if free_fnq.shape[2] == 3 else 3
+    # uniform translations are no part of the space
     moved = free_fnq.copy()
     moved[..., :d] -= moved[..., :d].mean(axis=1, keepdims=True)
-    motion = moved.reshape(len(moved), -1).T
-    share = basis_xk[: len(motion)].T @ motion
-    # the columns beyond those of the motions span what is across them
-    return np.asarray(basis_xk @ np.linalg.qr(share, mode="complete")[0][:, len(moved) :])
+    motion = np.zeros((len(basis_xk), len(moved)))
+    motion[: moved[0].size] = moved.reshape(len(moved), -1).T
+    motion = np.linalg.qr(motion)[0]
+    share = basis_xk.T @ motion
+    # principal angles between the turns and the space: cosines of one are turns that lie in it
+    _, cosine, turned = np.linalg.svd(share)
+    inside = share @ turned[: len(cosine)][cosine > 1.0 - _INSIDE].T
+    count = inside.shape[1]
+    # the columns beyond those of the turns span what is across them
+    return np.asarray(basis_xk @ np.linalg.qr(inside, mode="complete")[0][:, count:]), count
 
 
 def _none(scene: Scene, width: int, start: float) -> QuarticModes:
