@@ -20,7 +20,8 @@ def pressed(mu, strain="isotropic", dimension=2, particles=32, pressure=1e-3):
 
 
 def linked(packing):
-    return packing.replace(links=pm.Links([0], [1], [[0, 0]], [1.0]))
+    apart = float(np.linalg.norm(packing.position_nd[1] - packing.position_nd[0]))
+    return packing.replace(links=pm.Links([0], [1], [[0, 0]], [apart]))
 
 
 @pytest.mark.parametrize("case", [(0.5, "isotropic", 2), (0.5, "free", 2), (0.3, "isotropic", 3)], ids=str)
@@ -108,9 +109,7 @@ def test_limits_are_outcomes():
         (lambda scene: pm.Press(rate=-1.0), "rate must be a finite number above 0"),
         (lambda scene: pm.Press(step_limit=0), "step_limit must be an integer at least 1"),
         (
-            lambda scene: pm.jam(
-                scene.replace(packing=scene.packing.replace(links=pm.Links([0], [1], [[0, 0]], [1.0])))
-            ),
+            lambda scene: pm.jam(scene.replace(packing=linked(scene.packing))),
             "no friction for a packing with links",
         ),
         (lambda scene: pm.jam(scene.replace(effects=(*scene.effects, pm.Gravity()))), "got Gravity"),
