@@ -531,6 +531,9 @@ def _diverges(scene: Scene) -> bool:
         close, deep = (sum(abs(float(pair_elastic(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
     except (OverflowError, ZeroDivisionError, ValueError):
         return True
+    except TypeError:
+        # a law whose force is no number is named where it is compiled
+        return False
     return not (near < 1e3 * scene.energy_scale and close <= _STEEP * deep)
 
 

@@ -588,8 +588,9 @@ def _run_of(
     conditions = [Condition("force residual", residual, tolerance)]
     if asked is not None:
         conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, PRESSED)))
-    if "distance" in report and "onset" in report:
-        above = report["packing_fraction"] - report["onset"]
+    if "distance" in report:
+        # without an onset, which is found first, the distance to it is not known
+        above = report["packing_fraction"] - report.get("onset", float("nan"))
         conditions.append(Condition("packing fraction above the onset", above, report["distance"], PRESSED))
     return Run(
         packing=packing,
