@@ -689,7 +689,8 @@ def _seen_spheroids(
     axes = np.repeat(radius_n[:, None], 3, axis=1)
     for n, one in enumerate(definition_n):
         if one.get("type") == "Ellipsoid":
-            axes[n] = [_size({"c": one.get("b"), **one}, key, names[n]) for key in "abc"]
+            # a definition in the plane may leave c out
+            axes[n] = [_size(one, key, names[n]) for key in ("a", "b", "c" if "c" in one else "b")]
     turn = _turns(frame)
     many = np.arange(len(axes))
     if dimension == 2:
