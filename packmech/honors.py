@@ -16,6 +16,12 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 R = TypeVar("R")
 
+# a link has its length where its error, over the larger of that and the mean diameter, is below this: what seven digits
+# of a text file leave; runs leave 1e-13 [1]
+LINK_TOLERANCE = 1e-6
+# links of a packing that was strained or displaced a little, as for differences of energies and forces; and of any
+STRAINED, ANY_LENGTH = 1e-2, float("inf")
+
 # columns of the table, and what a scene holds that belongs to each
 COLUMNS = {
     "repulsion": "pair potentials, such as Repulsion",
@@ -103,8 +109,8 @@ class Honors:
         The call that does the same with friction, and with shapes, where there is one.
     apart
         Pairs of columns of which it honors each, but refuses both in one scene.
-    as_it_stands
-        Whether it takes links that do not have their lengths.
+    link_tolerance
+        Largest error of a link's length that it takes, over the larger of that and the mean diameter [1].
 
     """
 
@@ -115,7 +121,7 @@ class Honors:
     rough: str = ""
     shaped: str = ""
     apart: tuple[tuple[str, str], ...] = ()
-    as_it_stands: bool = False
+    link_tolerance: float = LINK_TOLERANCE
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
@@ -179,8 +185,8 @@ class Honors:
                 f"out with packing.replace(links=None), or use {self.instead('links')}"
             )
         check_lengths = getattr(packing, "check_link_lengths", None)
-        if check_lengths is not None and not self.as_it_stands:
-            check_lengths(where, self.call)
+        if check_lengths is not None:
+            check_lengths(where, self.call, self.link_tolerance)
 
 
 # declarations by the name of the call
@@ -196,7 +202,7 @@ def declare(
     rough: str = "",
     shaped: str = "",
     apart: str = "",
-    as_it_stands: bool = False,
+    link_tolerance: float = LINK_TOLERANCE,
 ) -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
@@ -206,7 +212,7 @@ def declare(
         The public name.
     columns
         Names of `COLUMNS` that it honors, with spaces between.
-    at_rest, packing_only, rough, shaped, as_it_stands
+    at_rest, packing_only, rough, shaped, link_tolerance
         As in `Honors`.
     apart
         What it honors, but not both at once: "friction+links friction+shapes"; friction with walls goes without saying.
@@ -218,7 +224,7 @@ def declare(
     unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped, pairs, as_it_stands)
+    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped, pairs, link_tolerance)
     return CALLS[call]
 
 
@@ -230,7 +236,7 @@ def honors(
     rough: str = "",
     shaped: str = "",
     apart: str = "",
-    as_it_stands: bool = False,
+    link_tolerance: float = LINK_TOLERANCE,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
@@ -238,7 +244,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough, shaped, apart, as_it_stands
+    columns, at_rest, packing_only, rough, shaped, apart, link_tolerance
         As in `declare`.
 
     """
@@ -255,7 +261,7 @@ def honors(
             rough=rough,
             shaped=shaped,
             apart=apart,
-            as_it_stands=as_it_stands,
+            link_tolerance=link_tolerance,
         )
 
         @functools.wraps(function)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
+from packmech.honors import LINK_TOLERANCE
 from packmech.links import Links
 from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
@@ -21,9 +22,6 @@ from packmech.tangential import TangentialDisplacements
 DISCRETE_SIZES = 10
 # largest rounding of a position, relative to the smallest radius, at which contacts still mean something [1]
 _COARSEST = 1e-6
-# a link has its length where its error, over the larger of that and the mean diameter, is below this: what seven digits
-# of a text file leave; runs leave 1e-13 [1]
-LINK_TOLERANCE = 1e-6
 # positions that differ from others by whole lattice vectors and this, relative to the largest, are the same places [1]
 _SAME_PLACE = 16.0 * float(np.finfo(float).eps)
 # a link that does not hold is looked for at this many images along each lattice vector: those within its length
@@ -350,7 +348,7 @@ class Packing:
         error = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
         return np.asarray(error / np.maximum(length, self.diameter_n.mean()))
 
-    def check_link_lengths(self, name: str, call: str) -> None:
+    def check_link_lengths(self, name: str, call: str, tolerance: float = LINK_TOLERANCE) -> None:
         """Check that links have their lengths, for a call whose answer depends on it.
 
         Raises
@@ -359,12 +357,12 @@ class Packing:
             Naming the argument, the pair that is farthest from its length, and the way out.
 
         """
-        if self.links is None or self.link_error <= LINK_TOLERANCE:
+        if self.links is None or self.link_error <= tolerance:
             return
         links, worst = self.links, int(self._link_error_l.argmax())
         distance = float(np.sqrt((links.vectors(self.position_nd, self.box.lattice_dd)[worst] ** 2).sum()))
         raise ValueError(
-            f"{name} must have links at their lengths to {LINK_TOLERANCE:g} for pm.{call}, got particles "
+            f"{name} must have links at their lengths to {tolerance:g} for pm.{call}, got particles "
             f"{links.i_l[worst]} and {links.j_l[worst]} at distance {distance:.9g} (image "
             f"{links.image_ld[worst].tolist()}) for a link of length {links.length_l[worst]:.9g}: bring particles that "
             "are near their links back with pm.reaffix_links(packing), or give links with the images of the positions"

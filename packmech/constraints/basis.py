@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains, cluster_block
 from packmech.constraints.jacobian import FORMS, STRAINS, position_rows, scale_of_strain, strain_rows
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
 from packmech.linalg.mandel import strain_components, trace_vector
@@ -355,7 +355,7 @@ def _strain_motions(
     return motions
 
 
-@honors("links", packing_only=True, as_it_stands=True)
+@honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def constraint_basis(
     packing: Packing,
     strain: str = "none",

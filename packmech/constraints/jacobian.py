@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive
 from packmech.contacts import Contacts
 from packmech.contacts.network import pair_contacts
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import kernel
 from packmech.linalg.mandel import normal_strains, strain_components, trace_vector
 from packmech.links import Links
@@ -127,7 +127,7 @@ def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
     return pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
 
 
-@honors("links", packing_only=True, as_it_stands=True)
+@honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def constraint_jacobian(
     packing: Packing,
     strain: str = "none",

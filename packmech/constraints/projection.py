@@ -21,7 +21,7 @@ from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
 from packmech.constraints.factor import ConstraintFactor, Strains
 from packmech.constraints.jacobian import link_vectors, scale_of_strain, strain_rows
 from packmech.constraints.redundancy import SINE, DegenerateLink, check_consistent, dependence, workable_links
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, trace_vector
 from packmech.links import image_offsets
@@ -136,7 +136,7 @@ def _multipliers(
     return multiplier, float(share[0])
 
 
-@honors("links", packing_only=True, as_it_stands=True)
+@honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def project_force(
     packing: Packing,
     force_nd: ArrayLike,
@@ -298,7 +298,7 @@ class ReaffixedLinks:
         return self.outcome.ok
 
 
-@honors("links", packing_only=True, as_it_stands=True)
+@honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def reaffix_links(
     packing: Packing, *, tolerance: float = 1e-13, iteration_limit: int = 50, check: bool = True
 ) -> ReaffixedLinks:

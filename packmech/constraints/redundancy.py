@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.constraints.jacobian import STRAINS, link_vectors, position_rows, strain_rows
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images
@@ -284,7 +284,7 @@ def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> f
     return float(abs(error[worst]))
 
 
-@honors("links", packing_only=True, as_it_stands=True)
+@honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def independent_links(
     packing: Packing, *, strain: str = "none", tolerance: float = 1e-9, rank_tolerance: float = SINE
 ) -> IndependentLinks:

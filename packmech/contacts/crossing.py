@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance
 from packmech.contacts.network import candidate_pairs
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.links import Links
 from packmech.packing import Packing
 
@@ -44,7 +44,7 @@ class Crossings:
         return len(self.first_c)
 
 
-@honors("links", packing_only=True, as_it_stands=True)
+@honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def crossing_links(packing: Packing) -> Crossings:
     """Return the pairs of links that cross, over all periodic images; bonds only, in two dimensions.
 

@@ -12,7 +12,7 @@ from packmech.box import Box
 from packmech.check import instance, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
 
@@ -261,7 +261,7 @@ def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension:
     return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
 
 
-@honors("links", packing_only=True, shaped="pm.find_shape_contacts", as_it_stands=True)
+@honors("links", packing_only=True, shaped="pm.find_shape_contacts", link_tolerance=ANY_LENGTH)
 def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Contacts:
     """Return all touching pairs: gap <= gap_tolerance * (radius_i + radius_j), over every periodic image.
 

@@ -81,7 +81,7 @@ from packmech.files.records import from_table, kinds_of, to_table
 from packmech.generate.rigid import Body, beads_of, body_of, orientation_of
 from packmech.honors import honors
 from packmech.links import Links
-from packmech.packing import DISCRETE_SIZES, LINK_TOLERANCE, Packing
+from packmech.packing import DISCRETE_SIZES, Packing
 from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 

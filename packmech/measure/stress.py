@@ -9,7 +9,7 @@ from packmech.check import instance, one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms, held_particles, single_terms
-from packmech.honors import honors
+from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
 from packmech.measure.shaped import shape_forces
@@ -50,7 +50,12 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
     return net
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
+@honors(
+    "repulsion friction gravity walls held links shapes",
+    at_rest=True,
+    apart="friction+shapes",
+    link_tolerance=STRAINED,
+)
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
@@ -81,7 +86,12 @@ def energy(scene: Scene) -> float:
     return whole + float(np.add.reduce(single_terms(scene.effects, scene.packing).energy_n))
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
+@honors(
+    "repulsion friction gravity walls held links shapes",
+    at_rest=True,
+    apart="friction+shapes",
+    link_tolerance=STRAINED,
+)
 def forces(scene: Scene) -> NDArray[np.float64]:
     """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
 
@@ -119,7 +129,12 @@ def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDAr
     return net
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
+@honors(
+    "repulsion friction gravity walls held links shapes",
+    at_rest=True,
+    apart="friction+shapes",
+    link_tolerance=STRAINED,
+)
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
@@ -203,7 +218,12 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
+@honors(
+    "repulsion friction gravity walls held links shapes",
+    at_rest=True,
+    apart="friction+shapes",
+    link_tolerance=STRAINED,
+)
 def pressure(scene: Scene, *, parts: str = "total") -> float:
     """Return the pressure -trace(stress)/d [energy/length^d].
 
@@ -255,7 +275,7 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(mean)
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion links", at_rest=True, link_tolerance=STRAINED)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 

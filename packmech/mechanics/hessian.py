@@ -24,7 +24,7 @@ from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts
 from packmech.contacts.network import distinct_pairs
 from packmech.effects import ContactTerms, acts_on_single, contact_terms, held_particles
-from packmech.honors import honors
+from packmech.honors import STRAINED, honors
 from packmech.jit.compiled import kernel
 from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import (
@@ -309,6 +309,7 @@ def check_strain_of_box(scene: Scene, strain: str) -> None:
     at_rest=True,
     rough="pm.stiffness_matrix",
     apart="links+gravity links+walls links+held",
+    link_tolerance=STRAINED,
 )
 def hessian(
     scene: Scene,

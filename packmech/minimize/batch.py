@@ -30,8 +30,6 @@ from packmech.result import Outcome
 from packmech.scene import Scene
 from packmech.shapes import Beads
 
-# an overlap [1] above which a law that diverges at the center must not be the one to part the particles
-_DEEP = 0.2
 # whether a status code is a success
 _SUCCESS = np.array([OUTCOME_OF[code].ok for code in sorted(OUTCOME_OF)])
 # packings are dealt out to threads in this many parts for each, as they take unequal times
@@ -93,7 +91,7 @@ def bodies_of(program: Program) -> kernels.Bodies:
 
 def relax_deep_overlaps(program: Program) -> None:
     """Relax deep overlaps with the harmonic law where the scene's own diverges, as pm.quench does."""
-    if not program.diverges or program.evaluate().deepest_overlap < _DEEP:
+    if not program.evaluate().deepest_overlap > program.bearable_overlap:
         return
     harmonic = program.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=program.scene.energy_scale)),))
     program.put(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).packing)

@@ -107,8 +107,10 @@ class Relaxation(NamedTuple):
     force_evaluations: int
 
 
-# a law diverges whose force at the first distance [contact distance] is more than so many times that at the second: a
-# power of the overlap less than doubles it, one over the distance multiplies it by a thousand, up to a cap
+# overlaps [1] above which a law whose energy grows beyond measure, or only its force, must not part the particles
+_DEEP, _COINCIDENT = 0.2, 0.99
+# a law's force diverges where at the first distance [contact distance] it is more than so many times that at the second:
+# a power of the overlap less than doubles it, one over the distance multiplies it by a thousand, up to a cap
 _CLOSE, _STEEP = (1e-4, 0.1), 3.0
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
 _SKIN = 0.6
@@ -144,7 +146,9 @@ class Program:
     order_n
         (N,) particle of each row of a position.
     diverges
-        Whether the energy or the force of two particles grows beyond measure as their centers meet.
+        Whether the energy of two particles grows beyond measure as their centers meet.
+    bearable_overlap
+        Overlap [1] above which the scene's own law must not be the one to part the particles; 1 where it always may.
     row_links
         The links between rows, if there are any.
     build_seconds
@@ -166,6 +170,7 @@ class Program:
     space: Space
     pairs: PairList
     diverges: bool
+    bearable_overlap: float
     row_links: Links | None = None
     build_seconds: float = 0.0
 
@@ -524,17 +529,28 @@ def space_order(packing: Packing) -> NDArray[np.int64]:
 
 
 def _diverges(scene: Scene) -> bool:
-    """Return whether the energy near the center is beyond measure, or the force there beyond that of deep overlaps."""
+    """Return whether the energy near the center is beyond measure."""
     sigma = scene.packing.reference_diameter
     try:
         near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
-        close, deep = (sum(abs(float(pair_elastic(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
     except (OverflowError, ZeroDivisionError, ValueError):
         return True
+    return not near < 1e3 * scene.energy_scale
+
+
+def _bearable_overlap(scene: Scene, diverges: bool) -> float:
+    """Return the overlap [1] above which another law must part the particles: 1, of coincident centers, for none."""
+    if diverges:
+        return _DEEP
+    sigma = scene.packing.reference_diameter
+    try:
+        close, deep = (sum(abs(float(pair_elastic(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
+    except (OverflowError, ZeroDivisionError, ValueError):
+        return _COINCIDENT
     except TypeError:
         # a law whose force is no number is named where it is compiled
-        return False
-    return not (near < 1e3 * scene.energy_scale and close <= _STEEP * deep)
+        return 1.0
+    return 1.0 if close <= _STEEP * deep else _COINCIDENT
 
 
 def build_program(scene: Scene) -> Program:
@@ -582,6 +598,7 @@ def build_program(scene: Scene) -> Program:
     small, change = packing.box.reduced()
     sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
+    diverges = _diverges(scene)
     program = Program(
         scene=scene,
         effects=effects,
@@ -596,7 +613,8 @@ def build_program(scene: Scene) -> Program:
         change_dd=change,
         space=Space(sizes, frame_of(small), 0.0),
         pairs=empty_list(packing.particles, skin),
-        diverges=_diverges(scene),
+        diverges=diverges,
+        bearable_overlap=_bearable_overlap(scene, diverges),
     )
     program.link_rows()
     program.put(packing)

@@ -48,8 +48,6 @@ _BROAD = 20.0
 _ROUNDS, _TIGHTER, _TIGHTEST = 8, 0.1, 1e-15
 # step off a saddle [smallest diameter]: the first that is tried, the shortest, the longest
 _KICK, _SHORTEST, _LONGEST = 1e-4, 1e-10, 0.1
-# an overlap [1] at which a law that diverges at the center must not be the one to part the particles
-_DEEP = 0.2
 # energy that rounding of positions leaves where nothing touches [energy scale]
 _NO_ENERGY = 1e-24
 # second derivatives of coincident centers are none: Newton's method starts with overlaps below this [1]
@@ -230,9 +228,9 @@ class _Descent:
     def relax_deep_overlaps(self, bearable: float) -> Outcome | None:
         """Relax deep overlaps with the harmonic law where the scene's own diverges; return how that failed, or None.
 
-        With another law only overlaps deeper than is bearable.
+        With another law only overlaps deeper than the minimizer can bear.
         """
-        if not self.program.evaluate().deepest_overlap > (_DEEP if self.program.diverges else bearable):
+        if not self.program.evaluate().deepest_overlap > min(self.program.bearable_overlap, bearable):
             return None
         held = tuple(one for one in self.scene.effects if isinstance(one, FixedParticles))
         harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)), *held))

@@ -18,7 +18,7 @@ from packmech.check import finite_array, instance, integer
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import Bonds, contact_terms
-from packmech.honors import honors
+from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -36,7 +36,7 @@ OUTLINE_DIM = 0.75
 SLACK, TOUCH = 1e-12, 1e-12
 
 
-@honors("links shapes", packing_only=True, as_it_stands=True)
+@honors("links shapes", packing_only=True, link_tolerance=ANY_LENGTH)
 def draw_frame(
     packing: Packing,
     *,
