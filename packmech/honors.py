@@ -45,10 +45,10 @@ INSTEAD = {
     "damping": "pm.simulate",
     "friction": "pm.simulate or pm.contact_forces",
     "bonds": "pm.simulate or pm.oscillatory_shear",
-    "gravity": "pm.simulate, pm.quench or, with friction, pm.settle",
+    "gravity": "pm.simulate or pm.quench or pm.settle",
     "walls": "pm.simulate or pm.quench",
     "drag": "pm.simulate",
-    "held": "pm.simulate, pm.quench or, with friction, pm.settle",
+    "held": "pm.simulate or pm.quench or pm.settle",
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
 }

@@ -79,7 +79,7 @@ from packmech.check import finite_array, instance, integer, positive, positive_a
 from packmech.effects.laws import is_law, registered_laws
 from packmech.files.records import from_table, kinds_of, to_table
 from packmech.generate.rigid import Body, beads_of, body_of, orientation_of
-from packmech.honors import honors
+from packmech.honors import LINK_TOLERANCE, honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
 from packmech.shapes import Beads, Shapes, Spheroids

@@ -27,6 +27,9 @@ _STEP = 0.15
 _LOOK = 10
 # kinetic energy, over its largest so far, that is little
 _LITTLE = 1e-3
+# spans over which the largest kinetic energy must change by this part, else nothing takes motion out: rotations against
+# springs without dashpots, or all particles moving alike
+_STRETCH, _STEADY = 100, 0.1
 
 
 @honors("repulsion friction gravity walls held", at_rest=True, shaped="pm.quench")
@@ -42,7 +45,7 @@ def settle(
     """Return the run to rest with friction, in the box as it is: under gravity, on particles that are held.
 
     Particles start without motion and follow Newton's equations with the scene's dashpots and drag until little of the
-    motion is left; then all motion is stopped whenever the kinetic energy has begun to fall (dynamic relaxation,
+    motion is left, or it no longer dies out; then all motion is stopped whenever the kinetic energy has begun to fall (dynamic relaxation,
     Cundall 1976). With friction the packing at rest depends on the way to it: on masses, dashpots, and tangential
     displacements at the start. Contacts of a scene whose dashpots are too weak are given one more, of damping
     .3 sqrt(k m), on the way. A packing that is at rest already stays as it is. The packing that comes back holds its
@@ -150,14 +153,22 @@ class _Settling:
         return Outcome.FINISHED
 
     def _fall(self) -> Outcome:
-        """Follow the motion until little is left of it."""
+        """Follow the motion until little is left of it, or it no longer dies out."""
         assert self.spans is not None
         largest, calm, outcome = 0.0, 0, Outcome.FINISHED
+        last: list[float] = []
+        before = math.inf
         while outcome is Outcome.FINISHED and calm < _LOOK:
             outcome = self._advance()
             energy = self.spans.kinetic_energy
             largest = max(largest, energy)
             calm = calm + 1 if energy <= _LITTLE * largest else 0
+            last.append(energy)
+            if len(last) == _STRETCH:
+                now = max(last)
+                if abs(now - before) <= _STEADY * before < math.inf:
+                    break
+                before, last = now, []
         return outcome
 
     def _rest(self) -> Outcome:

@@ -137,7 +137,7 @@ def test_the_mirrored_flow_is_the_mirror_image():
     swapped = scene.replace(
         packing=pm.Packing(packing.position_nd[:, ::-1], packing.radius_n, pm.Box(packing.box.lattice_dd[::-1, ::-1]))
     )
-    settings = {"rate": 0.01, "pressure": 1e-3, "applied_strain": 0.05, "skip_strain": 0.0}
+    settings = {"rate": 0.01, "pressure": 1e-3, "applied_strain": 0.05, "skip_strain": 0.0, "check": False}
     one = pm.shear_at_pressure(scene, **settings)
     other = pm.shear_at_pressure(swapped, axes=(1, 0), **settings)
     # rows go in another order: equal to rounding while trajectories have not parted
