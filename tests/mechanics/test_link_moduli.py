@@ -84,6 +84,18 @@ def relaxed(scene):
     return scene
 
 
+def contact_energy(packing):
+    """Return the harmonic energy of the contacts and its gradient, whatever the lengths of the links are."""
+    contacts = pm.find_contacts(packing)
+    sigma = contacts.contact_distance_c
+    overlap = 1.0 - contacts.distance_c / sigma
+    pull = (overlap / sigma)[:, None] * contacts.normal_cd
+    gradient = np.zeros_like(packing.position_nd)
+    np.add.at(gradient, contacts.i_c, pull)
+    np.add.at(gradient, contacts.j_c, -pull)
+    return 0.5 * float((overlap**2).sum()), gradient
+
+
 @functools.cache
 def made(shape, dimension, seed):
     """Return three rigid trimers, or one flexible chain, at rest in a small box."""
@@ -116,9 +128,9 @@ def made(shape, dimension, seed):
         return np.linalg.norm(links.vectors(moved.position_nd, moved.box.lattice_dd), axis=1) - links.length_l
 
     found = scipy.optimize.minimize(
-        lambda x: pm.energy(at(x)),
+        lambda x: contact_energy(at(x).packing)[0],
         place.ravel(),
-        jac=lambda x: -pm.forces(at(x)).ravel(),
+        jac=lambda x: contact_energy(at(x).packing)[1].ravel(),
         constraints={
             "type": "eq",
             "fun": lengths,
