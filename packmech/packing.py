@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
-from packmech.honors import LINK_TOLERANCE
+from packmech.honors import LINK_TOLERANCE, STRAINED
 from packmech.links import Links
 from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
@@ -307,8 +307,9 @@ class Packing:
             here, there = (
                 np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l) for one in both
             )
-            held = LINK_TOLERANCE * links.length_l
-            nearer = (there <= held) | ((there < here) & (here > held))
+            # only of links much shorter than the box is the nearer image known where they hold at neither
+            near = np.maximum(STRAINED * links.length_l, 0.5 * box.height_d.min() - links.length_l)
+            nearer = (there <= LINK_TOLERANCE * links.length_l) | ((there <= near) & (here > near))
             moved = np.where(nearer[:, None], both[1].image_ld, links.image_ld)
             # links that hold at neither image may come to name a pair twice: they stay, and calls refuse them
             if len(np.unique(np.column_stack([links.i_l, links.j_l, moved]), axis=0)) == len(links):

@@ -109,8 +109,8 @@ class Relaxation(NamedTuple):
 
 # overlaps [1] above which a law whose energy grows beyond measure, or only its force, must not part the particles
 _DEEP, _COINCIDENT = 0.2, 0.99
-# a law's force diverges where at the first distance [contact distance] it is more than so many times that at the second:
-# a power of the overlap less than doubles it, one over the distance multiplies it by a thousand, up to a cap
+# a law's force diverges where at the first distance [contact distance] it is more than so many times that at the
+# second: a power of the overlap less than doubles it, one over the distance multiplies it by a thousand, up to a cap
 _CLOSE, _STEEP = (1e-4, 0.1), 3.0
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
 _SKIN = 0.6

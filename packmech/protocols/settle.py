@@ -45,11 +45,12 @@ def settle(
     """Return the run to rest with friction, in the box as it is: under gravity, on particles that are held.
 
     Particles start without motion and follow Newton's equations with the scene's dashpots and drag until little of the
-    motion is left, or it no longer dies out; then all motion is stopped whenever the kinetic energy has begun to fall (dynamic relaxation,
-    Cundall 1976). With friction the packing at rest depends on the way to it: on masses, dashpots, and tangential
-    displacements at the start. Contacts of a scene whose dashpots are too weak are given one more, of damping
-    .3 sqrt(k m), on the way. A packing that is at rest already stays as it is. The packing that comes back holds its
-    tangential displacements. Without friction `quench` finds a minimum of the energy in a fraction of the time.
+    motion is left, or it no longer dies out; then all motion is stopped whenever the kinetic energy has begun to fall
+    (dynamic relaxation, Cundall 1976). With friction the packing at rest depends on the way to it: on masses, dashpots,
+    and tangential displacements at the start. Contacts of a scene whose dashpots are too weak are given one more, of
+    damping .3 sqrt(k m), on the way. A packing that is at rest already stays as it is. The packing that comes back
+    holds its tangential displacements. Without friction `quench` finds a minimum of the energy in a fraction of the
+    time.
 
     Parameters
     ----------

@@ -177,7 +177,9 @@ CALLS = {
 @pytest.mark.parametrize("name", CALLS)
 def test_a_link_away_from_its_length_is_refused_with_the_way_out(name):
     scene = pm.Scene(away_from_its_link(), REPULSION)
-    words = f"links at their lengths to (1e-06|0.01) for pm.{name}, got particles 0 and 1 at distance 1.3 .*pm.reaffix_links"
+    words = (
+        f"links at their lengths to (1e-06|0.01) for pm.{name}, got particles 0 and 1 at distance 1.3 .*reaffix_links"
+    )
     with pytest.raises(ValueError, match=words):
         CALLS[name](scene)
 

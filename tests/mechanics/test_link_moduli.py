@@ -84,18 +84,6 @@ def relaxed(scene):
     return scene
 
 
-def contact_energy(packing):
-    """Return the harmonic energy of the contacts and its gradient, whatever the lengths of the links are."""
-    contacts = pm.find_contacts(packing)
-    sigma = contacts.contact_distance_c
-    overlap = 1.0 - contacts.distance_c / sigma
-    pull = (overlap / sigma)[:, None] * contacts.normal_cd
-    gradient = np.zeros_like(packing.position_nd)
-    np.add.at(gradient, contacts.i_c, pull)
-    np.add.at(gradient, contacts.j_c, -pull)
-    return 0.5 * float((overlap**2).sum()), gradient
-
-
 @functools.cache
 def made(shape, dimension, seed):
     """Return three rigid trimers, or one flexible chain, at rest in a small box."""
@@ -128,9 +116,10 @@ def made(shape, dimension, seed):
         return np.linalg.norm(links.vectors(moved.position_nd, moved.box.lattice_dd), axis=1) - links.length_l
 
     found = scipy.optimize.minimize(
-        lambda x: contact_energy(at(x).packing)[0],
+        # on the way links are not at their lengths, which the calls refuse
+        lambda x: pm.energy.__wrapped__(at(x)),
         place.ravel(),
-        jac=lambda x: contact_energy(at(x).packing)[1].ravel(),
+        jac=lambda x: -pm.forces.__wrapped__(at(x)).ravel(),
         constraints={
             "type": "eq",
             "fun": lengths,
