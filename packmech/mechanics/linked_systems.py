@@ -155,6 +155,8 @@ def _refined(
 Solve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 # counts of eigenvalues see the links' slack; it costs as many digits of them as rounding does
 _COUNTING_SLACK = 1e-8
+# rounding over that slack, over the stiffness, with room: nearer to zero, eigenvalues are counted without slack
+_COUNTING_ERROR = 1e-6
 _SOLVING_SLACK = 1e-6
 
 
@@ -240,6 +242,8 @@ class LinkedOperator:
         system = linked_system(shifted, self.rows)
         try:
             factor = factor_linked(system, self.dimension, slack=_COUNTING_SLACK)
+            if factor.inertia.negative > self.rows.shape[0] and abs(bound) < _COUNTING_ERROR * system.stiffness:
+                factor = factor_saddle(shifted, self.rows, self.dimension, stiffness=system.stiffness)
         except NotDefinite:
             raise NotDefinite(f"matrix - {bound:g} cannot be factored: the bound is an eigenvalue") from None
         return int(factor.inertia.negative) - int(self.rows.shape[0])
