@@ -161,10 +161,9 @@ def make_members(folder: Path, members: Iterable[Member]) -> None:
         for one in members:
             if one.id in there:
                 continue
-            making.mkdir(exist_ok=True)
             new = making / f"{one.id}.{uuid.uuid4().hex}"
             try:
-                new.mkdir()
+                _make_in(making, new)
                 (new / STATE_POINT).write_text(state_point_text(one.parameters), encoding="utf-8")
                 os.rename(new, workspace / one.id)
             except OSError:
@@ -174,6 +173,17 @@ def make_members(folder: Path, members: Iterable[Member]) -> None:
                     raise
         with contextlib.suppress(OSError):
             making.rmdir()
+
+
+def _make_in(making: Path, new: Path) -> None:
+    """Make a folder in the one for members on their way, which another command removes whenever it finds it empty."""
+    while True:
+        making.mkdir(exist_ok=True)
+        try:
+            return new.mkdir()
+        except FileNotFoundError:
+            if not making.parent.is_dir():
+                raise
 
 
 def listed_members(folder: Path) -> list[Member]:

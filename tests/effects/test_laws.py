@@ -472,7 +472,7 @@ def test_power_laws_of_every_exponent_with_continuous_forces_are_accepted(expone
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.floats(0.1, 1.0))
+@given(st.floats(0.1, 0.99) | st.just(1.0))
 def test_power_laws_whose_force_jumps_or_diverges_at_contact_are_refused(exponent):
     with pytest.raises(ValueError, match="PowerLaw.first must go to zero at contact"):
         check_law(pm.PowerLaw(1.0, exponent))

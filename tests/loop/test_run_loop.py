@@ -117,9 +117,14 @@ def test_interrupts_at_random_moments_find_nothing_half_done(number):
             saved.append(task.steps)
 
         loop = RunLoop(run_settings())
-        timer.start()
+
+        # a signal before the loop listens ends the process
+        def work(loop=loop, task=task, save=save, timer=timer):
+            timer.start()
+            return loop.advance(task, save)
+
         with pytest.raises(KeyboardInterrupt) as caught:
-            loop.run(lambda loop=loop, task=task, save=save: loop.advance(task, save), run)
+            loop.run(work, run)
         assert caught.value.run is pm.Outcome.INTERRUPTED
         assert finished == [pm.Outcome.INTERRUPTED]
         assert saved[-1] == task.steps
