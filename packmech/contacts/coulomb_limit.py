@@ -29,7 +29,7 @@ class CoulombLimit(NamedTuple):
         (C,) which are.
     doubtful_c
         (C,) those within ten times the bound of it, on either side: no gap of the distances parts them from the
-        others.
+        others. So are contacts that bear so little that the whole limit is as small as that.
     bound
         Largest distance to the limit, over the mean normal force, of a contact that counts as at it [1].
 
@@ -74,5 +74,7 @@ def find_at_limit(
     steps = np.concatenate([[lowest], np.sort(distance[(distance > lowest) & (distance < highest)]), [beyond]])
     widest = int(np.argmax(steps[1:] / steps[:-1]))
     bound = float(np.sqrt(steps[widest] * steps[widest + 1]))
-    doubtful = (distance > bound / _DOUBTFUL) & (distance < bound * _DOUBTFUL)
-    return CoulombLimit(exact | (distance <= bound), doubtful, bound)
+    # what bears next to nothing is near its limit wherever it stands below
+    idle = (cap > 0.0) & (cap < _DOUBTFUL * bound * mean) & ~exact
+    doubtful = idle | (distance > bound / _DOUBTFUL) & (distance < bound * _DOUBTFUL)
+    return CoulombLimit(exact | (distance <= bound) & ~idle, doubtful, bound)

@@ -22,7 +22,7 @@ from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.linalg.block_system import gather
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.hessian import bond_sums, prestressed
-from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator
+from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve
 from packmech.mechanics.shaped import shaped_hessian
 from packmech.scene import Scene
 
@@ -32,6 +32,8 @@ _CERTAIN = 5e-9
 _SIDEWAYS = 4.0
 # inverse iterations for an unstable direction: it is within the last octave of the lowest curvature long before
 _ITERATIONS, _LEAST = 40, 4
+# shifts that are tried, where one is an eigenvalue
+_SHIFTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,8 @@ class Stability:
         low, high = self.bound, max(2.0 * self.bound, _row_sum(operator))
         while high > 2.0 * low:
             middle = float(np.sqrt(low * high))
-            low, high = (middle, high) if operator.below(-middle) else (low, middle)
-        solve = operator.solver(-high)
+            low, high = (middle, high) if _below(operator, -middle) else (low, middle)
+        solve = _solver_near(operator, -high)
         # directions made of the coordinates' numbers
         vector = operator.project(2.0 * np.modf(np.sqrt(2.0) * (np.arange(operator.size) + 1.0))[0] - 1.0)
         for number in range(_ITERATIONS):
@@ -113,6 +115,24 @@ def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
     except NotDefinite:
         return Stability(None, "the second derivative cannot be factored")
     return Stability(max(negative, 0), "", bound, operator, free)
+
+
+def _below(operator: Operator, bound: float) -> bool:
+    """Return whether an eigenvalue lies at the bound or below it."""
+    try:
+        return operator.below(bound) > 0
+    except NotDefinite:
+        return True
+
+
+def _solver_near(operator: Operator, shift: float) -> Solve:
+    """Return the solver shifted by about as much, away from eigenvalues."""
+    for _ in range(_SHIFTS):
+        try:
+            return operator.solver(shift)
+        except NotDefinite:
+            shift *= 1.1
+    return operator.solver(shift)
 
 
 def stability_bound(stiffest: float, unbalanced: float, radius: float) -> float:

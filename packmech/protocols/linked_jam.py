@@ -101,8 +101,9 @@ def _onset_at(protocol: Protocol, packing: Packing, at: float) -> SoftState | No
 _DENSER, _DENSEST, PRESSED = 1.03, 8.0, 1e-3
 # mean contact force that counts as none [energy_scale / diameter]
 _TOUCHING = 1e-6
-# ratio of successive pressures: at first, the boldest, and the one at which following is given up
-_FIRST, _BOLDEST, _TIMID = 0.3, 0.03, 0.97
+# ratio of successive pressures: at first, the boldest, the one from which on searches take turns with shorter steps,
+# and the one at which following is given up
+_FIRST, _BOLDEST, _SEARCHED, _TIMID = 0.3, 0.03, 0.8, 0.97
 _FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
 _FIRE_STEPS = 20_000
 # crystals of molecules lie in valleys whose walls are contacts that just touch: steps of Newton's method are no longer
@@ -227,8 +228,8 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
     """Return the packing at the goal pressure, followed from one at about the start pressure, and how that ended.
 
     The box and with it the centers of clusters are scaled for the next pressure, then Newton's method takes positions,
-    tensions and free strains there. Where it does not end in a stable balance, FIRE with the box goes first; where
-    that does not help, the step in pressure is shortened.
+    tensions and free strains there. Where it does not end in a stable balance, the step in pressure is shortened; where
+    that does not help, FIRE with the box goes first.
 
     Parameters
     ----------
@@ -251,6 +252,11 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
             figures.steps += trial.iterations
             figures.force_evaluations += trial.evaluations
             if not trial.sound(protocol.force_tolerance):
+                if ahead < _SEARCHED * now and vain < _VAIN:
+                    # a shorter step costs a few factorizations, a search thousands of passes
+                    factor = float(np.sqrt(ahead / now))
+                    vain += trial.evaluations
+                    continue
                 found, evaluations = _searched(protocol, protocol.restored(state.packing), ahead, name)
                 figures.force_evaluations += evaluations
                 searched += 1

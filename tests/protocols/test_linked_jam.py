@@ -241,3 +241,13 @@ def test_no_links_pass_through_each_other_where_chains_are_jammed(fraction):
         packing = pm.chain_packing(10, 8, dimension=2, packing_fraction=fraction, seed=seed)
         run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), check=False)
         assert len(pm.crossing_links(run.packing)) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_chains_are_followed_down_in_pressure_by_shorter_steps_where_long_ones_lead_to_no_balance(seed):
+    packing = pm.chain_packing(30, 10, dimension=2, packing_fraction=0.3, seed=seed)
+    run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), pressure=1e-4, strain="free")
+    assert run.outcome is pm.Outcome.CONVERGED
+    assert run.report["pressure"] == pytest.approx(1e-4, rel=1e-8)
+    check_stabilized(run)

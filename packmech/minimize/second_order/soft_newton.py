@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.shape_network import ShapeNetwork
 from packmech.minimize.second_order.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units
 from packmech.packing import Packing
@@ -44,8 +45,6 @@ _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 FLOORS = 8.0
 # sizes of the displacements that move a packing off a saddle, one after the other [reduced length]
 _KICKS = (1e-5, 1e-4, 1e-3)
-# curvature that unbalanced forces may cause, in units of the largest over the smallest radius
-_SIDEWAYS = 4.0
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _NO_FORCE = 0.1
 
@@ -213,10 +212,11 @@ def _unstable_directions(
     make negative says nothing about what bears the pressure.
     """
     network = network_of(packing, units, basis_kdd, pressure)
-    sideways = _SIDEWAYS * network.largest_force() / float(packing.radius_n.min())
+    unbalanced, radius = network.largest_force(), float(packing.radius_n.min())
     contacts = network.near(packing)
     network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)))
-    return _negative(network, sideways)
+    stiffest = float(np.abs(network.second_c).max(initial=0.0))
+    return _negative(network, stability_bound(stiffest, unbalanced, radius))
 
 
 def judge(state: SoftState, tolerance: float) -> Outcome:
