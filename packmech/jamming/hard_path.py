@@ -17,6 +17,7 @@ O'Hern, section 2.2 of their chapter.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -179,6 +180,8 @@ class HardPath:
         self.radius_n = hard.packing.radius_n
         self._touch = _TOUCH * 2.0 * float(self.radius_n.min())
         self.factorizations = 0
+        # how far is looked ahead in strain: about twice the way between changes
+        self._stride = math.inf
         self.vertex = self._vertex(0.0, hard.packing, hard.contacts, hard.force_c, hard.gap_error)
 
     # what a network is at a strain
@@ -235,7 +238,15 @@ class HardPath:
         return self.lattice.identity(contacts, contacts.i_c, contacts.j_c)
 
     def _try(self, start: Vertex, strain: float) -> _Trial:
-        """Return what the network of a vertex gives at another strain; nothing where it cannot be brought there."""
+        """Return what the network of a vertex gives at another strain, rattlers apart where it still holds there."""
+        trial = self._network_at(start, strain)
+        return trial if trial.vertex is None or trial.margin <= -_TOUCH else self._with_room(trial)
+
+    def _network_at(self, start: Vertex, strain: float) -> _Trial:
+        """Return what the network of a vertex gives at another strain, rattlers left out; nothing where none is found.
+
+        A network that cannot be brought there is gone before.
+        """
         pairs = Candidates(start.contacts.i_c, start.contacts.j_c, start.contacts.image_cd)
         ahead = self._ahead(start, strain)
         packing, contacts, error = bring_to_contact(ahead, pairs, self.isotropic_kdd)
@@ -246,20 +257,20 @@ class HardPath:
         # the volume may have changed, its shape may not
         packing = packing.replace(box=self._lattice(strain, packing))
         vertex = self._vertex(strain, packing, contacts, start.force_c, error)
-        vertex, margins = self._margins(vertex)
-        cause = min(margins, key=lambda name: margins[name])
-        return _Trial(vertex, margins[cause], cause)
-
-    def _margins(self, vertex: Vertex) -> tuple[Vertex, dict[str, float]]:
-        """Return the vertex with its rattlers apart, and how far closing, squeezing and opening are."""
-        near = self._near(vertex.packing)
-        live = vertex.live_n
-        bearing = np.isin(self._key(near), self._key(vertex.contacts))
+        near, live = self._near(packing), vertex.live_n
+        bearing = np.isin(self._key(near), self._key(contacts))
         both = live[near.i_c] & live[near.j_c] & ~bearing
         closing = float((near.gap_c / near.contact_distance_c)[both].min(initial=_NEAR))
         opening = float(vertex.force_c.min() / vertex.force_c.mean())
-        packing, squeezing, _ = make_room(vertex.packing, near, ~live)
-        return replace(vertex, packing=packing), {"closing": closing, "opening": opening, "squeezing": squeezing}
+        return _Trial(vertex, *min((closing, "closing"), (opening, "opening")))
+
+    def _with_room(self, trial: _Trial) -> _Trial:
+        """Return the trial with its rattlers as far apart as they can be."""
+        vertex = trial.vertex
+        assert vertex is not None
+        packing, squeezing, _ = make_room(vertex.packing, self._near(vertex.packing), ~vertex.live_n)
+        margin, cause = min((trial.margin, trial.cause), (squeezing, "squeezing"))
+        return _Trial(replace(vertex, packing=packing), margin, cause)
 
     def _near(self, packing: Packing) -> Contacts:
         pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
@@ -271,14 +282,22 @@ class HardPath:
         """Go on towards a strain; return the vertex there, or that of the first change on the way, and the change."""
         start = self.vertex
         goal = strain
+        direction = math.copysign(1.0, strain - start.strain)
+        if self._stride < abs(strain - start.strain):
+            goal = start.strain + direction * self._stride
         while True:
             trial = self._try(start, goal)
             if trial.vertex is not None and trial.margin > -_TOUCH and not self._dips(start, trial.vertex):
                 self.vertex = self._relabeled(trial.vertex)
-                return self.vertex, None
+                if goal == strain:
+                    return self.vertex, None
+                self._stride *= 3.0
+                return self.go(strain)
             if trial.vertex is not None and trial.margin <= -_TOUCH:
                 change = self._change(start, trial)
                 if change is not None:
+                    way = abs(change.before.strain - start.strain)
+                    self._stride = max(min(0.5 * self._stride, 4.0 * way) + way, _SHORTEST)
                     self.vertex = self._relabeled(change.after)
                     return self.vertex, change
             if abs(goal - start.strain) < _SHORTEST:
@@ -288,7 +307,7 @@ class HardPath:
                     change = self._noted(*exchanged, "opening", 0.0)
                     self.vertex = self._relabeled(change.after)
                     return self.vertex, change
-                return self.fall(math.copysign(1.0, strain - start.strain), trial.cause if trial.vertex else "fold")
+                return self.fall(direction, trial.cause if trial.vertex else "fold")
             goal = 0.5 * (start.strain + goal)
 
     def fall(self, direction: float, cause: str, beyond: float = _BEYOND) -> tuple[Vertex, Change]:
@@ -338,22 +357,16 @@ class HardPath:
         None where a rattler that is squeezed at the farther strain is not on the way there: in so long a step it was
         led elsewhere.
         """
-        end = beyond.vertex
-        assert end is not None
-        found: dict[float, _Trial] = {end.strain: beyond}
-
-        def margin(strain: float) -> float:
-            if strain == start.strain:
-                # a contact that has just been given up is still closed
-                return _TOUCH
-            if strain not in found:
-                found[strain] = self._try(start, strain)
-            return max(found[strain].margin, -1.0) + _TOUCH
-
-        root = brentq(margin, start.strain, end.strain, xtol=1e-15, rtol=4.0 * np.finfo(float).eps, maxiter=200)
-        trials = [one for strain, one in found.items() if one.vertex is not None and abs(strain - root) < 1e-11]
-        there = min(trials, key=lambda one: abs(one.margin + _TOUCH)) if trials else self._try(start, root)
-        direction = end.strain - start.strain
+        assert beyond.vertex is not None
+        there = beyond
+        if there.cause != "squeezing":
+            # programs for rattlers cost more than the network: they are asked once it is known where that ends
+            there = self._root(start, there, self._network_at)
+            if there.vertex is not None:
+                there = self._with_room(there)
+        if there.cause == "squeezing" and there.margin <= -_TOUCH:
+            there = self._root(start, there, self._try)
+        direction = beyond.vertex.strain - start.strain
         if there.vertex is None:
             return self._fall(start, "fold", direction)
         if there.cause == "squeezing" and abs(there.margin) > _AT_ONCE:
@@ -365,6 +378,24 @@ class HardPath:
             return self._fall(there.vertex, there.cause, direction)
         before, after = exchanged
         return self._noted(before, after, there.cause, 0.0)
+
+    def _root(self, start: Vertex, beyond: _Trial, look: Callable[[Vertex, float], _Trial]) -> _Trial:
+        """Return what is seen where the margin vanishes between a vertex and a strain at which it is negative."""
+        assert beyond.vertex is not None
+        found: dict[float, _Trial] = {beyond.vertex.strain: beyond}
+
+        def margin(strain: float) -> float:
+            if strain == start.strain:
+                # a contact that has just been given up is still closed
+                return _TOUCH
+            if strain not in found:
+                found[strain] = look(start, strain)
+            return max(found[strain].margin, -1.0) + _TOUCH
+
+        least = 4.0 * np.finfo(float).eps
+        root = brentq(margin, start.strain, beyond.vertex.strain, xtol=1e-15, rtol=least, maxiter=200)
+        trials = [one for strain, one in found.items() if one.vertex is not None and abs(strain - root) < 1e-11]
+        return min(trials, key=lambda one: abs(one.margin + _TOUCH)) if trials else look(start, root)
 
     def _noted(self, before: Vertex, after: Vertex, cause: str, moved: float) -> Change:
         return Change(before, after, cause, moved, (self.identity(before.contacts), self.identity(after.contacts)))
