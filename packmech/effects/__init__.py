@@ -61,6 +61,7 @@ from packmech.effects.single import (
     shaped_terms,
     single_effects,
     single_terms,
+    total_push,
     wall_sides,
 )
 
@@ -118,6 +119,7 @@ __all__ = [
     "shaped_terms",
     "single_effects",
     "single_terms",
+    "total_push",
     "spin_drag",
     "wall_sides",
 ]

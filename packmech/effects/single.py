@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,16 +14,22 @@ from packmech.effects.body import Walls, body_energy, body_force, body_second
 from packmech.effects.held import FixedParticles
 from packmech.effects.pair import contact_terms
 from packmech.effects.repulsion import Repulsion
-from packmech.jit.compiled import kernel
+from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 
 
 class SingleTerms(NamedTuple):
-    """Energies (N,), forces (N, d) and second derivatives (N, d, d) of particles under what acts on single ones."""
+    """Energies (N,), forces (N, d) and second derivatives (N, d, d) of particles under what acts on single ones.
+
+    size_n (N,) are the sizes of the forces of each effect, added up, and acting_n (N,) how many are not zero: a weight
+    and the floor that bears it balance, but both are forces.
+    """
 
     energy_n: NDArray[np.float64]
     force_nd: NDArray[np.float64]
     second_ndd: NDArray[np.float64]
+    size_n: NDArray[np.float64]
+    acting_n: NDArray[np.int64]
 
 
 def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -103,11 +110,19 @@ def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_
     return held
 
 
+@device
+def _size(vector):  # type: ignore[no-untyped-def]
+    return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+
+
 @kernel
-def _single_terms(effects, position_n3, mass_n, radius_n, energy_n, force_n3, second_n6):  # type: ignore[no-untyped-def]
+def _single_terms(  # type: ignore[no-untyped-def]
+    effects, position_n3, mass_n, radius_n, energy_n, force_n3, second_n6, size_n, acting_n
+):
     for i in range(position_n3.shape[0]):
         x, y, z = position_n3[i, 0], position_n3[i, 1], position_n3[i, 2]
-        energy = fx = fy = fz = 0.0
+        energy = fx = fy = fz = size = 0.0
+        acting = 0
         xx = yy = zz = yz = xz = xy = 0.0
         for one in literal_unroll(effects):
             energy += body_energy(one, x, y, z, mass_n[i], radius_n[i])
@@ -115,6 +130,9 @@ def _single_terms(effects, position_n3, mass_n, radius_n, energy_n, force_n3, se
             fx += force[0]
             fy += force[1]
             fz += force[2]
+            own = _size(force)
+            size += own
+            acting += own > 0.0
             second = body_second(one, x, y, z, mass_n[i], radius_n[i])
             xx += second[0]
             yy += second[1]
@@ -123,6 +141,7 @@ def _single_terms(effects, position_n3, mass_n, radius_n, energy_n, force_n3, se
             xz += second[4]
             xy += second[5]
         energy_n[i] = energy
+        size_n[i], acting_n[i] = size, acting
         force_n3[i, 0], force_n3[i, 1], force_n3[i, 2] = fx, fy, fz
         second_n6[i, 0], second_n6[i, 1], second_n6[i, 2] = xx, yy, zz
         second_n6[i, 3], second_n6[i, 4], second_n6[i, 5] = yz, xz, xy
@@ -165,25 +184,34 @@ def single_terms(
     """
     n, d = packing.particles, packing.dimension
     energy, force, second = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 6))
+    size, number = np.zeros(n), np.zeros(n, dtype=np.int64)
     acting = single_effects(effects)
     if acting:
         place = places_in_cell(packing, position_nd)
         mass = np.ascontiguousarray(packing.mass_n, dtype=np.float64)
-        _single_terms(acting, place, mass, packing.radius_n, energy, force, second)
-    return SingleTerms(energy, force[:, :d], second[:, _PLACES[:d, :d]])
+        _single_terms(acting, place, mass, packing.radius_n, energy, force, second, size, number)
+    return SingleTerms(energy, force[:, :d], second[:, _PLACES[:d, :d]], size, number)
 
 
 class ShapedTerms(NamedTuple):
     """Energies (N,) of particles with shapes under what acts on single ones, and their derivatives.
 
     slope_nx (N, X) and second_nxx (N, X, X) are by positions and rotations, X = 3 in a plane and 6 in space;
-    stiffness_nxx is the part of the latter that is left where nothing presses.
+    stiffness_nxx is the part of the latter that is left where nothing presses; size_n and acting_n as in `SingleTerms`.
     """
 
     energy_n: NDArray[np.float64]
     slope_nx: NDArray[np.float64]
     second_nxx: NDArray[np.float64]
     stiffness_nxx: NDArray[np.float64]
+    size_n: NDArray[np.float64]
+    acting_n: NDArray[np.int64]
+
+
+def total_push(terms: SingleTerms | ShapedTerms, held_n: NDArray[np.bool_] | None) -> tuple[float, int]:
+    """Return the sum of the sizes of all forces on single particles that are not held, and how many there are."""
+    free = slice(None) if held_n is None else ~held_n
+    return float(terms.size_n[free].sum()), int(terms.acting_n[free].sum())
 
 
 def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
@@ -248,13 +276,17 @@ def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
     second, stiffness = np.zeros((n, size, size)), np.zeros((n, size, size))
     slope[:, :d] = -others.force_nd
     second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
-    for _, wall, _, touches in wall_sides(effects, packing):
+    push_kn: dict[int, NDArray[np.float64]] = {}
+    for k, wall, _, touches in wall_sides(effects, packing):
         terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
         # half of what the particle and its mirror image have together
         first, steep = 0.5 * terms.first_c, 0.5 * terms.second_c
         np.add.at(energy, touches.particle_w, 0.5 * terms.energy_c)
         np.add.at(slope, touches.particle_w, first[:, None] * touches.slope_wx)
+        np.add.at(push_kn.setdefault(k, np.zeros(n)), touches.particle_w, first * touches.slope_wx[:, int(wall.axis)])
         steep_wxx = steep[:, None, None] * touches.slope_wx[:, :, None] * touches.slope_wx[:, None, :]
         np.add.at(stiffness, touches.particle_w, steep_wxx)
         np.add.at(second, touches.particle_w, steep_wxx + first[:, None, None] * touches.curvature_wxx)
-    return ShapedTerms(energy, slope, second, stiffness)
+    sizes = [others.size_n, *(np.abs(push_n) for push_n in push_kn.values())]
+    acting = [others.acting_n, *(push_n != 0.0 for push_n in push_kn.values())]
+    return ShapedTerms(energy, slope, second, stiffness, np.sum(sizes, axis=0), np.sum(acting, axis=0))

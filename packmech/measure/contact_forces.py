@@ -13,7 +13,7 @@ from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.friction_cones import FrictionCones
-from packmech.effects import contact_terms, held_particles, single_effects, single_terms
+from packmech.effects import contact_terms, held_particles, single_terms, total_push
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.shaped import shape_forces
@@ -95,21 +95,15 @@ class ContactForces:
 
         Forces on single particles count in the mean: weights, and pushes of walls.
         """
-        force_k = np.concatenate([np.abs(self.normal_c), *self._pushes()])
-        if not force_k.any():
+        packing, effects = self.scene.packing, self.scene.effects
+        push, pushes = total_push(single_terms(effects, packing), held_particles(effects, packing.particles))
+        size = float(np.abs(self.normal_c).sum()) + push
+        if not size:
             return 0.0
-        radius = self.scene.packing.radius_n
+        mean = size / (len(self.contacts) + pushes)
         force = np.sqrt((self.force_nd**2).sum(axis=1)).max()
-        torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / radius).max()
-        return float(max(force, torque) / force_k.mean())
-
-    def _pushes(self) -> list[NDArray[np.float64]]:
-        """Return the forces on single particles that are free, those of each effect apart [force]."""
-        packing, found = self.scene.packing, []
-        for one in single_effects(self.scene.effects):
-            size = np.sqrt((self._free(single_terms((one,), packing).force_nd) ** 2).sum(axis=1))
-            found.append(size[size > 0.0])
-        return found
+        torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / packing.radius_n).max()
+        return float(max(force, torque) / mean)
 
     @property
     def stress_dd(self) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from packmech.effects import (
     held_particles,
     refuse_unknown_to_shapes,
     shaped_terms,
+    total_push,
 )
 from packmech.scene import Scene
 
@@ -74,18 +75,16 @@ class ShapeForces:
 
         Forces on single particles that are free count with those of contacts.
         """
-        size = self.force_c
+        size, count = float(self.force_c.sum()), len(self.contacts)
         if self.single is not None:
-            pushed = np.sqrt((self.single.slope_nx[:, : self.contacts.dimension] ** 2).sum(axis=1))
-            if self.held_n is not None:
-                pushed = pushed[~self.held_n]
-            size = np.concatenate([size, pushed[pushed > 0.0]])
-        if not len(size):
+            push, pushes = total_push(self.single, self.held_n)
+            size, count = size + push, count + pushes
+        if not count:
             return 0.0, 0.0
         force, torque = self._net()
         turning = np.einsum("nkt,nt->nk", turn_nkt, torque)
         largest = max(float((force**2).sum(axis=1).max()), float((turning**2).sum(axis=1).max()))
-        return float(np.sqrt(largest)), float(size.mean())
+        return float(np.sqrt(largest)), size / count
 
 
 def check_pairs_only(scene: Scene) -> None:

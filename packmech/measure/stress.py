@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, find_contacts
-from packmech.effects import contact_terms, held_particles, single_terms
+from packmech.effects import contact_terms, held_particles, single_terms, total_push
 from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
@@ -259,11 +259,9 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     if packing.shapes is not None:
         return shape_forces(scene).balance(packing.shapes.turn_basis(packing.radius_n))
     contacts, _, first = _terms(scene)
-    single = np.sqrt((single_terms(scene.effects, scene.packing).force_nd ** 2).sum(axis=1))
     held = held_particles(scene.effects, scene.packing.particles)
-    if held is not None:
-        single[held] = 0.0
-    count = len(contacts) + int(np.count_nonzero(single))
+    push, pushes = total_push(single_terms(scene.effects, scene.packing), held)
+    count = len(contacts) + pushes
     if not count:
         return 0.0, 0.0
     net = _net(scene, contacts, first)
@@ -271,7 +269,7 @@ def force_balance(scene: Scene) -> tuple[float, float]:
         with single_thread():
             links = ConstraintFactor(scene.packing)
             net += sum_forces(links.pairs, -links.tension(contacts, first))
-    mean = (np.abs(first).sum() + single.sum()) / count
+    mean = (np.abs(first).sum() + push) / count
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(mean)
 
 

@@ -90,7 +90,7 @@ def settle(
     >>> grains = (pm.Repulsion(pm.LinearSpring()), pm.Friction(0.5), pm.Gravity(0.0, -1e-3), pm.FixedParticles((0, 1)))
     >>> run = pm.settle(pm.Scene(stack, grains), force_tolerance=1e-8)
     >>> run.outcome.name, run.residual <= 1e-8, run.report["bearing_contacts"]
-    ('CONVERGED', True, 3)
+    ('CONVERGED', True, 2)
 
     """
     instance("scene", scene, Scene)

@@ -235,7 +235,7 @@ def shear_at_pressure(
     >>> import packmech as pm
     >>> packing = pm.random_packing(60, dimension=2, packing_fraction=0.8, seed=1)
     >>> effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5))
-    >>> run = pm.shear_at_pressure(pm.Scene(packing, effects), rate=3e-3, pressure=1e-3, applied_strain=2.0)
+    >>> run = pm.shear_at_pressure(pm.Scene(packing, effects), rate=3e-3, pressure=1e-3, applied_strain=6.0)
     >>> mean, error = run.mean(run.pressure_t)
     >>> bool(abs(mean - 1e-3) < 3.0 * error), bool(0.1 < run.stress_ratio[0] < 0.6)
     (True, True)

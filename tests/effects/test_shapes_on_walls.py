@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.measure.stress import force_balance
 from packmech.minimize.program import build_program
 from packmech.view.report import examine
 
@@ -300,3 +301,25 @@ def test_a_pile_is_counted_with_its_walls_and_its_stress_is_not_symmetric_by_wha
     skew = volume * (stress[1, 0] - stress[0, 1])
     assert skew == pytest.approx(by_contacts, rel=1e-10)
     assert skew == pytest.approx(-by_walls, rel=1e-5) and abs(skew) > 1e-6
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("shaped", [False, True])
+@pytest.mark.parametrize("missing", [1e-3, 1e-9])
+def test_the_net_force_on_what_leans_on_a_floor_alone_is_compared_with_its_weight(dimension, shaped, missing):
+    # the disc is pushed by k (2 r - 2 h): a part of its weight is missing
+    down = [0.0, -0.01, 0.0][:dimension]
+    shapes = pm.Spheroids([1.0], [[1.0, 0.0, 0.0][:dimension]]) if shaped else None
+    start = pm.Packing(np.full((1, dimension), 2.0), [0.5], pm.Box.cubic(4.0, dimension), shapes=shapes)
+    weight = 0.01 * start.mass_n[0]
+    height = 0.5 - (1.0 - missing) * weight / 2.0 / 10.0
+    place = np.array(start.position_nd)
+    place[0, 1] = 1.0 + height
+    floor = pm.Walls(1, 1.0, 3.9, law=pm.LinearSpring(10.0))
+    scene = pm.Scene(start.replace(position_nd=place), (pm.Repulsion(), pm.Gravity(*down), floor))
+    net, mean = force_balance(scene)
+    # the weight and the floor's push
+    assert net == pytest.approx(missing * weight, rel=1e-5)
+    assert mean == pytest.approx((1.0 - 0.5 * missing) * weight, rel=1e-12)
+    run = pm.quench(scene, force_tolerance=10.0 * missing, method=pm.Fire())
+    assert run.steps == 0 and run.residual == pytest.approx(net / mean, rel=1e-5)

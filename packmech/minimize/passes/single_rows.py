@@ -71,15 +71,14 @@ def _push(rows, axes, row, force_nd, low, high):
             fx += x
             fy += y
             fz += z
-        square = fx * fx + fy * fy
+            square = x * x + y * y + z * z
+            if square != 0.0 and not rows.held_n[i]:
+                total += math.sqrt(square)
+                pushed += 1
         force_nd[i, 0] += fx
         force_nd[i, 1] += fy
         if len(axes) == 3:
             force_nd[i, 2] += fz
-            square += fz * fz
-        if square != 0.0 and not rows.held_n[i]:
-            total += math.sqrt(square)
-            pushed += 1
     return total, pushed
 
 
@@ -109,20 +108,19 @@ def _push_shapes(rows, shapes, axes, row, force_nd, low, high):
             tx += qx
             ty += qy
             tz += qz
-        square = fx * fx + fy * fy
+            square = px * px + py * py + pz * pz
+            if square != 0.0 and not rows.held_n[i]:
+                total += math.sqrt(square)
+                pushed += 1
         force_nd[i, 0] += fx
         force_nd[i, 1] += fy
         if len(axes) == 3:
             force_nd[i, 2] += fz
-            square += fz * fz
             force_nd[n + i, 0] += tx
             force_nd[n + i, 1] += ty
             force_nd[n + i, 2] += tz
         else:
             force_nd[n + i, 0] += tz
-        if square != 0.0 and not rows.held_n[i]:
-            total += math.sqrt(square)
-            pushed += 1
     return total, pushed
 
 

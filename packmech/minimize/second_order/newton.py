@@ -15,7 +15,15 @@ from scipy.sparse.csgraph import connected_components
 from packmech.check import instance, integer, positive
 from packmech.contacts import Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.rattlers import rattlers_of
-from packmech.effects import contact_terms, held_particles, needs_second, refuse_single, single_effects, single_terms
+from packmech.effects import (
+    contact_terms,
+    held_particles,
+    needs_second,
+    refuse_single,
+    single_effects,
+    single_terms,
+    total_push,
+)
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factorize
 from packmech.measure.stress import sum_forces
@@ -112,7 +120,8 @@ class _State:
     first_c: NDArray[np.float64]
     second_c: NDArray[np.float64]
     net_nd: NDArray[np.float64]
-    single_nd: NDArray[np.float64]
+    push: float
+    pushes: int
     single_ndd: NDArray[np.float64]
 
     @property
@@ -122,9 +131,8 @@ class _State:
     @property
     def mean_force(self) -> float:
         # forces on single particles count as those of contacts do, where there are any
-        single = np.sqrt((self.single_nd**2).sum(axis=1))
-        count = len(self.touching) + int(np.count_nonzero(single))
-        return float((np.abs(self.first_c).sum() + single.sum()) / count) if count else 0.0
+        count = len(self.touching) + self.pushes
+        return float((np.abs(self.first_c).sum() + self.push) / count) if count else 0.0
 
     @property
     def residual(self) -> float:
@@ -158,10 +166,9 @@ class _Landscape:
         single = single_terms(self.effects, self.packing, position_nd)
         net += single.force_nd
         if self.held_n is not None:
-            net[self.held_n] = single.force_nd[self.held_n] = 0.0
-        return _State(
-            position_nd, near, touching, terms.first_c, terms.second_c, net, single.force_nd, single.second_ndd
-        )
+            net[self.held_n] = 0.0
+        pushed = total_push(single, self.held_n)
+        return _State(position_nd, near, touching, terms.first_c, terms.second_c, net, *pushed, single.second_ndd)
 
     def floor(self, state: _State) -> float:
         """Return the net force that rounding of the coordinates makes: their spacing times a particle's stiffness."""

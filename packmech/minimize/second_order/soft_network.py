@@ -330,10 +330,14 @@ class SoftNetwork:
         out = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, self.first_c, contacts.particles)
         return out, self.stretch_ck.T @ self.first_c, float((self.first_c * contacts.distance_c).sum())
 
-    def close(self, contacts: Any) -> None:
-        """Take the contacts as touching, those that just part with the stiffness of the closed side."""
+    def close(self, contacts: Any, least: float = 0.0) -> None:
+        """Take the contacts as touching, those that just part with the stiffness of the closed side.
+
+        Forces no larger than the least count as none.
+        """
         self.contacts = contacts
         self.first_c, self.second_c = self.units.terms(contacts, closing=True)
+        self.first_c = np.where(np.abs(self.first_c) > least, self.first_c, 0.0)
         self.lay_out()
         self.balance()
 

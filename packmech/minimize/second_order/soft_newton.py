@@ -45,6 +45,8 @@ _ROUGH, _NARROWER, _NARROW, _DIGITS = 1e-2, 0.3, 1e-8, 4.0
 FLOORS = 8.0
 # sizes of the displacements that move a packing off a saddle, one after the other [reduced length]
 _KICKS = (1e-5, 1e-4, 1e-3)
+# largest force of a contact that grazes, over the largest net force [1]
+_GRAZING = 30.0
 # rounding of positions may make up this part of the contact forces before they count as none [1]
 _NO_FORCE = 0.1
 
@@ -208,13 +210,13 @@ def _unstable_directions(
 ) -> int:
     """Return the negative eigenvalues of the Hessian, with contacts that touch to rounding counted as closed.
 
-    Forces that do not balance bend contacts sideways: rattlers that graze bear no more than these, and what they alone
-    make negative says nothing about what bears the pressure.
+    Forces that do not balance bend contacts sideways. Contacts that bear about as little as these, of rattlers that
+    graze, count as bearing none: what they alone make negative says nothing about what bears the pressure.
     """
     network = network_of(packing, units, basis_kdd, pressure)
     unbalanced, radius = network.largest_force(), float(packing.radius_n.min())
     contacts = network.near(packing)
-    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)))
+    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)), _GRAZING * unbalanced)
     stiffest = float(np.abs(network.second_c).max(initial=0.0))
     return _negative(network, stability_bound(stiffest, unbalanced, radius))
 
