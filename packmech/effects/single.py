@@ -10,7 +10,7 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.contacts.wall_touches import WallTouches, wall_touches
-from packmech.effects.body import Walls, body_energy, body_force, body_second
+from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second
 from packmech.effects.held import FixedParticles
 from packmech.effects.pair import contact_terms
 from packmech.effects.repulsion import Repulsion
@@ -35,6 +35,24 @@ class SingleTerms(NamedTuple):
 def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them."""
     return tuple(one for one in effects if hasattr(type(one), "body_energy"))
+
+
+def refuse_free_fall(effects: tuple[Any, ...]) -> None:
+    """Refuse weights that nothing bears: what falls through a periodic box comes to no rest.
+
+    Raises
+    ------
+    ValueError
+        Naming what is missing.
+
+    """
+    acting = single_effects(effects)
+    falls = all(isinstance(one, Gravity) for one in acting) and any(any(one) for one in acting)
+    if falls and not any(isinstance(one, FixedParticles) for one in effects):
+        raise ValueError(
+            "scene.effects must hold what bears weights where particles come to rest, Walls or FixedParticles, got "
+            "Gravity alone"
+        )
 
 
 def needs_second(effects: tuple[Any, ...], what: str) -> None:
@@ -111,8 +129,9 @@ def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_
 
 
 @device
-def _size(vector):  # type: ignore[no-untyped-def]
-    return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+def _size(vector: Any) -> float:
+    square = vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]
+    return math.sqrt(square)
 
 
 @kernel

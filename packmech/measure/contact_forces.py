@@ -101,9 +101,14 @@ class ContactForces:
         if not size:
             return 0.0
         mean = size / (len(self.contacts) + pushes)
+        return self.largest_imbalance / mean
+
+    @property
+    def largest_imbalance(self) -> float:
+        """Largest net force, or net torque over the radius [force]."""
         force = np.sqrt((self.force_nd**2).sum(axis=1)).max()
-        torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / packing.radius_n).max()
-        return float(max(force, torque) / mean)
+        torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / self.scene.packing.radius_n).max()
+        return float(max(force, torque))
 
     @property
     def stress_dd(self) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms, held_particles, single_terms
 from packmech.linalg.block_system import gather
 from packmech.linalg.factor import NotDefinite
+from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
 from packmech.mechanics.hessian import bond_sums, prestressed
 from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve
 from packmech.mechanics.shaped import shaped_hessian
@@ -30,6 +31,9 @@ from packmech.scene import Scene
 _CERTAIN = 5e-9
 # forces that do not balance bend contacts sideways: so many times their size over the smallest radius may be theirs
 _SIDEWAYS = 4.0
+# the same for a stiffness without symmetry, whose eigenvalues are known to the root of rounding; rows up to which all
+# of them are found
+_CERTAIN_STICKING, _DENSE = 1e-7, 600
 # inverse iterations for an unstable direction: it is within the last octave of the lowest curvature long before
 _ITERATIONS, _LEAST = 40, 4
 # shifts that are tried, where one is an eigenvalue
@@ -56,6 +60,13 @@ class Stability:
     bound: float = 0.0
     _operator: Operator | None = None
     _free_nq: NDArray[np.bool_] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a run reports of it: "negative_modes", and as "not_judged" why that is not known."""
+        found: dict[str, Any] = {"negative_modes": self.negative}
+        if self.negative is None:
+            found["not_judged"] = f"minimum or saddle: {self.reason}"
+        return found
 
     def direction(self) -> NDArray[np.float64]:
         """Return an (N, q) unstable direction, turns of shapes after positions, its largest entry 1; always the same.
@@ -87,7 +98,9 @@ def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
 
     Motions that cost nothing are none that destabilize: translations, rattlers, floppy modes. Contacts that just touch
     count as closed. A direction is unstable where its curvature is negative by more than 1e-10 of the largest, and by
-    more than what forces do not balance explains; but always below -5e-9 of the largest.
+    more than what forces do not balance explains; but always below -5e-9 of the largest. With friction
+    displacements and rotations are looked at where every contact sticks, which is as stable as it can be, and a
+    direction counts below -1e-7 of the largest: the stiffness has no symmetry there.
 
     Parameters
     ----------
@@ -108,9 +121,12 @@ def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
     reason = _unknown(scene)
     if reason:
         return Stability(None, reason)
+    radius = float(scene.packing.radius_n.min())
     try:
+        if acting_friction(scene) is not None:
+            return _sticking(scene, unbalanced / radius)
         operator, free = _curvature(scene)
-        bound = stability_bound(_stiffest(operator), unbalanced, float(scene.packing.radius_n.min()))
+        bound = stability_bound(_stiffest(operator), unbalanced, radius)
         negative = operator.below(-bound) if bound > 0.0 else 0
     except NotDefinite:
         return Stability(None, "the second derivative cannot be factored")
@@ -153,6 +169,8 @@ def stability_bound(stiffest: float, unbalanced: float, radius: float) -> float:
 
 def _unknown(scene: Scene) -> str:
     """Return why there is no second derivative, or nothing where there is one."""
+    if acting_friction(scene) is not None and (scene.packing.shapes is not None or scene.packing.links is not None):
+        return "friction of shapes or links at rest has no second derivative"
     for effect in scene.effects:
         # of pairs they are checked where an effect is registered
         if hasattr(type(effect), "body_energy") and not hasattr(type(effect), "body_second"):
@@ -199,6 +217,39 @@ def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     rows = sp.csr_array(links.independent_rows()[0][:, free.ravel()])
     rows = rows[np.diff(rows.indptr) > 0]
     return LinkedOperator(matrix, rows, packing.dimension), free
+
+
+def _sticking(scene: Scene, unbalanced: float) -> Stability:
+    """Return what the stiffness of displacements, and of rotations times radii, says where all contacts stick.
+
+    Tangential forces leave it without symmetry: a direction is unstable where an eigenvalue is negative, not where the
+    second-order work is. That is asked first, because it bounds the eigenvalues and a factorization answers it.
+    """
+    packing = scene.packing
+    n, d, k = packing.particles, packing.dimension, 1 if packing.dimension == 2 else 3
+    network = frictional_network(scene, "keep")
+    none = np.zeros(len(network.first_c), dtype=bool)
+    system = frictional_system(network.forces, network.first_c, network.second_c, "exact", none)
+    scale = np.concatenate([np.ones(n * d), np.repeat(1.0 / packing.radius_n, k)])
+    single = sp.block_diag([*single_terms(scene.effects, packing).second_ndd, sp.csr_array((n * k, n * k))])
+    held = held_particles(scene.effects, n)
+    moves = np.ones(n, dtype=bool) if held is None else ~held
+    free = np.concatenate([np.repeat(moves, d), np.repeat(moves, k)])
+    matrix = system.matrix.multiply(scale[:, None]).multiply(scale[None, :]) + single
+    matrix = sp.csr_array(matrix.tocsr()[free][:, free])
+    bound = max(_CERTAIN_STICKING * float(np.abs(matrix.diagonal()).max(initial=0.0)), _SIDEWAYS * unbalanced)
+    even = FreeOperator(sp.csr_array(0.5 * (matrix + matrix.T)))
+    negative = even.below(-bound) if bound > 0.0 else 0
+    if negative and matrix.shape[0] <= _DENSE:
+        negative = int((np.linalg.eigvals(matrix.toarray()).real < -bound).sum())
+    elif negative:
+        low = bound
+        while even.below(-2.0 * low):
+            low *= 2.0
+        start = np.modf(np.sqrt(2.0) * (np.arange(even.size) + 1.0))[0]
+        near = spla.eigs(sp.csc_array(matrix), k=negative + 2, sigma=-2.0 * low, v0=start, return_eigenvectors=False)
+        negative = int((near.real < -bound).sum())
+    return Stability(negative, "", bound)
 
 
 def _tension(

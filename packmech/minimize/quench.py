@@ -19,6 +19,7 @@ from packmech.effects import (
     Repulsion,
     Walls,
     held_particles,
+    refuse_free_fall,
     refuse_unknown_to_shapes,
     single_effects,
 )
@@ -140,6 +141,7 @@ def quench(
 
     """
     instance("scene", scene, Scene)
+    refuse_free_fall(scene.effects)
     tolerance = positive("force_tolerance", force_tolerance)
     instance("trace_positions", trace_positions, bool)
     if method is not None:
@@ -386,9 +388,7 @@ class _Descent:
         if self._trace is not None:
             self._trace.add(self.steps, self.program)
             trace = self._trace.build()
-        judged: dict[str, Any] = {} if self.stability is None else {"negative_modes": self.stability.negative}
-        if self.stability is not None and self.stability.reason:
-            judged["not_judged"] = f"minimum or saddle: {self.stability.reason}"
+        judged = {} if self.stability is None else self.stability.to_dict()
         return Run(
             packing=packing,
             outcome=outcome,

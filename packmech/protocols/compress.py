@@ -16,7 +16,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import find_hard_packing
 from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
-from packmech.protocols.pressure_path import PressurePath
+from packmech.protocols.pressure_path import PressurePath, stays_on_branch
 from packmech.protocols.protocol import (
     Protocol,
     at_packing_fraction,
@@ -184,7 +184,9 @@ class _Ascent:
             denser = at_packing_fraction(packing, onset + further)
             trial = newton(denser, self.protocol.units, self.shears, None, iterations=25)
             self.iterations += trial.iterations
-            if not trial.sound(max(self.tolerance, 1e-7)):
+            if not (
+                trial.sound(max(self.tolerance, 1e-7)) and stays_on_branch(self.protocol, (packing, trial.packing))
+            ):
                 if factor > _MINIMUM_FACTOR:
                     factor = factor**0.5
                     continue

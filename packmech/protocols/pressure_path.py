@@ -40,6 +40,9 @@ _ISOTROPIC = 1e-7
 _SHORTEST = 0.2
 # what rounding and the forces out of balance may add to the enthalpy between two steps, over its largest change [1]
 _SLACK = 0.02
+# smallest part of the work between two loads that is done on the way there, or on the way back, by what stays on its
+# branch: a half, and as much more or less as contacts that change make of the stiffness
+_UNEVEN = 0.2
 # pressure [energy_scale / diameter^d] down to which a jammed packing is followed before its onset is looked for, and
 # the second of the two on the line to the onset, in units of the first
 _FOLLOWED_TO, _SECOND = 1e-5, 0.5
@@ -149,21 +152,19 @@ class PressurePath:
         Where it stays stable its volume V only falls with the pressure p, through changes of contacts, too. So its
         enthalpy H with dH/dp = V grows by an amount between V dp before and V dp after the step, and U + p V at the
         pressure before by one between 0 and -dV dp. What lies outside has jumped.
+        Other loads have no enthalpy: see `stays_on_branch`.
         """
-        if isinstance(way.load(further), Load):
-            # a load that is no pressure has no enthalpy
-            return True
-        before, now = way.pressure(place), way.pressure(further)
+        before, now = way.load(place), way.load(further)
         packing, reached = self.packing, state.packing
         if self.sheared:
             # where it stands no enthalpy is at a minimum
             return pairs_of(touching_pairs(packing)) == pairs_of(touching_pairs(reached))
-        largest = (packing.box.volume - reached.box.volume) * (now - before)
-        strain_dd = reached.box.lattice_dd @ packing.box.inverse_dd - np.eye(packing.dimension)
-        moved_nd = reached.position_nd - packing.position_nd - packing.position_nd @ strain_dd.T
-        if float(np.abs(moved_nd).max(initial=0.0)) > REACH:
+        if isinstance(before, Load) or isinstance(now, Load):
+            return stays_on_branch(self.protocol, (packing, reached), (before, now))
+        if moved_beyond_affine(packing, reached) > REACH:
             return False
         growth = network_of(packing, self.protocol.units, self.protocol.basis_kdd, before).growth_to(reached)
+        largest = (packing.box.volume - reached.box.volume) * (now - before)
         return -_SLACK * largest <= growth <= (1.0 + _SLACK) * largest
 
     def _step(self, place: float, further: float, load: float | Load) -> SoftState:
@@ -175,6 +176,41 @@ class PressurePath:
         if not start.plain:
             return descend(start, units, basis, load)
         return newton(start, units, basis, load, iterations=_ITERATIONS)
+
+
+def moved_beyond_affine(packing: Packing, reached: Packing) -> float:
+    """Return the largest component of a displacement beyond that of the box [length]."""
+    strain_dd = reached.box.lattice_dd @ packing.box.inverse_dd - np.eye(packing.dimension)
+    moved_nd = reached.position_nd - packing.position_nd - packing.position_nd @ strain_dd.T
+    return float(np.abs(moved_nd).max(initial=0.0))
+
+
+def stays_on_branch(
+    protocol: Protocol, packings: tuple[Packing, Packing], loads: tuple[float | Load, float | Load] | None = None
+) -> bool:
+    """Return whether a packing went from one balance to another by itself, and did not fall into another minimum.
+
+    Its energy less the work of the load that it had grows on the way there, and less that of the load to come on the
+    way back. Each of the two is about half of their sum where the stiffness stays; a fall takes from both.
+
+    Parameters
+    ----------
+    protocol
+        The protocol.
+    packings
+        The packing before and after, in reduced units.
+    loads
+        What they bear; None: the pressures that they have.
+
+    """
+    before, after = packings
+    if moved_beyond_affine(before, after) > REACH:
+        return False
+    units, basis = protocol.units, protocol.basis_kdd
+    first, last = (None, None) if loads is None else loads
+    there = network_of(before, units, basis, first).growth_to(after)
+    back = network_of(after, units, basis, last).growth_to(before)
+    return min(there, back) >= _UNEVEN * (there + back)
 
 
 def follow_jammed(

@@ -36,6 +36,7 @@ from packmech.measure.stress import pressure as pressure_of
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.shaped import ShapedNetwork, shaped_network
+from packmech.mechanics.stability import stability
 from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
@@ -635,8 +636,13 @@ def finish_pressed(
     report["backbone_pressure"] = share = share_of(
         found.normal_c * contacts.distance_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c])
     )
-    if outcome.ok and outcome is not Outcome.UNJAMMED and share < 1.0 - _BORNE_BY_RATTLERS:
-        outcome = Outcome.NOT_JAMMED
+    if outcome.ok and outcome is not Outcome.UNJAMMED:
+        judged_as = stability(found.scene, found.largest_imbalance)
+        report.update(judged_as.to_dict())
+        if share < 1.0 - _BORNE_BY_RATTLERS:
+            outcome = Outcome.NOT_JAMMED
+        elif judged_as.negative:
+            outcome = Outcome.UNSTABLE
     return _run_of(protocol, packing, outcome, found.residual, report, began, tolerance)
 
 

@@ -11,10 +11,12 @@ import numpy as np
 from packmech.check import instance, integer, positive
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans, with_dashpot
+from packmech.effects import refuse_free_fall
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
+from packmech.mechanics.stability import Stability, stability
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
@@ -70,7 +72,9 @@ def settle(
     Returns
     -------
     Run
-        Outcome.CONVERGED; Outcome.UNJAMMED, a success, where nothing touches any more and nothing is pushed.
+        Outcome.CONVERGED; Outcome.UNJAMMED, a success, where nothing touches any more and nothing is pushed;
+        Outcome.UNSTABLE where forces balance and a small displacement grows, as that of a disc balanced on another:
+        move it and settle again.
         `residual` and `report` are those of `contact_forces`: counts of contacts, rattlers and contacts at the Coulomb
         limit, with added_damping [mass/time], time [sqrt(m / k)] and kinetic_energy [energy].
 
@@ -94,6 +98,7 @@ def settle(
 
     """
     instance("scene", scene, Scene)
+    refuse_free_fall(scene.effects)
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("step_limit", step_limit, at_least=1)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
@@ -111,6 +116,7 @@ class _Settling:
         self.stages: list[Stage] = []
         self.spans: Spans | None = None
         self.tau, self.added_damping = 1.0, 0.0
+        self.stability: Stability | None = None
 
     @property
     def packing(self) -> Packing:
@@ -131,8 +137,12 @@ class _Settling:
         return outcome
 
     def _at_rest(self) -> Outcome:
-        """Return how what is in balance ends: nothing is pushed where not even a force balances another."""
-        return Outcome.CONVERGED if self._forces().residual > 0.0 else Outcome.UNJAMMED
+        """Return how what is in balance ends: nothing is pushed where no force balances another, or it would fall."""
+        found = self._forces()
+        if not len(found.contacts):
+            return Outcome.UNJAMMED
+        self.stability = stability(self.scene.replace(packing=self.packing), found.largest_imbalance)
+        return Outcome.UNSTABLE if self.stability.negative else Outcome.CONVERGED
 
     def _forces(self) -> ContactForces:
         return contact_forces(self.scene.replace(packing=self.packing))
@@ -202,6 +212,7 @@ class _Settling:
             stages=tuple(self.stages),
             report={
                 **found.to_dict(),
+                **({} if self.stability is None else self.stability.to_dict()),
                 "added_damping": self.added_damping,
                 "time": 0.0 if self.spans is None else steps * self.spans.dt / self.tau,
                 "kinetic_energy": 0.0 if self.spans is None else self.spans.kinetic_energy,

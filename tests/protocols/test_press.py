@@ -118,3 +118,11 @@ def test_limits_are_outcomes():
 def test_what_cannot_be_pressed_is_refused_by_name(call, message):
     with pytest.raises(ValueError, match=message):
         call(pressed(0.5)[0])
+
+
+def test_a_crystal_pressed_onto_a_saddle_is_no_success():
+    square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=0.0667)
+    scene = pm.Scene(square, (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.3)))
+    run = pm.jam(scene, pressure=pm.pressure(scene), strain="isotropic", method=pm.Press(), check=False)
+    assert run.outcome is pm.Outcome.UNSTABLE
+    assert run.report["negative_modes"] == pm.elastic_moduli(scene).negative_positions > 0

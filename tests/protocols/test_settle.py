@@ -1,6 +1,7 @@
 """Facts about scenes with friction that settle: a pile's weight on its floor, Coulomb's cone, balance, limits."""
 
 import functools
+import math
 
 import numpy as np
 import pytest
@@ -115,3 +116,40 @@ def test_quench_and_jam_name_it_for_friction_under_gravity():
     for call in (lambda: pm.quench(scene, force_tolerance=1e-6), lambda: pm.jam(scene)):
         with pytest.raises(ValueError, match=r"pm\.settle"):
             call()
+
+
+def balanced_disc(aside=0.0):
+    """Return a disc that stands on top of a held one, its weight borne by the spring between them."""
+    mass = math.pi / 4.0
+    lower = pm.Packing([[4.0, 0.5], [4.0 + aside, 1.5 - PULL * mass]], [0.5, 0.5], pm.Box.cubic(8.0, 2))
+    effects = (
+        pm.Repulsion(pm.LinearSpring(1.0)),
+        pm.ContactDamping(0.3),
+        pm.Friction(0.5),
+        pm.Gravity(0.0, -PULL),
+        pm.FixedParticles((0,)),
+    )
+    return pm.Scene(lower, effects)
+
+
+def test_a_disc_balanced_on_another_is_no_packing_at_rest():
+    run = pm.settle(balanced_disc(), force_tolerance=1e-9, check=False)
+    assert run.outcome is pm.Outcome.UNSTABLE and not run.ok
+    assert run.report["negative_modes"] == 1 and run.residual < 1e-9
+    # it rolls off by itself once it is a little aside
+    moving = pm.simulate(balanced_disc(1e-6), steps=20_000, dt=0.2, check=False)
+    assert abs(moving.packing.position_nd[1, 0] - 4.0) > 0.5
+
+
+def test_what_bears_forces_that_balance_exactly_is_not_called_apart():
+    square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=0.1)
+    run = pm.settle(pm.Scene(square, (pm.Repulsion(), pm.Friction(0.5))), force_tolerance=1e-8, check=False)
+    assert run.residual < 1e-12 and run.report["bearing_contacts"] == 32
+    assert run.outcome is not pm.Outcome.UNJAMMED
+
+
+@pytest.mark.parametrize("call", [pm.settle, pm.quench])
+def test_weights_that_nothing_bears_are_refused(call):
+    packing = pm.random_packing(8, dimension=2, packing_fraction=0.3, seed=1)
+    with pytest.raises(ValueError, match="scene.effects must hold what bears weights.*Gravity alone"):
+        call(pm.Scene(packing, (pm.Repulsion(), pm.Gravity(0.0, -1e-3))), force_tolerance=1e-6)

@@ -104,3 +104,17 @@ def test_stresses_are_checked():
     ):
         with pytest.raises(ValueError, match=what):
             pm.sweep_stress(scene, [stress])
+
+
+def test_a_packing_of_ellipses_that_falls_into_another_minimum_on_the_way_says_so():
+    ellipses = pm.random_packing(
+        24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.6, seed=0, shapes=pm.Ellipses(1.3)
+    )
+    scene = pm.Scene(ellipses, (pm.Repulsion(),))
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-4, strain="free").packing)
+    shear = np.array([[0.0, 1.0], [1.0, 0.0]])
+    loads = [-1e-4 * (np.eye(2) + share * shear) for share in (0.06, 0.08, 0.06)]
+    there, beyond, back = pm.sweep_stress(scene, loads)
+    # the same load twice: other contacts, another packing fraction
+    assert abs(pm.packing_fraction(back.packing) - pm.packing_fraction(there.packing)) > 1e-3
+    assert beyond.report["rearrangements"] + back.report["rearrangements"] > 0

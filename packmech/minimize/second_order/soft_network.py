@@ -246,7 +246,8 @@ class SoftNetwork:
         """Return the enthalpy of a packing nearby, whose pairs are those of the list, less that of this one.
 
         From the displacements: rounding of the vectors between particles would not cancel. A held volume is one to
-        rounding of the lattice, and the pressure's work on the rest is taken off.
+        rounding of the lattice, and the pressure's work on the rest is taken off. A load that is no pressure does its
+        work on the small strain from here.
         """
         packing = self.packing
         near, moved = self.near(packing), other.position_nd - packing.position_nd
@@ -256,12 +257,13 @@ class SoftNetwork:
         return own + self._pressing(packing.box, stretched)
 
     def _pressing(self, box: Box, stretched_dd: Array) -> float:
-        """Return the work against the pressure where the lattice of a box is stretched."""
+        """Return the work against the load where the lattice of a box is stretched."""
         share = stretched_dd @ box.inverse_dd
         trace, d = float(np.trace(share)), len(share)
         # det(1 + share) - 1
         more = float(np.linalg.det(share)) + (0.0 if d == 2 else 0.5 * (trace**2 - float(np.trace(share @ share))))
-        return self.pressure * box.volume * (trace + more)
+        rest = 0.0 if self.rest_dd is None else float((self.rest_dd * share).sum())
+        return self.pressure * box.volume * (trace + more + rest)
 
     def first_at(self, distance_c: Array, sigma_c: Array) -> Array:
         """Return du/dr at given distances."""
