@@ -137,8 +137,8 @@ def test_a_disc_balanced_on_another_is_no_packing_at_rest():
     assert run.outcome is pm.Outcome.UNSTABLE and not run.ok
     assert run.report["negative_modes"] == 1 and run.residual < 1e-9
     # it rolls off by itself once it is a little aside
-    moving = pm.simulate(balanced_disc(1e-6), steps=20_000, dt=0.2, check=False)
-    assert abs(moving.packing.position_nd[1, 0] - 4.0) > 0.5
+    moving = pm.simulate(balanced_disc(1e-6), steps=5000, dt=0.2)
+    assert moving.packing.position_nd[1, 0] - 4.0 > 1e-3
 
 
 def test_what_bears_forces_that_balance_exactly_is_not_called_apart():
