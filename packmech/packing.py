@@ -203,6 +203,9 @@ class Packing:
             return links
         image = links.image_ld.copy()
         image[off[alone]] += shift[alone, holds[alone].argmax(axis=1)].astype(np.int64)
+        if len(np.unique(np.column_stack([links.i_l, links.j_l, image]), axis=0)) < len(links):
+            # another link of the pair is there: one of them is wrong, and calls refuse it
+            return links
         return Links(links.i_l, links.j_l, image, links.length_l, links.shape_l)
 
     def __eq__(self, other: object) -> bool:

@@ -28,6 +28,8 @@ _NOTHING = 1e-13
 # beyond what its derivative says: a jump stays when an interval is halved, a kink does not
 _JUMP = 1e-5
 _NEAR = 1e-7
+# parts of the way between two of these overlaps in which a jump is looked for
+_PARTS = 64
 
 
 def check_derivatives(what: str, names: tuple[str, str, str], hooks: tuple[PairHook, PairHook, PairHook]) -> None:
@@ -108,6 +110,9 @@ def _largest_jump(lower: PairHook, upper: PairHook, begin: float, end: float) ->
         found -= (high - low) * _value(upper, 0.5 * (low + high), 1.0)
         return found if math.isfinite(found) else 0.0
 
+    # jumps there and back cancel between far ends
+    places = [begin + (end - begin) * k / _PARTS for k in range(_PARTS + 1)]
+    begin, end = max(zip(places[:-1], places[1:], strict=True), key=lambda pair: abs(beyond(*pair)))
     while end - begin > _NEAR:
         middle = 0.5 * (begin + end)
         if abs(beyond(begin, middle)) > abs(beyond(middle, end)):

@@ -57,6 +57,8 @@ _COUNTED, _PRESSED = 25.0, 10.0
 # G 3.6 to 4, omega* 3.5 to 4, excess contacts .8 to 1.1; pressure, energy and bulk modulus at most .3)
 _SIZE_TERM = {"excess_coordination": 1.0, "shear_modulus": 4.0, "modulus_ratio": 4.0, EDGE: 4.0}
 _SMALL_SIZE_TERM = 0.3
+# dimension and exponent of the law that they were found for
+_SIZED = (2, 2.0)
 # levels that a law of several N asks for: four parameters and two to spare
 _LEVELS = 6
 # edges of the bins of vibrational states [sqrt(energy_scale / mass) / diameter]
@@ -80,8 +82,9 @@ class Exponent(NamedTuple):
         How far the exponent moves when levels are left out at either end, half of them at the most; nan where too few
         levels take part to leave one out.
     size_error
-        How far the finite-size term that packings of this kind have moves the exponent of a fit without it: with
-        packings of one N it cannot be told from the correction. 0 where it was fitted (`fit_sizes`).
+        How far the finite-size term that discs with springs have moves the exponent of a fit without it: with packings
+        of one N it cannot be told from the correction. nan in 3D and for other laws, where the term is not known, and
+        no part of `error` there; 0 where it was fitted (`fit_sizes`).
     levels, of_levels, on_plateau
         How many levels were fitted, of how many, and how many of the fitted ones lie on the plateau that N sets.
     smallest, largest
@@ -274,10 +277,11 @@ class JammingScaling:
         window = max(moved, default=math.nan)
         # what is left when the usual term of N is taken out
         usual = _SIZE_TERM.get(name, _SMALL_SIZE_TERM) / (self.particles * np.sqrt(self._means("distance", rows)[part]))
-        size = abs(_power_law(x, y / (1.0 + usual), corrected)[0] - slope)
+        known = (self.dimension, self.law_exponent) == _SIZED
+        size = abs(_power_law(x, y / (1.0 + usual), corrected)[0] - slope) if known else math.nan
         return Exponent(
             slope,
-            math.hypot(sampling, window, size),
+            math.hypot(sampling, window, size if known else 0.0),
             prefactor,
             correction,
             sampling_error=sampling,

@@ -45,6 +45,9 @@ class ShearTrial:
         (T,) numbers of contacts, and of those that slide.
     seconds
         CPU time.
+    outcome
+        The name of the outcome: "FINISHED", or "NOT_STEADY" or "NEAR_RESONANCE" where the moduli are known badly, or
+        led by inertia.
 
     """
 
@@ -58,6 +61,7 @@ class ShearTrial:
     contacts_t: NDArray[np.int64]
     sliding_t: NDArray[np.int64]
     seconds: float
+    outcome: str = "FINISHED"
 
 
 def controlled(scene: Scene, control: str, friction: float | None) -> Scene:
@@ -114,6 +118,8 @@ class ShearCurve:
         Mean over the repeats that yield within the amplitudes, and its error [1]; nan where none does.
     yielding
         How many repeats do.
+    unmet_a
+        (A,) in how many trials the moduli are known badly or led by inertia: these are in the means, too.
 
     """
 
@@ -127,6 +133,7 @@ class ShearCurve:
     yield_strain: float
     yield_strain_error: float
     yielding: int
+    unmet_a: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +146,11 @@ class ShearSeries:
     def __repr__(self) -> str:
         """Return what was sheared, in a line."""
         kinds = ", ".join(one.control + ("" if one.friction is None else f" {one.friction:g}") for one in self.curves)
-        return f"ShearSeries: {len(self.trials)} trials at {len(self.curves[0].amplitude_a)} amplitudes of {kinds}"
+        unmet = sum(one.outcome != "FINISHED" for one in self.trials.values())
+        badly = f"; {unmet} of them not steady or led by inertia" if unmet else ""
+        return (
+            f"ShearSeries: {len(self.trials)} trials at {len(self.curves[0].amplitude_a)} amplitudes of {kinds}{badly}"
+        )
 
     def curve(self, control: str = "prepared", friction: float | None = None) -> ShearCurve:
         """Return the curve of a control, at a friction if several were asked for.
@@ -319,12 +330,15 @@ def shear_trial(
         run.contacts_t,
         run.sliding_t,
         run.seconds,
+        run.outcome.name,
     )
 
 
 def _trial_of(member: Finished) -> ShearTrial:
     kept = member.values | member.arrays()
-    return ShearTrial(**{field.name: kept[field.name] for field in dataclasses.fields(ShearTrial)})
+    # tables of before have no outcome
+    names = [field.name for field in dataclasses.fields(ShearTrial) if field.name in kept]
+    return ShearTrial(**{name: kept[name] for name in names})
 
 
 def _curve(
@@ -353,4 +367,5 @@ def _curve(
         end,
         end_error,
         len(ends),
+        np.array([sum(one.outcome != "FINISHED" for one in column) for column in zip(*rows, strict=True)]),
     )

@@ -71,6 +71,7 @@ class Decompression:
             # a shear stress that is set free moves what has links or shapes so far that there is nothing to follow
             if protocol.continues and not PressurePath(protocol).sheared:
                 return follow_jammed(protocol, pressure)
+            protocol.continues = False
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
         if protocol.continues:
             return follow_jammed(

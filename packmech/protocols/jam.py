@@ -91,7 +91,9 @@ def jam(
         where only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only
         one; without links); their parameters are those of the protocol.
     start
-        "continue", or "anew": a jammed packing is scaled to the start of the protocol, too.
+        "continue", or "anew": a jammed packing is scaled to the start of the protocol, too. With links or shapes a
+        shear stress that is to be set free is not followed: the packing is compressed from where it stands, and the
+        report says "anew".
     energy_tolerance
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance

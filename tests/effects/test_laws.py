@@ -514,3 +514,27 @@ def test_an_effect_that_pulls_with_a_constant_force_while_touching_is_refused_un
         pm.effect(cls)
     cls.force_jumps = True
     assert pm.effect(cls) is cls
+
+
+@pytest.mark.parametrize("ends", [(0.11, 0.12), (0.031, 0.033), (0.055, 0.056)])
+def test_a_shoulder_in_a_force_is_two_jumps(ends):
+    low, high = ends
+
+    def inside(r, sigma):
+        return min(max(1.0 - r / sigma - low, 0.0), high - low)
+
+    class Shoulder(NamedTuple):
+        height: float = 0.02
+
+        def energy(self, r, sigma):
+            return 0.5 * (1.0 - r / sigma) ** 2 + self.height * inside(r, sigma)
+
+        def first(self, r, sigma):
+            on = low < 1.0 - r / sigma < high
+            return -((1.0 - r / sigma) + (self.height if on else 0.0)) / sigma
+
+        def second(self, r, sigma):
+            return 1.0 / sigma**2
+
+    with pytest.raises(ValueError, match="first must be continuous, got a jump by"):
+        check_law(Shoulder())

@@ -233,3 +233,12 @@ def test_bonds_of_a_particle_that_went_far_stay_as_they_are():
     # half the box, and a little more
     far = packing.replace(position_nd=packing.position_nd + [[1.9, 0.0], [2.1, 0.0]])
     assert scene.replace(packing=far).effects[1] == bonds
+
+
+def test_a_wrong_link_beside_the_right_one_of_the_same_pair_stays_and_is_refused():
+    links = pm.Links([0, 0], [1, 1], [[0, 0], [1, 0]], [1.0, 1.0])
+    packing = pm.Packing([[1.0, 1.0], [2.0, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), links)
+    np.testing.assert_array_equal(packing.links.image_ld, [[0, 0], [1, 0]])
+    assert np.max(packing.link_error) == pytest.approx(4.0)
+    with pytest.raises(ValueError, match="links at their lengths"):
+        pm.energy(pm.Scene(packing, REPULSION))
