@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts import Contacts, find_contacts
-from packmech.effects import contact_terms, held_particles, single_terms
+from packmech.effects import contact_terms, held_particles, single_effects, single_terms
 from packmech.linalg.block_system import gather
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
@@ -36,6 +36,8 @@ _SIDEWAYS = 4.0
 _CERTAIN_STICKING, _DENSE = 1e-7, 600
 # inverse iterations for an unstable direction: it is within the last octave of the lowest curvature long before
 _ITERATIONS, _LEAST = 40, 4
+# step of differences of forces on single particles [smallest radius]
+_STEP = 1e-6
 # shifts that are tried, where one is an eigenvalue
 _SHIFTS = 4
 
@@ -171,11 +173,37 @@ def _unknown(scene: Scene) -> str:
     """Return why there is no second derivative, or nothing where there is one."""
     if acting_friction(scene) is not None and (scene.packing.shapes is not None or scene.packing.links is not None):
         return "friction of shapes or links at rest has no second derivative"
-    for effect in scene.effects:
-        # of pairs they are checked where an effect is registered
-        if hasattr(type(effect), "body_energy") and not hasattr(type(effect), "body_second"):
-            return f"{type(effect).__qualname__} has no body_second"
+    lacking = _without_second(scene.effects)
+    if lacking and scene.packing.shapes is not None:
+        # pairs are checked where an effect is registered
+        return f"{type(lacking[0]).__qualname__} has no body_second"
     return ""
+
+
+def _without_second(effects: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the effects on single particles that give no second derivative."""
+    return tuple(one for one in single_effects(effects) if not hasattr(type(one), "body_second"))
+
+
+def _single_second(scene: Scene) -> NDArray[np.float64]:
+    """Return the (N, d, d) second derivatives of what acts on single particles, from forces where they are not given.
+
+    The step errs by the square of a millionth of the smallest radius, over the length on which the forces change.
+    """
+    packing = scene.packing
+    second = single_terms(scene.effects, packing).second_ndd
+    lacking = _without_second(scene.effects)
+    if lacking:
+        step, second = _STEP * float(packing.radius_n.min()), second.copy()
+        for axis in range(packing.dimension):
+            shift = np.zeros(packing.dimension)
+            shift[axis] = step
+            there, back = (
+                single_terms(lacking, packing, packing.position_nd + side * shift).force_nd for side in (1.0, -1.0)
+            )
+            second[:, :, axis] -= (there - back) / (2.0 * step)
+        second = 0.5 * (second + second.transpose(0, 2, 1))
+    return second
 
 
 def _stiffest(operator: Operator) -> float:
@@ -210,7 +238,7 @@ def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     tension = None if links is None else _tension(links, contacts, terms.first_c, single.force_nd, moves)
     pairs = prestressed(contacts, terms, "exact", links, tension)
     sums = bond_sums(pairs.pairs, pairs.first_c, pairs.second_c)
-    sums.diagonal_ndd[:] += single.second_ndd
+    sums.diagonal_ndd[:] += _single_second(scene)
     matrix = sums.position_matrix(moves)
     if links is None:
         return FreeOperator(matrix), free
@@ -231,7 +259,7 @@ def _sticking(scene: Scene, unbalanced: float) -> Stability:
     none = np.zeros(len(network.first_c), dtype=bool)
     system = frictional_system(network.forces, network.first_c, network.second_c, "exact", none)
     scale = np.concatenate([np.ones(n * d), np.repeat(1.0 / packing.radius_n, k)])
-    single = sp.block_diag([*single_terms(scene.effects, packing).second_ndd, sp.csr_array((n * k, n * k))])
+    single = sp.block_diag([*_single_second(scene), sp.csr_array((n * k, n * k))])
     held = held_particles(scene.effects, n)
     moves = np.ones(n, dtype=bool) if held is None else ~held
     free = np.concatenate([np.repeat(moves, d), np.repeat(moves, k)])
