@@ -589,6 +589,11 @@ def _run_of(
     conditions = [Condition("force residual", residual, tolerance)]
     if asked is not None:
         conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, PRESSED)))
+    if "backbone_pressure" in report:
+        borne = 1.0 - report["backbone_pressure"]
+        conditions.append(Condition("part of the pressure that rattlers bear", borne, _BORNE_BY_RATTLERS))
+    if report.get("negative_modes") is not None:
+        conditions.append(Condition("unstable directions", report["negative_modes"], 0))
     if "distance" in report:
         # without an onset, which is found first, the distance to it is not known
         above = report["packing_fraction"] - report.get("onset", float("nan"))

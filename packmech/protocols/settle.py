@@ -217,5 +217,10 @@ class _Settling:
                 "time": 0.0 if self.spans is None else steps * self.spans.dt / self.tau,
                 "kinetic_energy": 0.0 if self.spans is None else self.spans.kinetic_energy,
             },
-            unmet=unmet_conditions(outcome, *limits, Condition("force residual", found.residual, self.tolerance)),
+            unmet=unmet_conditions(
+                outcome,
+                *limits,
+                Condition("force residual", found.residual, self.tolerance),
+                Condition("unstable directions", (self.stability and self.stability.negative) or 0, 0),
+            ),
         )

@@ -313,6 +313,7 @@ def strip(length, shapes=None):
 def test_discs_between_their_own_images_alone_are_not_jammed(length):
     run = pm.jam(strip(length), pressure=1e-6, strain="isotropic", check=False)
     assert (run.outcome, run.report["backbone_pressure"]) == (pm.Outcome.NOT_JAMMED, 0.0)
+    assert [one.name for one in run.unmet] == ["part of the pressure that rattlers bear"]
 
 
 def test_ellipses_between_their_own_images_alone_are_not_jammed():
