@@ -44,14 +44,14 @@ class Outcome(Enum):
     STEP_LIMIT = "The step limit was reached before the tolerance; raise step_limit or loosen the tolerance."
     STALLED = "No further progress is possible with this method; try another method or a looser tolerance."
     NOT_JAMMED = "The protocol ended without a jammed packing; start denser, or change its parameters."
-    UNSTABLE = "The energy has directions of negative curvature here: this is a saddle, not a minimum."
+    UNSTABLE = "Forces balance on a saddle, not in a minimum: a small displacement grows; move it a little and go on."
     INACCURATE = "The solver stopped short of its tolerance; see the residual and the gap."
     INFEASIBLE = "The program has no feasible point."
     DEGENERATE = "Links lose rank here: Newton's method converges only linearly and link forces are not determined."
     FINISHED = "The time or strain that was asked for has been reached."
     STEP_TOO_LONG = (
-        "The time step is too long: links were lost or energy grew by more than work explains; "
-        "the state is the last good one."
+        "The time step is too long: something moved too far in a step, links were lost, or energy grew by more than "
+        "work explains; the packing is the last one before that was seen: take a shorter dt."
     )
     TIME_LIMIT = (
         "The time limit was reached before the end; the packing is the last one that was finished: "

@@ -63,15 +63,17 @@ class Walls(NamedTuple):
     of the center the law is that of the distance rho = 2 D and the contact distance 2 r. The force on the particle is
     that of the pair, -u'(rho) - damping d(rho)/dt, where the image comes closer twice as fast as the particle: a
     dashpot brakes a disc of speed v by 2 v damping. As only one of the two is there, it has half the pair's energy,
-    u(rho) / 2, whose slope by D is the force, and a stiffness of 2 u''(rho). A particle rebounds from a wall as each of
-    two equal ones that meet head on, and is pressed by the same force at the same overlap.
+    u(rho) / 2, whose slope by D is the force, and a stiffness of 2 u''(rho). With the law of the pairs a particle
+    rebounds from a wall as each of two equal ones that meet head on; where it reaches d into the wall it is pressed as
+    by an equal one at an overlap of 2 d. The law is a LinearSpring unless given, whatever the scene's pairs have.
 
     An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it where D is smaller; as its image
     touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body each
     bead touches its own image, not those of other beads, which only beads pressed deep into a wall would reach.
 
     Walls are smooth: scenes with friction are refused, and need rough walls, of particles that are held. Walls stand
-    still; the box must leave room for them.
+    still. The box goes on behind them: it must be longer than from wall to wall by more than particles press into both,
+    or these touch each other through the walls.
     """
 
     axis: float = 1.0

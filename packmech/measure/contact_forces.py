@@ -174,7 +174,7 @@ class ContactForces:
 
     @property
     def isostatic_coordination(self) -> float:
-        """Least coordination number that can balance forces and torques, (d + 1) + 2 n_m / d [1].
+        """Least coordination number that can balance forces and torques, (d + 1) + 2 n_m / d, none held [1].
 
         Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75, 010301 (2007); n_m is the number of contacts at the
         limit per particle, which tends to 1 in the plane and to 3 in space as friction vanishes: then it is 2 d, as

@@ -392,7 +392,7 @@ class _Descent:
         return Run(
             packing=packing,
             outcome=outcome,
-            residual=end.residual,
+            residual=0.0 if outcome is Outcome.UNJAMMED else end.residual,
             steps=self.steps,
             force_evaluations=self.evaluations + 1,
             seconds=time.process_time() - self.began - self.build_seconds,

@@ -102,7 +102,7 @@ class PressureShear(Run):
         if not math.isfinite(mean):
             looks = int(np.count_nonzero(self.steady_t))
             hint = "a longer applied_strain, or fewer blocks"
-            return (Condition("looks short of two a block in the steady part", 2 * self.blocks - looks, 0, hint=hint),)
+            return (Condition("samples that the steady part lacks", 2 * self.blocks - looks, 0, hint=hint),)
         asked = self.pressure
         found = [
             Condition("pressure", mean, asked, self.tolerance + min(error / asked, self.tolerance)),

@@ -157,13 +157,16 @@ class OscillatoryShear(StrainRun):
             ]
             for name, key in (("G'", "storage"), ("G''", "loss")):
                 between, fit = numbers[f"{key}_error"], numbers[f"{key}_fit_error"]
-                # one period that counts says nothing of how periods differ
-                error = f"+- {between:.2g} between periods" if math.isfinite(between) else f"+- {fit:.2g} of the fit"
+                error = f"+- {between:.2g} between periods"
+                if not math.isfinite(between):
+                    # one period that counts says nothing of how periods differ
+                    error = f"error not known: fewer than two periods count; fit to {fit:.2g}"
                 note = "contacts inside the plates counted; " if whole and self.held_n is not None else ""
                 rows.append((f"{name}{whole}", f"{numbers[f'{key}_modulus']:.6g}", f"{note}{error}; {unit}"))
             rows.append(("kinetic share", f"{numbers['kinetic_share']:.3g}", "over the energy that |G*| stores"))
         else:
             lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
+            rows += [("moduli", "none", "less than a whole period counts")]
             rows += [("stress at the end", ";  ".join(lines), f"row by row, tension positive; {unit}")]
         if "oscillation_ratio" in self.report:
             rows.append(rest_row(self.report["oscillation_ratio"], self.report["expected_stress"]))
