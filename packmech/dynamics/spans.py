@@ -27,7 +27,7 @@ from packmech.dynamics.observables import (
     TOTAL,
     tensors,
 )
-from packmech.effects import Bonds, ContactDamping, Friction, Gravity, Walls
+from packmech.effects import Bonds, ContactDamping, Friction, Walls, single_effects
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.result import Condition, Outcome
 from packmech.scene import Scene
@@ -80,8 +80,8 @@ class Spans:
         self.spin_nk = spin_nk
         self._limits: tuple[Condition, ...] = ()
         self._watch = watch_of(scene, None, dt)
-        # what falls out of the cell comes back at its top, and higher up
-        self._watch.known &= not any(isinstance(one, Gravity) for one in scene.effects)
+        # weights and walls do not repeat with the cell: what leaves it comes back at another energy
+        self._watch.known &= not single_effects(scene.effects)
         self._held = largest_held(scene)
         self._start: Moment | None = None
         d = scene.packing.dimension

@@ -32,19 +32,18 @@ def test_a_frequency_among_those_of_the_modes_is_no_success_and_says_that_motion
         pm.oscillatory_shear(ellipses, amplitude=1e-6, relative_frequency=0.01, periods=5)
 
 
-@pytest.mark.parametrize("relative_frequency", [0.007, 0.1])
-def test_steady_moduli_that_inertia_leads_are_no_success(ellipses, relative_frequency):
+@pytest.mark.parametrize("relative_frequency", [0.005, 0.007, 0.1])
+def test_moduli_that_inertia_changes_say_so_where_they_are_printed(ellipses, relative_frequency):
     run = sheared(ellipses, relative_frequency)
     static = pm.elastic_moduli(ellipses.without(pm.ContactDamping)).cauchy[2, 2] / 2.0
-    assert abs(run.moduli.storage / static - 1.0) > 0.2
-    assert run.outcome is pm.Outcome.NEAR_RESONANCE
-    assert "kinetic share" in [one.name for one in run.unmet]
+    assert abs(run.moduli.storage / static - 1.0) > 0.15
+    assert run.kinetic_share > 0.25 and "no moduli of a slow strain" in repr(run)
 
 
 def test_a_slow_oscillation_has_the_static_modulus_and_little_kinetic_energy(ellipses):
     run = sheared(ellipses, 0.001)
     assert run.outcome is pm.Outcome.FINISHED and run.unmet == ()
-    assert run.kinetic_share < 0.05
+    assert run.kinetic_share < 0.05 and "no moduli of a slow strain" not in repr(run)
     found = pm.elastic_moduli(ellipses.without(pm.ContactDamping)).cauchy
     assert run.moduli.storage == pytest.approx(found[2, 2] / 2.0, rel=0.05)
 
