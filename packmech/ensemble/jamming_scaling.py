@@ -83,8 +83,8 @@ class Exponent(NamedTuple):
         levels take part to leave one out.
     size_error
         How far the finite-size term that discs with springs have moves the exponent of a fit without it: with packings
-        of one N it cannot be told from the correction. nan in 3D and for other laws, where the term is not known, and
-        no part of `error` there; 0 where it was fitted (`fit_sizes`).
+        of one N it cannot be separated from the correction. Where that term is not known, in 3D and for other laws, nan
+        and no part of `error`; 0 where it was fitted (`fit_sizes`).
     levels, of_levels, on_plateau
         How many levels were fitted, of how many, and how many of the fitted ones lie on the plateau that N sets.
     smallest, largest

@@ -185,13 +185,14 @@ def _without_second(effects: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(one for one in single_effects(effects) if not hasattr(type(one), "body_second"))
 
 
-def _single_second(scene: Scene) -> NDArray[np.float64]:
-    """Return the (N, d, d) second derivatives of what acts on single particles, from forces where they are not given.
+def _single_second(scene: Scene, second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, d, d) second derivatives of what acts on single particles, given but where they are not known.
+
+    Those come from differences of forces.
 
     The step errs by the square of a millionth of the smallest radius, over the length on which the forces change.
     """
     packing = scene.packing
-    second = single_terms(scene.effects, packing).second_ndd
     lacking = _without_second(scene.effects)
     if lacking:
         step, second = _STEP * float(packing.radius_n.min()), second.copy()
@@ -238,7 +239,7 @@ def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     tension = None if links is None else _tension(links, contacts, terms.first_c, single.force_nd, moves)
     pairs = prestressed(contacts, terms, "exact", links, tension)
     sums = bond_sums(pairs.pairs, pairs.first_c, pairs.second_c)
-    sums.diagonal_ndd[:] += _single_second(scene)
+    sums.diagonal_ndd[:] += _single_second(scene, single.second_ndd)
     matrix = sums.position_matrix(moves)
     if links is None:
         return FreeOperator(matrix), free
@@ -259,7 +260,8 @@ def _sticking(scene: Scene, unbalanced: float) -> Stability:
     none = np.zeros(len(network.first_c), dtype=bool)
     system = frictional_system(network.forces, network.first_c, network.second_c, "exact", none)
     scale = np.concatenate([np.ones(n * d), np.repeat(1.0 / packing.radius_n, k)])
-    single = sp.block_diag([*_single_second(scene), sp.csr_array((n * k, n * k))])
+    given = single_terms(scene.effects, packing).second_ndd
+    single = sp.block_diag([*_single_second(scene, given), sp.csr_array((n * k, n * k))])
     held = held_particles(scene.effects, n)
     moves = np.ones(n, dtype=bool) if held is None else ~held
     free = np.concatenate([np.repeat(moves, d), np.repeat(moves, k)])

@@ -91,9 +91,8 @@ def jam(
         where only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only
         one; without links); their parameters are those of the protocol.
     start
-        "continue", or "anew": a jammed packing is scaled to the start of the protocol, too. With links or shapes a
-        shear stress that is to be set free is not followed: the packing is compressed from where it stands, and the
-        report says "anew".
+        "continue", or "anew": a jammed packing is scaled to the start of the protocol, too. Where strains become free
+        that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "anew".
     energy_tolerance
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
