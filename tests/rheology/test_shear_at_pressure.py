@@ -168,14 +168,3 @@ def test_ellipses_that_are_round_are_sheared_at_a_pressure_as_discs_are():
     one, other = (pm.shear_at_pressure(pm.Scene(each, effects), **how) for each in (packing, round_ones))
     np.testing.assert_allclose(other.pressure_t, one.pressure_t, rtol=0, atol=1e-9)
     np.testing.assert_allclose(other.packing_fraction_t, one.packing_fraction_t, rtol=1e-9)
-
-
-def test_a_time_step_that_makes_energy_in_a_dense_packing_is_too_long():
-    start = pm.random_packing(60, dimension=2, packing_fraction=0.95, seed=1)
-    spring = pm.Repulsion(pm.LinearSpring())
-    dense = pm.quench(pm.Scene(start, (spring,)), force_tolerance=1e-6).packing
-    # below the limit of one contact, beyond that of a disc with six
-    run = pm.shear_at_pressure(
-        pm.Scene(dense, (spring, pm.ContactDamping(0.05))), rate=1e-3, pressure=6e-2, dt=0.9, check=False
-    )
-    assert run.outcome is pm.Outcome.STEP_TOO_LONG
