@@ -8,7 +8,7 @@ import pytest
 import packmech as pm
 from packmech.contacts.fused_volume import union_moments
 from packmech.contacts.shape_rattlers import free_turns
-from packmech.mechanics.shaped import shaped_network
+from packmech.mechanics.network import contact_network
 
 REPULSION = (pm.Repulsion(),)
 BENT = pm.Cluster([[0.0, 0.0], [0.7, 0.0], [1.0, 0.5]], [0.5, 0.4, 0.3])
@@ -200,7 +200,7 @@ def test_jammed_bodies_are_isostatic_but_for_those_that_turn_freely(d, shapes):
     start = pm.random_packing(24, dimension=d, packing_fraction=0.5 if d == 2 else 0.3, seed=2, shapes=shapes)
     run = pm.jam(pm.Scene(start, REPULSION), pressure=1e-7)
     assert run.outcome is pm.Outcome.CONVERGED and run.residual < 1e-5
-    network = shaped_network(run.packing, second=False)
+    network = contact_network(run.packing, second=False)
     free = len(free_turns(network.packing, network.contacts))
     assert run.report["floppy_modes"] == free and run.report["states_of_self_stress"] == 1
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.constraints.jacobian import distance_gradients, link_pairs, link_vectors
+from packmech.constraints.jacobian import link_pairs, link_vectors
 from packmech.constraints.link_system import (
     DAMPED,
     NEWTON,
@@ -29,6 +29,7 @@ from packmech.constraints.link_system import (
     refill_links,
 )
 from packmech.contacts import Contacts
+from packmech.contacts.elements import distance_rows
 from packmech.linalg.block_system import gather
 from packmech.linalg.mandel import (
     mandel_basis,
@@ -139,7 +140,7 @@ class ConstraintFactor:
     @functools.cached_property
     def gradient_lx(self) -> sp.csr_array:
         """The (L, N d) derivatives of the lengths by the positions."""
-        return distance_gradients(self.pairs)
+        return distance_rows(self.pairs)
 
     @functools.cached_property
     def strain_le(self) -> NDArray[np.float64]:

@@ -11,7 +11,6 @@ from packmech.check import instance, one_of, positive
 from packmech.contacts import Contacts
 from packmech.contacts.network import pair_contacts
 from packmech.honors import ANY_LENGTH, honors
-from packmech.jit.compiled import kernel
 from packmech.linalg.mandel import normal_strains, strain_components, trace_vector
 from packmech.links import Links
 from packmech.packing import Packing
@@ -83,39 +82,6 @@ def strain_rows(packing: Packing, form: str = "exact") -> NDArray[np.float64]:
     # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
     rows: NDArray[np.float64] = (distance**2 / size * normal_strains(vector / distance[:, None]).T).copy()
     return rows
-
-
-def distance_gradients(pairs: Contacts) -> sp.csr_array:
-    """Return the (C, N d) derivatives of the pairs' distances with respect to the positions, -n at i and +n at j."""
-    import scipy.sparse as sp
-
-    parts = _gradient_rows(pairs.i_c, pairs.j_c, pairs.normal_cd)
-    matrix = sp.csr_array(parts, shape=(len(pairs), pairs.particles * pairs.dimension))
-    matrix.has_canonical_format = True
-    return matrix
-
-
-@kernel
-def _gradient_rows(i_c, j_c, normal_cd):  # type: ignore[no-untyped-def]
-    """Return data, columns and row starts of the pairs' gradients, without zeros; i <= j."""
-    count, d = normal_cd.shape
-    data, column = np.empty(2 * d * count), np.empty(2 * d * count, np.int32)
-    start = np.empty(count + 1, np.int32)
-    at = 0
-    for c in range(count):
-        start[c] = at
-        # a particle keeps its distance to its own image when it moves
-        if i_c[c] == j_c[c]:
-            continue
-        for end in range(2):
-            for a in range(d):
-                value = -normal_cd[c, a] if end == 0 else normal_cd[c, a]
-                if value != 0.0:
-                    data[at] = value
-                    column[at] = (i_c[c] if end == 0 else j_c[c]) * d + a
-                    at += 1
-    start[count] = at
-    return data[:at], column[:at], start
 
 
 def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:

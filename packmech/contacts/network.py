@@ -145,6 +145,19 @@ class Contacts:
         """The (C, d) vectors from center i to center j [length]."""
         return self.normal_cd * self.distance_c[:, None]
 
+    @property
+    def slope_cx(self) -> NDArray[np.float64]:
+        """The (C, d) slopes of the distances along these vectors: the normals [1]."""
+        return self.normal_cd
+
+    @property
+    def curvature_cxx(self) -> NDArray[np.float64]:
+        """The (C, d, d) second derivatives of the distances, (1 - n n) / r; zero where centers coincide [1/length]."""
+        apart = self.distance_c > 0.0
+        share = np.divide(1.0, self.distance_c, out=np.zeros_like(self.distance_c), where=apart)
+        across = np.eye(self.dimension) - self.normal_cd[:, :, None] * self.normal_cd[:, None, :]
+        return np.asarray(share[:, None, None] * across)
+
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)

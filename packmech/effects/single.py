@@ -55,6 +55,11 @@ def refuse_free_fall(effects: tuple[Any, ...]) -> None:
         )
 
 
+def lacking_second(effects: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the potentials of single particles that give no second derivatives."""
+    return tuple(one for one in single_effects(effects) if not hasattr(type(one), "body_second"))
+
+
 def needs_second(effects: tuple[Any, ...], what: str) -> None:
     """Refuse effects on single particles whose second derivatives are not known, for what needs them."""
     for k, one in enumerate(effects):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from packmech.box import Box
-from packmech.constraints.jacobian import distance_gradients
+from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.overlaps import overlap_of_hard
 from packmech.jit.compiled import kernel
@@ -531,7 +531,7 @@ def _floppy_modes(contacts: Contacts, system: ContactSystem, excess: int) -> int
         answer, _ = system.solve(probe.ravel(), np.zeros(len(system.load_k)))
         if np.abs(answer).max() < 1e10 * np.abs(probe).max():
             return 0
-    matrix = distance_gradients(contacts).toarray().reshape(len(contacts), -1, d)
+    matrix = distance_rows(contacts).toarray().reshape(len(contacts), -1, d)
     full = np.concatenate([matrix[:, live].reshape(len(contacts), -1), system.stretch_ck], axis=1)
     singular = np.linalg.svd(full, compute_uv=False)
     rank = int((singular > 1e-7 * singular.max(initial=1.0)).sum())

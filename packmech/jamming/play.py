@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, function, instance, integer, one_of, positive
-from packmech.constraints.jacobian import distance_gradients, link_pairs
+from packmech.constraints.jacobian import link_pairs
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import pair_contacts
 from packmech.effects import Repulsion
 from packmech.honors import honors
@@ -232,7 +233,7 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     unit = max(target.size(rules.scale), float(np.abs(wrong_l).max(initial=0.0)), float(-room_c.min(initial=0.0)))
 
     def rows(pairs: Contacts) -> sp.csr_array:
-        gradient = distance_gradients(pairs)
+        gradient = distance_rows(pairs)
         if not strains:
             return gradient
         return sp.csr_array(sp.hstack([gradient, sp.csr_array(strain_columns(pairs) / rules.scale)], format="csr"))

@@ -21,9 +21,9 @@ from packmech.jamming.backbone import EMPTY
 from packmech.jamming.contact_selection import ContactSelection, GapLevel, RestCheck
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
 from packmech.measure.stress import force_balance
+from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.quartic import quartic_modes
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.mechanics.shaped import ShapedNetwork, shaped_network
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -42,7 +42,7 @@ def classify_shaped(
     began = time.process_time()
     known = scene is not None
     scene = Scene(packing, (Repulsion(Harmonic()),)) if scene is None else scene
-    network = _carrying(shaped_network(packing, gap_tolerance=gap_tolerance, second=False), scene)
+    network = _carrying(contact_network(packing, gap_tolerance=gap_tolerance, second=False), scene)
     touching: Any = find_shape_contacts(packing, gap_tolerance=gap_tolerance)
     contacts: Any = network.contacts
     overlap = touching.overlap_c[touching.overlap_c > 0.0]
@@ -78,22 +78,22 @@ def classify_shaped(
     )
 
 
-def _carrying(network: ShapedNetwork, scene: Scene) -> ShapedNetwork:
+def _carrying(network: Network, scene: Scene) -> Network:
     """Return the network without contacts that bear nothing: bodies that turn freely come to rest against others."""
     one = network.contacts
     force = -contact_terms(scene.effects, one.distance_c, one.contact_distance_c).first_c
     if not len(one) or not force.max() > 0.0:
         return network
-    return network._replace(contacts=one.select(force > _CARRYING * float(force.mean())))
+    return replace(network, contacts=one.select(force > _CARRYING * float(force.mean())))
 
 
-def _answer(scene: Scene, network: ShapedNetwork, strain: str, rest: RestCheck, gap_tolerance: float | None) -> Answer:
+def _answer(scene: Scene, network: Network, strain: str, rest: RestCheck, gap_tolerance: float | None) -> Answer:
     """Return the answer to one question, and what it rests on."""
     if not len(network.contacts):
         return Answer(NOT_JAMMED, EMPTY, False, 0, 0, 0)
     states = states_of_self_stress(network.packing, strain, contacts=network.contacts, basis_limit=1e9)
     floppy = states.motions - states.trivial - states.rank
-    force = _balanced(states.force_ck, network.contacts, scene, rest)
+    force = _balanced(states.force_ck, network.shape_contacts, scene, rest)
     first: bool | None = force is not None and floppy == 0
     if not states.certain:
         first = None

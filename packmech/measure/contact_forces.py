@@ -78,9 +78,14 @@ class ContactForces:
 
         In [force * length]. Arms are the particles' shares of the distance, r_i d / (r_i + r_j), as in `Friction`.
         """
+        return self._free(sum_both(self.contacts, *self.torque_ck))
+
+    @property
+    def torque_ck(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The (C, 1 or 3) torques on particle i and on particle j [force * length]."""
         moment = _cross(self.contacts.normal_cd, self.tangential_cd)
         arm_i, arm_j = self._arms()
-        return self._free(sum_both(self.contacts, arm_i[:, None] * moment, arm_j[:, None] * moment))
+        return arm_i[:, None] * moment, arm_j[:, None] * moment
 
     def _free(self, sum_nk: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums over contacts, zero for particles that are held."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
 from packmech.constraints.factor import DEPENDENT, ConstraintFactor
-from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.elements import distance_rows
 from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.rattlers import check_given, rattlers_of
@@ -88,7 +88,7 @@ def _one_by_one(
     normal = np.concatenate([-contacts.normal_cd[between], contacts.normal_cd[between]])
     column = end[:, None] * d + np.arange(d)
     halves = sp.csr_array((normal.ravel(), column.ravel(), np.arange(len(end) + 1) * d), shape=(len(end), size))
-    rows = sp.csr_array(sp.vstack([halves, distance_gradients(contacts.select(within))], format="csr"))
+    rows = sp.csr_array(sp.vstack([halves, distance_rows(contacts.select(within))], format="csr"))
     place = np.concatenate([between, between, within])
     owner = cluster_n[np.concatenate([end, contacts.i_c[within]])]
     return rows, owner, contacts.overlap_c[place] / contacts.contact_distance_c[place]
@@ -324,8 +324,8 @@ def _held_pairs(packing: Packing, links: Links, edge: NDArray[np.int64]) -> list
     own = pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
     column = np.unique(np.concatenate([links.i_l, links.j_l]))
     column = (column[:, None] * packing.dimension + np.arange(packing.dimension)).ravel()
-    row_l = distance_gradients(own)[:, column].toarray()
-    row_p = distance_gradients(pair_contacts(packing, i, j, image))[:, column].toarray()
+    row_l = distance_rows(own)[:, column].toarray()
+    row_p = distance_rows(pair_contacts(packing, i, j, image))[:, column].toarray()
     known = row_l[np.isin(links.i_l, edge) & np.isin(links.j_l, edge)]
     found = []
     for k, row in enumerate(row_p):

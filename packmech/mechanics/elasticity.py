@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
-from packmech.constraints.factor import ConstraintFactor
-from packmech.contacts import Contacts
 from packmech.effects import Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.factor import NotDefinite, factorize
+from packmech.linalg.factor import factorize
 from packmech.linalg.mandel import (
     isochoric_basis,
     mandel_basis,
@@ -27,33 +25,27 @@ from packmech.linalg.mandel import (
     trace_vector,
 )
 from packmech.measure.contact_forces import force_residual
-from packmech.measure.shaped import ShapeForces
-from packmech.measure.stress import contact_stress, stress_tensor
+from packmech.measure.stress import stress_tensor
 from packmech.mechanics.frictional import (
     AT_LIMIT,
-    FrictionalNetwork,
-    SlidingResponse,
     acting_friction,
     check_frictional,
     find_sliding,
     frictional_network,
     frictional_system,
-    relax_frictional,
 )
-from packmech.mechanics.hessian import KINDS, BondSums, bond_sums, bordered, closed_terms, prestressed
-from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, relax_linked, soft_shift
-from packmech.mechanics.rattling import held_network
-from packmech.mechanics.shaped import shaped_hessian
+from packmech.mechanics.hessian import KINDS
+from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
+from packmech.mechanics.relaxation import Relaxation, relax
+from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
 _INCONSISTENT = 1e-6
-_REFINEMENTS = 8
 # net force over mean contact force of a packing at rest, and part of the pressure that its rattlers may bear [1]
 _AT_REST, _BORNE = 1e-2, 1e-2
 # components of unit strains below this are rounding
 _TOUCHED = 1e-8
-_NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -434,78 +426,22 @@ def cauchy_tangent(energy_ee: NDArray[np.float64], stress_dd: NDArray[np.float64
     return tangent
 
 
-class _Relaxation(NamedTuple):
-    """The (s, s) stiffness that relaxation takes from the strains, and what the positions' Hessian is like."""
-
-    relief_ee: NDArray[np.float64] | float
-    negative: int
-    floppy: int
-    residual: float
-
-
-def _pinned(sums: BondSums, count_n: NDArray[np.int64]) -> tuple[NDArray[np.bool_], sp.csr_array]:
-    """Return which particles may move when the best connected one is held, and their Hessian."""
-    keep = np.ones(len(sums.diagonal_ndd), dtype=bool)
-    if len(keep):
-        keep[np.argmax(count_n)] = False
-    return keep, sums.position_matrix(keep)
-
-
-def _relax(sums: BondSums, count_n: NDArray[np.int64], push: float) -> _Relaxation:
-    """Return how the particles relax; `push` is the size of a contact's force under a unit strain."""
-    keep, matrix = _pinned(sums, count_n)
-    return _solve(matrix, -sums.coupling_nde[keep].reshape(matrix.shape[0], len(sums.strain_ee)), push)
-
-
-def _solve(matrix: sp.csr_array, right: NDArray[np.float64], push: float) -> _Relaxation:
-    """Return how the coordinates of a Hessian relax under forces, one column a strain."""
-    if not matrix.shape[0]:
-        return _Relaxation(0.0, 0, 0, 0.0)
-    floppy = 0
-    try:
-        factor = factorize(matrix, kind="symmetric")
-        negative = factor.inertia.negative
-        singular = factor.inertia.zero > 0
-    except NotDefinite:
-        singular = True
-    if singular:
-        # counts by two definite shifts, then a solution without zero modes by refinement from the shifted factorization
-        shift = sp.diags_array(soft_shift(matrix))
-        factor = factorize(matrix + shift, kind="symmetric")
-        negative = factor.inertia.negative
-        floppy = factorize(matrix - shift, kind="symmetric").inertia.negative - negative
-    solution = factor.solve(right)
-    residual = right - matrix @ solution
-    size = float(np.abs(residual).max())
-    for _ in range(_REFINEMENTS if singular else 0):
-        better = solution + factor.solve(residual)
-        left = right - matrix @ better
-        reached = float(np.abs(left).max())
-        if reached >= size:
-            break
-        solution, residual, size = better, left, reached
-    return _Relaxation(right.T @ solution, negative, floppy, size / push if push else 0.0)
-
-
-def _negative_total(sums: BondSums, count_n: NDArray[np.int64], links: ConstraintFactor | None) -> int:
-    keep, matrix = _pinned(sums, count_n)
-    whole = bordered(matrix, sums.coupling_nde[keep].reshape(matrix.shape[0], -1), sums.strain_ee)
+def _unsolved(system: System, relaxation: Relaxation) -> int:
+    """Return how many strains are unstable for want of a relaxation: zero modes that carry strain under stress."""
+    if relaxation.residual <= _INCONSISTENT:
+        return 0
+    if not system.assembled.symmetric:
+        return 1
+    pinned, links = system.network.pinned_f, system.links
+    whole = bordered(system.matrix(pinned), system.column(pinned), system.corner)
+    shift = soft_shift(whole)
     if links is None:
-        return factorize(whole + sp.diags_array(soft_shift(whole)), kind="symmetric").inertia.negative
-    dimension = links.pairs.dimension
-    gradient, stretch = links.independent_rows()
-    rows = sp.csr_array(sp.hstack([gradient[:, np.repeat(keep, dimension)], sp.csr_array(stretch)], format="csr"))
-    return negative_motions(linked_system(whole, rows), soft_shift(whole), dimension)
-
-
-def _relax_with_links(sums: BondSums, count_n: NDArray[np.int64], links: ConstraintFactor, push: float) -> _Relaxation:
-    """Return how the particles relax where links keep their lengths, and the links' share of the stiffness."""
-    keep, matrix = _pinned(sums, count_n)
-    dimension = links.pairs.dimension
-    gradient, stretch = links.independent_rows()
-    moving = np.repeat(keep, dimension)
-    system = linked_system(matrix, gradient[:, moving])
-    return _Relaxation(*relax_linked(system, -sums.coupling_xe[moving], -stretch, push, dimension))
+        negative = factorize(whole + sp.diags_array(shift), kind="symmetric").inertia.negative
+    else:
+        gradient, stretch = links.independent_rows()
+        rows = sp.csr_array(sp.hstack([gradient[:, pinned], sp.csr_array(stretch)], format="csr"))
+        negative = negative_motions(linked_system(whole, rows), shift, system.network.dimension)
+    return max(negative - relaxation.negative, 1)
 
 
 def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -600,77 +536,26 @@ def elastic_moduli(
     instance("scene", scene, Scene)
     one_of("kind", kind, KINDS)
     at_limit = _at_limit(contacts_at_limit, scene.packing.dimension)
-    if scene.packing.shapes is not None:
-        return _shaped_moduli(scene, kind, rattlers, gap_tolerance, start)
-    if acting_friction(scene) is not None:
-        return _frictional_moduli(scene, kind, rattlers, gap_tolerance, at_limit, start)
-    # a coefficient of zero holds nothing, and springs of such contacts are slack
-    scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
+    rough = acting_friction(scene) is not None
+    if not rough:
+        # a coefficient of zero holds nothing, and springs of such contacts are slack
+        scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
     with single_thread():
-        backbone = held_network(scene.packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        contacts, links = backbone.contacts, backbone.links
-        volume = scene.packing.box.volume
-        terms = closed_terms(scene, contacts)
-        tension = None if links is None else links.tension(contacts, terms.first_c)
-        bonds = prestressed(contacts, terms, kind, links, tension)
-        sums = bond_sums(*bonds)
-        push = _push(contacts, terms.first_c, terms.second_c)
-        if links is None:
-            relaxation = _relax(sums, contacts.count_n(), push)
+        found = _rough_response(scene, kind, rattlers, gap_tolerance, at_limit) if rough else None
+        if found is None:
+            system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+            relaxation = relax(system)
+            unsolved = _unsolved(system, relaxation)
         else:
-            relaxation = _relax_with_links(sums, contacts.count_n(), links, push)
-        stiff = np.zeros((0, len(sums.strain_ee))) if links is None else links.stiff_strains
-        relaxed = sums.strain_ee - relaxation.relief_ee
-        unsolved = 0
-        if relaxation.residual > _INCONSISTENT:
-            unsolved = max(_negative_total(sums, contacts.count_n(), links) - relaxation.negative, 1)
+            system, relaxation = found.system, found.relaxation
+            # without a set that agrees with its motion there is no answer at rest, as along a negative direction
+            unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
         residual = force_residual(scene)
-        if scene.packing.links is None:
-            _refuse_bearing_rattlers(scene, residual, float(terms.first_c @ contacts.distance_c))
-        return _moduli(
-            _across((relaxed + relaxed.T) / (2.0 * volume), stiff),
-            sums.strain_ee / volume,
-            contact_stress(bonds.pairs, bonds.first_c, volume),
-            relaxation,
-            stiff,
-            unsolved=unsolved,
-            particles=contacts.particles,
-            contacts=len(contacts),
-            force_residual=residual,
-            start=start,
-        )
-
-
-def _shaped_moduli(scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, start: float) -> Moduli:
-    """Return the moduli of a packing with shapes, which turn as they relax."""
-    with single_thread():
-        found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        network, terms, sums = found.network, found.terms, found.sums
-        one, volume = network.contacts, scene.packing.box.volume
-        free = network.pinned.ravel()
-        push = float(((np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * one.push_c).max(initial=0.0))
-        matrix, coupling = sums.matrix(free), sums.coupling(free)
-        relaxation = _solve(matrix, -coupling, push)
-        relaxed = sums.strain_ee - relaxation.relief_ee
-        unsolved = 0
-        if relaxation.residual > _INCONSISTENT:
-            whole = bordered(matrix, coupling, sums.strain_ee)
-            negative = factorize(whole + sp.diags_array(soft_shift(whole)), kind="symmetric").inertia.negative
-            unsolved = max(negative - relaxation.negative, 1)
-        stress, residual = ShapeForces(one, terms).stress(volume), force_residual(scene)
-        _refuse_bearing_rattlers(scene, residual, float(np.trace(stress)) * volume)
-        return _moduli(
-            (relaxed + relaxed.T) / (2.0 * volume),
-            sums.strain_ee / volume,
-            stress * (kind != "unstressed"),
-            relaxation,
-            np.zeros((0, len(sums.strain_ee))),
-            unsolved=unsolved,
-            particles=one.particles,
-            contacts=len(one),
-            force_residual=residual,
-            start=start,
-        )
+        if not rough and scene.packing.links is None:
+            one = system.network.contacts
+            along = (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1)
+            _refuse_bearing_rattlers(scene, residual, float(system.terms.first_c @ along))
+        return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, residual, start)
 
 
 def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float64]:
@@ -683,53 +568,39 @@ def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float6
     return mandel_vector((strain + strain.T) / 2.0)
 
 
-def _response(
-    network: FrictionalNetwork, kind: str, at_limit: str | NDArray[np.float64], count_n: NDArray[np.int64], push: float
-) -> SlidingResponse:
+class _RoughResponse(NamedTuple):
+    """The response of a packing with friction, and the contacts at the Coulomb limit that took part."""
+
+    system: System
+    relaxation: Relaxation
+    consistent: bool
+    sliding_k: NDArray[np.int64]
+    at_limit_k: NDArray[np.int64]
+    doubtful: int
+
+
+def _rough_response(
+    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
+) -> _RoughResponse:
     """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
-    if not isinstance(at_limit, str):
-        return find_sliding(network, kind, at_limit, count_n, push)
-    sliding = network.sliding(at_limit)
-    system = frictional_system(network.forces, network.first_c, network.second_c, kind, sliding, network.kept_n)
-    return SlidingResponse(system, relax_frictional(system, count_n, push), sliding, True)
-
-
-def _frictional_moduli(
-    scene: Scene,
-    kind: str,
-    rattlers: str,
-    gap_tolerance: float | None,
-    at_limit: str | NDArray[np.float64],
-    start: float,
-) -> Moduli:
-    """Return the moduli of a packing whose contacts have tangential springs."""
     # without links "paper" leaves out nothing
     kind = "exact" if kind == "paper" else kind
     check_frictional(scene, kind, gap_tolerance=gap_tolerance)
-    with single_thread():
-        network = frictional_network(scene, rattlers)
-        forces, first, second = network.forces, network.first_c, network.second_c
-        contacts, volume = forces.contacts, scene.packing.box.volume
-        count = contacts.count_n()[network.kept_n]
-        found = _response(network, kind, at_limit, count, _push(contacts, first, second))
-        system = found.system
-        relaxation = _Relaxation(*found.relaxation[:4])
-        return _moduli(
-            (system.corner_ee - relaxation.relief_ee) / volume,
-            system.corner_ee / volume,
-            forces.stress_dd * (kind == "exact"),
-            relaxation,
-            np.zeros((0, len(system.corner_ee))),
-            # without a set that agrees with its motion there is no answer at rest, as along a negative direction
-            unsolved=int(relaxation.residual > _INCONSISTENT or not found.consistent),
-            particles=system.particles,
-            contacts=len(contacts),
-            force_residual=force_residual(scene),
-            sliding=network.chosen_c[found.sliding_c],
-            at_limit=network.chosen_c[network.at_limit_c],
-            doubtful=int(np.count_nonzero(network.doubtful_c)),
-            start=start,
-        )
+    contacts = frictional_network(scene, rattlers)
+    if isinstance(at_limit, str):
+        sliding, consistent = contacts.sliding(at_limit), True
+        system, _ = frictional_system(scene, contacts, kind, sliding)
+        relaxation = relax(system)
+    else:
+        system, relaxation, sliding, consistent = find_sliding(scene, contacts, kind, at_limit)
+    return _RoughResponse(
+        system,
+        relaxation,
+        consistent,
+        contacts.chosen_c[sliding],
+        contacts.chosen_c[contacts.at_limit_c],
+        int(np.count_nonzero(contacts.doubtful_c)),
+    )
 
 
 def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> None:
@@ -745,30 +616,23 @@ def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> No
         )
 
 
-def _push(contacts: Contacts, first_c: NDArray[np.float64], second_c: NDArray[np.float64]) -> float:
-    """Return the size of a contact's force under a unit strain."""
-    return float((np.abs(second_c) * contacts.distance_c + np.abs(first_c)).max(initial=0.0))
-
-
 def _moduli(
-    energy_ee: NDArray[np.float64],
-    affine_ee: NDArray[np.float64],
-    stress_dd: NDArray[np.float64],
-    relaxation: _Relaxation,
-    stiff_ke: NDArray[np.float64],
-    *,
+    system: System,
+    relaxation: Relaxation,
+    rough: _RoughResponse | None,
+    volume: float,
     unsolved: int,
-    particles: int,
-    contacts: int,
     force_residual: float,
-    at_limit: NDArray[np.int64] = _NONE,
-    sliding: NDArray[np.int64] = _NONE,
-    doubtful: int = 0,
     start: float,
 ) -> Moduli:
     """Return the record of a relaxed stiffness; `unsolved` strains are unstable for want of a relaxation."""
-    energy, affine, stiff = energy_ee, affine_ee, stiff_ke
-    cauchy = _across(cauchy_tangent(energy, stress_dd), stiff)
+    strains, links = len(system.corner), system.links
+    stiff = np.zeros((0, strains)) if links is None else links.stiff_strains
+    energy = (system.corner - relaxation.relief_ee) / volume
+    if system.assembled.symmetric:
+        energy = _across((energy + energy.T) / 2.0, stiff)
+    affine, stress = system.corner / volume, system.virial_dd / volume
+    cauchy = _across(cauchy_tangent(energy, stress), stiff)
     scale = float(np.abs(np.linalg.eigvalsh((affine + affine.T) / 2.0)).max())
     negative = int(np.count_nonzero(np.linalg.eigvalsh((energy + energy.T) / 2.0) < -SOFT * scale))
     if unsolved:
@@ -780,26 +644,27 @@ def _moduli(
     _, size, direction = np.linalg.svd(lifted)
     soft = direction[size <= SOFT * lift]
     inverse = _across(inverse_across(lifted, soft), stiff)
+    none = np.zeros(0, dtype=np.int64)
     return Moduli(
         energy=energy,
         cauchy=cauchy,
         compliance=with_infinities(inverse, soft),
         affine=affine,
-        stress_dd=stress_dd,
+        stress_dd=stress,
         soft_directions=soft,
         stiff_directions=stiff,
         negative_positions=relaxation.negative,
         negative_strains=negative,
         cauchy_least=smallest,
         floppy_positions=relaxation.floppy,
-        particles=particles,
-        contacts=contacts,
+        particles=len(system.network.index_n),
+        contacts=len(system.network.contacts),
         residual=relaxation.residual,
         force_residual=force_residual,
         seconds=time.process_time() - start,
-        at_limit_k=at_limit,
-        sliding_k=sliding,
-        doubtful_at_limit=doubtful,
+        at_limit_k=none if rough is None else rough.at_limit_k,
+        sliding_k=none if rough is None else rough.sliding_k,
+        doubtful_at_limit=0 if rough is None else rough.doubtful,
     )
 
 
@@ -880,42 +745,21 @@ def _pseudoinverse(
     scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
 ) -> NDArray[np.float64]:
     packing = scene.packing
-    if packing.shapes is not None:
-        return _shaped_pseudoinverse(scene, kind, rattlers, gap_tolerance, memory_limit)
-    backbone = held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    contacts, links = backbone.contacts, backbone.links
-    size = contacts.particles * contacts.dimension
-    components = contacts.dimension * (contacts.dimension + 1) // 2
+    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    network, links, free = system.network, system.links, system.network.free_f
+    size, components = int(free.sum()), len(system.corner)
     if links is not None and len(links.stiff_strains) == components:
         return np.zeros((components, components))
     if not size:
         return with_infinities(np.zeros((components, components)), np.eye(components))
+    check_memory(size + components, size + components, memory_limit)
+    full = bordered(system.matrix(), system.column(), system.corner)
+    scale = packing.box.volume ** (1.0 / packing.dimension)
     if links is None:
-        links = ConstraintFactor(packing.select(backbone.index_n))
-    check_memory(size + components, size + components, memory_limit)
-    sums = bond_sums(*prestressed(contacts, closed_terms(scene, contacts), kind, links))
-    full = bordered(sums.position_matrix(), sums.coupling_xe, sums.strain_ee)
-    scale = packing.box.volume ** (1.0 / packing.dimension)
-    basis = motion_basis(
-        links, np.eye(components), mass_n=np.ones(contacts.particles), strain_scale=scale, memory_limit=memory_limit
-    )
-    return _compliance_of(full, basis, size, packing.box.volume)
-
-
-def _shaped_pseudoinverse(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
-) -> NDArray[np.float64]:
-    """Return the same of a packing with shapes, whose turns are among the motions."""
-    packing = scene.packing
-    found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    free_f = found.network.free_nq.ravel()
-    size, components = int(free_f.sum()), len(found.sums.strain_ee)
-    if not size:
-        return with_infinities(np.zeros((components, components)), np.eye(components))
-    check_memory(size + components, size + components, memory_limit)
-    full = bordered(found.sums.matrix(free_f), found.sums.coupling(free_f), found.sums.strain_ee)
-    scale = packing.box.volume ** (1.0 / packing.dimension)
-    basis = np.diag(np.concatenate([np.ones(size), np.full(components, 1.0 / scale)]))
+        basis = np.diag(np.concatenate([np.ones(size), np.full(components, 1.0 / scale)]))
+    else:
+        mass, strains = np.ones(len(network.index_n)), np.eye(components)
+        basis = motion_basis(links, strains, mass_n=mass, strain_scale=scale, memory_limit=memory_limit)
     return _compliance_of(full, basis, size, packing.box.volume)
 
 

@@ -32,23 +32,23 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.effects import Friction
+from packmech.contacts.elements import Elements, pair_rows
+from packmech.effects import ContactTerms, Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import STRAINS, mandel_basis
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.measure.friction import friction_of
-from packmech.mechanics.hessian import closed_terms
-from packmech.mechanics.linked_systems import soft_shift
+from packmech.mechanics.assembly import assemble
+from packmech.mechanics.network import Network, network_among
+from packmech.mechanics.relaxation import Relaxation, general_factors, is_symmetric, relax
+from packmech.mechanics.system import System, closed_terms, single_second
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 # what contacts at the Coulomb limit do under a small motion
 AT_LIMIT = ("stick", "slip")
 KINDS = ("exact", "unstressed")
-# a matrix whose transpose differs by less, over its largest entry, is symmetric but for rounding
-_SYMMETRIC = 1e-12
-_REFINEMENTS = 12
 # sets of sliding contacts that are tried for one strain
 _SETS = 200
 # eigenvalues below this fraction of the largest are zero; Arnoldi's method looks this far below zero
@@ -154,103 +154,18 @@ def contact_blocks(
     return np.asarray(whole[:, plane[:, None], plane]), beyond[:, plane]
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionalSystem:
-    """Minus the derivatives of forces, torques and stress by displacements, rotations and Mandel strains.
-
-    Attributes
-    ----------
-    matrix
-        (N (d + k), N (d + k)) sparse, displacements of all particles first, then their k = 1 or 3 rotations.
-    column_xe, row_ex
-        (N (d + k), s) forces and torques by strains, and (s, N (d + k)) stress times volume by motions.
-    corner_ee
-        (s, s) stress times volume by strains [energy].
-    beyond_cx, beyond_ce
-        (C, N (d + k)) sparse and (C, s): forces of springs that stick, along the tangential forces, less those of the
-        Coulomb limit, by motions and strains.
-    particles, dimension
-        N and d.
-
-    """
-
-    matrix: sp.csr_array
-    column_xe: NDArray[np.float64]
-    row_ex: NDArray[np.float64]
-    corner_ee: NDArray[np.float64]
-    beyond_cx: sp.csr_array
-    beyond_ce: NDArray[np.float64]
-    particles: int
-    dimension: int
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether the matrix of displacements and rotations is symmetric but for rounding."""
-        if not self.matrix.nnz:
-            return True
-        return bool(abs(self.matrix - self.matrix.T).max() <= _SYMMETRIC * abs(self.matrix).max())
-
-
-def frictional_system(
-    forces: ContactForces,
-    first_c: NDArray[np.float64],
-    second_c: NDArray[np.float64],
-    kind: str,
-    sliding_c: NDArray[np.bool_],
-    kept_n: NDArray[np.bool_] | None = None,
-) -> FrictionalSystem:
-    """Return the system of the given contacts, and of the kept particles only, renumbered."""
-    contacts = forces.contacts
-    for c in np.flatnonzero(contacts.distance_c == 0.0):
-        raise ValueError(
-            "packing must have no coincident centers where second derivatives are asked for, "
-            f"got particles {contacts.i_c[c]} and {contacts.j_c[c]} at one place"
-        )
-    block, beyond = contact_blocks(forces, first_c, second_c, kind, sliding_c)
-    count, d = len(contacts), contacts.dimension
-    k = 1 if d == 2 else 3
-    # rows of what acts on x_i, x_j and the two rotations: minus force, plus force, minus torques
-    block[:, d:] *= -1.0
-    # du and rotations by x_i, x_j and the two rotations
-    spread = np.zeros((d + 2 * k, 2 * (d + k)))
-    spread[:d, :d], spread[:d, d : 2 * d], spread[d:, 2 * d :] = -np.eye(d), np.eye(d), np.eye(2 * k)
-    number = np.arange(contacts.particles) if kept_n is None else np.cumsum(kept_n) - 1
-    particles = contacts.particles if kept_n is None else int(np.count_nonzero(kept_n))
-    i, j = number[contacts.i_c, None], number[contacts.j_c, None]
-    axis, spin = np.arange(d), particles * d + np.arange(k)
-    place = np.concatenate([i * d + axis, j * d + axis, i * k + spin, j * k + spin], axis=1)
-    basis = mandel_basis(d)
-    branch = contacts.normal_cd * contacts.distance_c[:, None]
-    strain = np.zeros((count, d + 2 * k, len(basis)))
-    strain[:, :d] = np.einsum("mab,cb->cam", basis, branch)
-    # what a strain makes of forces as they are, along x_j - x_i
-    whole = forces.force_cd if kind == "exact" else np.zeros_like(forces.force_cd)
-    held = np.zeros((count, 2 * (d + k), len(basis)))
-    held[:, d : 2 * d] = np.einsum("mab,cb->cam", basis, whole)
-    held[:, :d] = -held[:, d : 2 * d]
-    local = spread.T @ block @ spread
-    size = particles * (d + k)
-    width = 2 * (d + k)
-    row, column = np.repeat(place, width, axis=1).ravel(), np.tile(place, (1, width)).ravel()
-    matrix = sp.csr_array(sp.coo_array((local.ravel(), (row, column)), shape=(size, size)))
-    matrix.sum_duplicates()
-    column_xe, row_xe = np.zeros((size, len(basis))), np.zeros((size, len(basis)))
-    np.add.at(column_xe, place, spread.T @ block @ strain + held)
-    np.add.at(row_xe, place, (strain.transpose(0, 2, 1) @ block @ spread).transpose(0, 2, 1) + held)
-    corner = np.einsum("cam,cab,cbk->mk", strain, block, strain)
-    row = np.repeat(np.arange(count), width)
-    beyond_cx = sp.csr_array(sp.coo_array(((beyond @ spread).ravel(), (row, place.ravel())), shape=(count, size)))
-    beyond_ce = np.einsum("ca,cam->cm", beyond, strain)
-    return FrictionalSystem(matrix, column_xe, row_xe.T, corner, beyond_cx, beyond_ce, particles, d)
+def spin_turns(packing: Packing) -> NDArray[np.float64]:
+    """Return the (N, k, k) rotations of discs and spheres per length, angles times radii of gyration: k = 1 or 3."""
+    k, share = (1, 0.5) if packing.dimension == 2 else (3, 0.4)
+    return np.asarray(np.eye(k) / (np.sqrt(share) * packing.radius_n)[:, None, None])
 
 
 class FrictionalNetwork(NamedTuple):
     """The contacts that hold a frictional packing, derivatives of their energies, and who took part."""
 
+    network: Network
     forces: ContactForces
-    first_c: NDArray[np.float64]
-    second_c: NDArray[np.float64]
-    kept_n: NDArray[np.bool_]
+    terms: ContactTerms
     chosen_c: NDArray[np.int64]
     at_limit_c: NDArray[np.bool_]
     doubtful_c: NDArray[np.bool_]
@@ -267,86 +182,67 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     kept = ~found.rattlers_n if rattlers == "remove" else np.ones(scene.packing.particles, dtype=bool)
     chosen = np.flatnonzero(kept[found.contacts.i_c] & kept[found.contacts.j_c])
     contacts = found.contacts.select(chosen)
-    terms = closed_terms(scene, contacts)
     forces = ContactForces(scene, contacts, found.normal_c[chosen], found.tangential_cd[chosen])
     # a contact without a tangential force has no direction to slide in
     limit = found.limit.at_limit_c & found.tangential_cd.any(axis=1)
+    network = network_among(scene.packing, contacts, kept, scene.effects, spin_turns(scene.packing))
     return FrictionalNetwork(
-        forces, terms.first_c, terms.second_c, kept, chosen, limit[chosen], found.limit.doubtful_c[chosen]
+        network, forces, closed_terms(scene, contacts), chosen, limit[chosen], found.limit.doubtful_c[chosen]
     )
 
 
-class FrictionalRelaxation(NamedTuple):
-    """The (s, s) stiffness that relaxation takes from the strains, what the system is like, and (x, s) motions."""
+def frictional_elements(
+    found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
+) -> tuple[Elements, NDArray[np.float64]]:
+    """Return the contacts as elements, and the (C, X) derivatives of what passes the Coulomb limit (`contact_blocks`).
 
-    relief_ee: NDArray[np.float64]
-    negative: int
-    floppy: int
-    residual: float
-    motion_xe: NDArray[np.float64]
+    Parameters
+    ----------
+    found
+        The contacts.
+    kind
+        "exact", or "unstressed".
+    sliding_c
+        (C,) which contacts slide.
 
-
-def _factored(matrix: Any) -> Any:
-    """Return the LU factors of a matrix whose pattern is symmetric, with pivots on the diagonal where these will do."""
-    symmetric = {"SymmetricMode": True}
-    return spla.splu(sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=symmetric)
-
-
-def relax_frictional(system: FrictionalSystem, count_n: NDArray[np.int64], push: float) -> FrictionalRelaxation:
-    """Return how displacements and rotations relax, with the best connected particle at its place.
-
-    Negative and zero eigenvalues are those of the symmetric part: motions whose second-order work is negative or none.
     """
-    d, size, strains = system.dimension, system.matrix.shape[0], len(system.corner_ee)
-    if not size:
-        return FrictionalRelaxation(np.zeros((strains, strains)), 0, 0, 0.0, np.zeros((0, strains)))
-    moving = np.ones(size, dtype=bool)
-    held = int(np.argmax(count_n))
-    moving[held * d : (held + 1) * d] = False
-    matrix = sp.csr_array(system.matrix[moving][:, moving])
-    right = -system.column_xe[moving]
-    even = sp.csr_array(matrix + matrix.T) / 2.0
-    shift = sp.diags_array(soft_shift(even))
-    negative = factorize(even + shift, kind="symmetric").inertia.negative
-    floppy = factorize(even - shift, kind="symmetric").inertia.negative - negative
-    solve = None
-    if system.symmetric and not floppy:
-        try:
-            solve = factorize(even, kind="symmetric").solve
-        except NotDefinite:
-            floppy = 1
-    if solve is None:
-        # zero modes, which the symmetric part does not show where contacts slide or carry tangential forces, do not
-        # stand in the way of a shifted factorization; refinement takes the shift back
-        solve = _factored(matrix + shift).solve
-    solution = np.asarray(solve(right))
-    rest = right - matrix @ solution
-    reached = float(np.abs(rest).max())
-    for _ in range(_REFINEMENTS):
-        better = solution + solve(rest)
-        left = right - matrix @ better
-        error = float(np.abs(left).max())
-        if not error < 0.5 * reached:
-            break
-        solution, rest, reached = better, left, error
-    relief = -system.row_ex[:, moving] @ solution
-    motion = np.zeros((size, strains))
-    motion[moving] = solution
-    return FrictionalRelaxation(relief, negative, floppy, reached / push if push else 0.0, motion)
+    forces, contacts = found.forces, found.forces.contacts
+    stuck = np.flatnonzero(contacts.distance_c == 0.0)
+    if len(stuck):
+        c = stuck[0]
+        raise ValueError(
+            "packing must have no coincident centers where second derivatives are asked for, "
+            f"got particles {contacts.i_c[c]} and {contacts.j_c[c]} at one place"
+        )
+    block, beyond = contact_blocks(forces, found.terms.first_c, found.terms.second_c, kind, sliding_c)
+    pull = np.concatenate([forces.force_cd, *(-torque for torque in forces.torque_ck)], axis=1)
+    # what acts on i pulls along the vector to j; torques turn against their coordinates
+    block[:, contacts.dimension :] *= -1.0
+    among = found.network.contacts
+    pull *= kind == "exact"
+    return Elements(among.i_c, among.j_c, contacts.vector_cd, pull, block, symmetric=False), beyond
+
+
+def frictional_system(
+    scene: Scene, found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
+) -> tuple[System, NDArray[np.float64]]:
+    """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
+    elements, beyond = frictional_elements(found, kind, sliding_c)
+    network, single = found.network, single_second(scene, found.network, kind)
+    assembled = assemble([elements], network.turn_nkt, network.dimension, single_nqq=single)
+    return System(network, found.terms, (elements,), assembled), beyond
 
 
 class SlidingResponse(NamedTuple):
     """A system with the contacts that slide in it, how it relaxes, and whether that set agrees with the motion."""
 
-    system: FrictionalSystem
-    relaxation: FrictionalRelaxation
+    system: System
+    relaxation: Relaxation
     sliding_c: NDArray[np.bool_]
     consistent: bool
 
 
-def find_sliding(
-    network: FrictionalNetwork, kind: str, strain_e: NDArray[np.float64], count_n: NDArray[np.int64], push: float
-) -> SlidingResponse:
+def find_sliding(scene: Scene, found: FrictionalNetwork, kind: str, strain_e: NDArray[np.float64]) -> SlidingResponse:
     """Return the response to a strain in which just those contacts at the limit slide that it loads.
 
     Sets are tried from all that stick on: every contact at the limit changes over that disagrees with the motion, and
@@ -354,23 +250,25 @@ def find_sliding(
 
     Parameters
     ----------
-    network
-        The network.
+    scene, found
+        The scene and its contacts.
     kind
         As in `stiffness_matrix`.
     strain_e
         (s,) Mandel strain; its size is of no matter, its sign is.
-    count_n, push
-        As in `relax_frictional`.
 
     """
-    sliding, seen = np.zeros(len(network.at_limit_c), dtype=bool), set[bytes]()
-    numbers = np.flatnonzero(network.at_limit_c)
+    sliding, seen = np.zeros(len(found.at_limit_c), dtype=bool), set[bytes]()
+    numbers = np.flatnonzero(found.at_limit_c)
+    network, d = found.network, found.network.dimension
     for _ in range(_SETS):
-        system = frictional_system(network.forces, network.first_c, network.second_c, kind, sliding, network.kept_n)
-        relaxation = relax_frictional(system, count_n, push)
-        beyond = (system.beyond_cx @ relaxation.motion_xe + system.beyond_ce) @ strain_e
-        wrong = numbers[(beyond[numbers] > 0.0) != sliding[numbers]]
+        system, beyond = frictional_system(scene, found, kind, sliding)
+        relaxation = relax(system)
+        one = system.elements[0]
+        rows = pair_rows(one.i_c, one.j_c, beyond, network.turn_nkt, d)
+        strained = np.einsum("ca,mab,cb->cm", beyond[:, :d], mandel_basis(d), one.vector_cd)
+        past = (rows @ relaxation.motion_xe + strained) @ strain_e
+        wrong = numbers[(past[numbers] > 0.0) != sliding[numbers]]
         if not len(wrong):
             return SlidingResponse(system, relaxation, sliding, True)
         sliding = sliding.copy()
@@ -392,10 +290,11 @@ def stiffness_matrix(
     """Return minus the derivative of forces and torques by displacements and rotations, and by strains.
 
     (N (d + k) + s, N (d + k) + s), or without strain (N (d + k), N (d + k)), with k = 1 rotation of a particle in the
-    plane and 3 in space. Rows are forces on positions, particle-major, then torques on particles, then Mandel stresses
-    times the volume as in `hessian`; tangential springs grow by the slip and turn with their contacts, as in the
-    engine. It is symmetric where no contact carries a tangential force and none slides. Without friction, or with a
-    coefficient of 0, its part for positions and strains is `hessian`.
+    plane and 3 in space, in the coordinates of `hessian`: particle by particle its position and then its rotations,
+    angles times the radius of gyration, so that all are lengths; then the Mandel strains, whose rows are stresses times
+    the volume. Tangential springs grow by the slip and turn with their contacts, as in the engine. It is symmetric
+    where no contact carries a tangential force and none slides. Without friction, or with a coefficient of 0, its part
+    for positions and strains is `hessian`.
 
     Parameters
     ----------
@@ -434,15 +333,17 @@ def stiffness_matrix(
     one_of("strain", strain, STRAINS)
     if strain not in ("none", "free"):
         raise ValueError(f"strain must be 'none' or 'free' for pm.stiffness_matrix, got {strain!r}")
-    network = frictional_network(scene, "keep")
-    sliding = network.sliding(contacts_at_limit)
-    system = frictional_system(network.forces, network.first_c, network.second_c, kind, sliding)
+    found = frictional_network(scene, "keep")
+    system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit))
+    everything = np.ones(system.network.free_f.size, dtype=bool)
+    matrix = system.matrix(everything)
+    matrix.eliminate_zeros()
     if strain == "none":
-        return system.matrix
+        return matrix
     scale = scale_of_strain(scene.packing, strain_scale)
-    side, below = sp.csr_array(system.column_xe / scale), sp.csr_array(system.row_ex / scale)
-    corner = sp.csr_array(system.corner_ee / scale**2)
-    return sp.csr_array(sp.block_array([[system.matrix, side], [below, corner]], format="csr"))
+    side, below = sp.csr_array(system.column(everything) / scale), sp.csr_array(system.row(everything) / scale)
+    corner = sp.csr_array(system.corner / scale**2)
+    return sp.csr_array(sp.block_array([[matrix, side], [below, corner]], format="csr"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -564,20 +465,18 @@ def frictional_modes(
     wanted = None if count is None else integer("count", count, at_least=1)
     packing = scene.packing
     d, k = packing.dimension, 1 if packing.dimension == 2 else 3
-    network = frictional_network(scene, rattlers)
-    index = np.flatnonzero(network.kept_n)
-    mass, radius = packing.mass_n[index], packing.radius_n[index]
-    inertia = (0.5 if d == 2 else 0.4) * mass * radius**2
-    root = np.sqrt(np.concatenate([np.repeat(mass, d), np.repeat(inertia, k)]))
+    found = frictional_network(scene, rattlers)
+    network = found.network
+    index = network.index_n
+    root = np.repeat(np.sqrt(packing.mass_n[index]), d + k)
     with single_thread():
-        system = frictional_system(
-            network.forces, network.first_c, network.second_c, kind, network.sliding(contacts_at_limit), network.kept_n
-        )
-        matrix = sp.csr_array(system.matrix.multiply(1.0 / root[:, None]).multiply(1.0 / root[None, :]))
+        system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit))
+        matrix = sp.csr_array(system.matrix().multiply(1.0 / root[:, None]).multiply(1.0 / root[None, :]))
+        symmetric = is_symmetric(matrix)
         shift = np.zeros((len(root), d))
         for a in range(d):
-            shift[a : len(index) * d : d, a] = np.sqrt(mass)
-        shift /= np.sqrt(mass.sum()) if len(index) else 1.0
+            shift[a :: d + k, a] = root[a :: d + k]
+        shift /= np.sqrt((root[:: d + k] ** 2).sum()) if len(index) else 1.0
         available = max(len(root) - d, 0)
         wanted = available if wanted is None else min(wanted, available)
         largest = float(abs(matrix).sum(axis=0).max()) if len(root) else 0.0
@@ -588,21 +487,21 @@ def frictional_modes(
             raise ValueError(
                 f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {count} of {len(root)}"
             )
-        value, vector = (_dense_modes if dense else _modes_near_zero)(matrix, shift, largest, wanted, system.symmetric)
+        value, vector = (_dense_modes if dense else _modes_near_zero)(matrix, shift, largest, wanted, symmetric)
         error = matrix @ vector - vector * value
     worst = float(np.sqrt((np.abs(error) ** 2).sum(axis=0)).max(initial=0.0))
-    vector = vector / root[:, None]
+    vector = (vector / root[:, None]).T.reshape(len(value), len(index), d + k)
     motion = np.zeros((len(value), packing.particles, d), dtype=complex)
     rotation = np.zeros((len(value), packing.particles, k), dtype=complex)
-    motion[:, index] = vector[: len(index) * d].T.reshape(len(value), len(index), d)
-    rotation[:, index] = vector[len(index) * d :].T.reshape(len(value), len(index), k)
+    motion[:, index] = vector[..., :d]
+    rotation[:, index] = np.einsum("mnk,nkt->mnt", vector[..., d:], network.turn_nkt)
     return FrictionalModes(
         eigenvalue_m=value,
         displacement_mnd=motion,
         rotation_mnk=rotation,
         residual=worst / largest if largest else 0.0,
         available=available,
-        symmetric=system.symmetric,
+        symmetric=symmetric,
         largest=largest,
         force_residual=contact_forces(scene).residual,
         index_n=index,
@@ -644,7 +543,7 @@ def _modes_near_zero(
     """Return modes by Arnoldi's method on the factored matrix, across the translations."""
     rows = len(shift_xd)
     sigma = -_NEAR * (largest or 1.0)
-    factor = _factored(matrix - sigma * sp.eye_array(rows))
+    factor = general_factors(matrix - sigma * sp.eye_array(rows))
 
     def across(vector: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(vector - shift_xd @ (shift_xd.T @ vector))

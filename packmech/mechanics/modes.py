@@ -14,23 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
-from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.measure.contact_forces import force_residual
-from packmech.mechanics.hessian import (
-    bordered,
-    check_choices,
-    check_strain_of_box,
-    closed_terms,
-    scene_sums,
-    volume_curvature_term,
-)
+from packmech.mechanics.hessian import check_choices, check_strain_of_box, corner_of
 from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
-from packmech.mechanics.rattling import scene_network
-from packmech.mechanics.shaped import shaped_hessian
+from packmech.mechanics.network import Network
+from packmech.mechanics.system import bordered, system_of
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
@@ -204,18 +196,16 @@ def normal_modes(
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
     with single_thread():
-        found = _position_part(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        matrix, index, links = found.matrix, found.index_n, found.links
+        system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+        network, links, matrix = system.network, system.links, system.matrix()
+        index, free_nq, axis, root = _moving(network, mass)
         kept = len(index)
-        # the place of each coordinate among those of its particle: turns come after the axes
-        axis = np.nonzero(found.free_nq)[1]
-        root = np.repeat(np.sqrt(mass[index]), found.free_nq.sum(axis=1))
         if strain != "none":
-            corner = found.corner(kind, strain, volume_curvature)
-            matrix = bordered(matrix, found.coupling_xe @ admitted / scale, admitted.T @ corner @ admitted / scale**2)
+            corner = admitted.T @ corner_of(system, kind, strain, volume_curvature) @ admitted
+            matrix = bordered(matrix, system.column() @ admitted / scale, corner / scale**2)
         weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        translation = _translations(matrix, root, axis, dimension, found.anchored)
+        translation = _translations(matrix, root, axis, dimension, network.anchored)
         moving = translation.shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
@@ -237,8 +227,8 @@ def normal_modes(
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     vector = signed_columns(vector)
-    motion = np.zeros((wanted, *found.free_nq.shape))
-    motion[:, found.free_nq] = vector[: len(root)].T
+    motion = np.zeros((wanted, *free_nq.shape))
+    motion[:, free_nq] = vector[: len(root)].T
     part_mn = (motion**2).sum(axis=2)
     # a mode of the strains alone moves no particle
     square_m = (part_mn**2).sum(axis=1)
@@ -266,47 +256,20 @@ def normal_modes(
     )
 
 
-class _PositionPart(NamedTuple):
-    """The second derivatives with respect to the coordinates of what can move, and what they are made of.
+class _Moving(NamedTuple):
+    """The particles that move, their coordinates, and of each its place among its particle's and its root of a mass."""
 
-    Which coordinates there are, and whether anything is anchored: to walls, to held particles, by potentials.
-    """
-
-    matrix: sp.csr_array
     index_n: NDArray[np.int64]
     free_nq: NDArray[np.bool_]
-    links: ConstraintFactor | None
-    coupling_xe: NDArray[np.float64]
-    corner: Callable[[str, str, str], NDArray[np.float64]]
-    anchored: bool
+    axis_f: NDArray[np.int64]
+    root_f: NDArray[np.float64]
 
 
-def _position_part(scene: Scene, kind: str, *, gap_tolerance: float | None, rattlers: str) -> _PositionPart:
-    """Return the position part of the Hessian of a scene, what rattles left out unless it is to be kept."""
-    if scene.packing.shapes is not None:
-        found = shaped_hessian(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-        free_nq = found.network.free_nq
-        free_f, moves = free_nq.ravel(), free_nq.any(axis=1)
-        return _PositionPart(
-            found.sums.matrix(free_f), found.network.index_n[moves], free_nq[moves], None, found.sums.coupling(free_f),
-            found.corner, found.anchored,
-        )  # fmt: skip
-    (contacts, index, links), free, second = scene_network(scene, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    terms = closed_terms(scene, contacts)
-    sums = scene_sums(contacts, terms, kind, links)
-    if second is not None:
-        sums.diagonal_ndd[:] += second
-    matrix = sums.position_matrix(free)
-    index = index if free is None else index[free]
-
-    def corner(kind: str, strain: str, volume_curvature: str) -> NDArray[np.float64]:
-        if not (kind == "exact" and strain == "isochoric" and volume_curvature == "det"):
-            return sums.strain_ee
-        return sums.strain_ee + volume_curvature_term(contacts, terms, links)
-
-    coordinates = np.ones((len(index), contacts.dimension), dtype=bool)
-    anchored = second is not None or free is not None
-    return _PositionPart(matrix, index, coordinates, links, sums.coupling_xe, corner, anchored)
+def _moving(network: Network, mass_n: NDArray[np.float64]) -> _Moving:
+    """Return the particles of a network that are not held; turns are lengths, and so have their particle's mass."""
+    moves = network.free_nq.any(axis=1)
+    index, free = network.index_n[moves], network.free_nq[moves]
+    return _Moving(index, free, np.nonzero(free)[1], np.repeat(np.sqrt(mass_n[index]), free.sum(axis=1)))
 
 
 def _translations(
@@ -586,17 +549,15 @@ def density_of_states(
     instance("source", source, Scene)
     one_of("kind", kind, ("exact", "paper", "unstressed"))
     dimension = source.packing.dimension
-    found = _position_part(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    index, links = found.index_n, found.links
+    system = system_of(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    links, (index, _, axis, root) = system.links, _moving(system.network, source.packing.mass_n)
     if not len(index):
         edge = _edges(bins, 0.0, 1.0)
         return StateDensity(edge, np.zeros(len(edge) - 1, np.int64), 0, time.process_time() - start)
     with single_thread():
-        matrix = found.matrix
-        weight = np.repeat(1.0 / np.sqrt(source.packing.mass_n[index]), found.free_nq.sum(axis=1))
-        matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        axis = np.nonzero(found.free_nq)[1]
-        moving = _translations(matrix, 1.0 / weight, axis, dimension, found.anchored).shape[1]
+        weight = 1.0 / root
+        matrix = sp.csr_array(system.matrix().multiply(weight[:, None]).multiply(weight[None, :]))
+        moving = _translations(matrix, root, axis, dimension, system.network.anchored).shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
             rows = weighted_rows(links, weight, np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)

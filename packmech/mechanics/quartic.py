@@ -21,7 +21,7 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import STRAINS
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
-from packmech.mechanics.shaped import shaped_hessian
+from packmech.mechanics.system import system_of
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -127,7 +127,7 @@ def quartic_modes(
     if scene.packing.shapes is None:
         raise ValueError("scene.packing must have shapes, got one of discs or spheres: ask pm.floppy_modes")
     with single_thread():
-        found = shaped_hessian(scene, "exact", gap_tolerance=gap_tolerance)
+        found = system_of(scene, gap_tolerance=gap_tolerance)
         network = found.network
         if not len(network.index_n):
             real("rank_tolerance", rank_tolerance, above=0.0, below=0.1)
@@ -139,24 +139,23 @@ def quartic_modes(
             raise ValueError(f"scene.packing must have fewer quartic modes, got {floppy.count}, which fill the memory")
         everything = np.ones(network.free_nq.size, dtype=bool)
         size, strains = len(everything), floppy.motion_xk.shape[0] - network.free_nq.size
-        basis, whole = floppy.motion_xk, found.sums.matrix(everything)
+        basis, whole = floppy.motion_xk, found.matrix(everything)
         # a body that turns freely comes to rest against another, which it does not push: that contact holds nothing
         force_c = np.abs(found.terms.first_c)
         bearing = np.flatnonzero(force_c > _IDLE * force_c.mean())
-        basis, free = _without(basis, free_turns(network.packing, network.contacts.select(bearing)))
+        basis, free = _without(basis, free_turns(network.packing, network.shape_contacts.select(bearing)))
         moved = whole @ basis[:size]
         if strains:
-            coupling = found.sums.coupling(everything)
+            coupling = found.column(everything)
             # with the curvature of the volume, times the pressure that is held
-            corner = found.corner("exact", "isochoric", "det")
+            corner = found.corner + found.volume_curvature
             moved = np.concatenate([moved + coupling @ basis[size:], coupling.T @ basis[:size] + corner @ basis[size:]])
         value, share = np.linalg.eigh(basis.T @ moved)
         motion = signed_columns(basis @ share)[:size].T.reshape(len(value), *network.free_nq.shape)
     d = network.contacts.dimension
     modes = np.zeros((len(value), scene.packing.particles, motion.shape[2]))
     modes[:, network.index_n] = motion
-    pull = found.terms.first_c[:, None] * network.contacts.slope_cx[:, :d]
-    pressure = -float((pull * network.contacts.vector_cd).sum()) / (d * scene.packing.box.volume)
+    pressure = -float(np.trace(found.virial_dd)) / (d * scene.packing.box.volume)
     return QuarticModes(
         curvature_m=value,
         displacement_mnd=np.ascontiguousarray(modes[..., :d]),

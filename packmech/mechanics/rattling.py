@@ -1,4 +1,4 @@
-"""Rattlers of packings with rigid links, particles that do not move with the backbone; and networks without them.
+"""Rattlers of packings with rigid links: particles that do not move with the backbone.
 
 A particle of a cluster may be held by its links alone, and one with many contacts may still turn: counting contacts
 tells neither. Instead (section 12 of the corrected specification): contacts that some state of self stress pushes make
@@ -8,38 +8,28 @@ backbone at rest relative to each other; all others rattle.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import one_of
 from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.rattlers import rattlers_of, rattling_bodies
+from packmech.contacts.elements import distance_rows
 from packmech.effects import (
     Bonds,
     acts_on_single,
-    held_particles,
-    needs_second,
-    refuse_single,
-    single_effects,
-    single_terms,
 )
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.jit.compiled import kernel
 from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
-from packmech.links import image_offsets
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import find_rattlers
 from packmech.measure.friction import friction_of
 from packmech.measure.walls import rattlers_of_scene
+from packmech.mechanics.network import untouched_clusters
 from packmech.mechanics.rigidity import contacts_of
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
@@ -151,7 +141,7 @@ class _Rows:
 
 
 def _rows(contacts: Contacts, independent: sp.csr_array) -> _Rows:
-    matrix = sp.csr_array(sp.vstack([distance_gradients(contacts), independent], format="csr"))
+    matrix = sp.csr_array(sp.vstack([distance_rows(contacts), independent], format="csr"))
     square = sp.csc_array(matrix.T @ matrix)
     # without any row everything moves
     shift = _RANK**2 * float(abs(square).sum(axis=0).max()) or 1.0
@@ -252,156 +242,6 @@ def _moving(backbone: Contacts, rows: _Rows) -> NDArray[np.bool_]:
     return np.asarray(~same)
 
 
-RATTLERS = ("remove", "keep")
-
-
-class Network(NamedTuple):
-    """Contacts and links among the particles that are kept, renumbered, and the numbers that these had before."""
-
-    contacts: Contacts
-    index_n: NDArray[np.int64]
-    links: ConstraintFactor | None = None
-
-
-@kernel
-def _between(i_c, j_c, image_cd, normal_cd, cluster_n, offset_nd):  # type: ignore[no-untyped-def]
-    """Return clusters and normals of the contacts between them, the smaller number first."""
-    count, d = image_cd.shape
-    i, j, normal = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, d))
-    used = 0
-    for c in range(count):
-        one, other = i_c[c], j_c[c]
-        # a cluster's contact with its own image holds it, one within it does not
-        apart = cluster_n[one] != cluster_n[other]
-        for a in range(d):
-            apart = apart or image_cd[c, a] != offset_nd[other, a] - offset_nd[one, a]
-        if apart:
-            flip = cluster_n[one] > cluster_n[other]
-            i[used] = cluster_n[other] if flip else cluster_n[one]
-            j[used] = cluster_n[one] if flip else cluster_n[other]
-            for a in range(d):
-                normal[used, a] = -normal_cd[c, a] if flip else normal_cd[c, a]
-            used += 1
-    return i[:used], j[:used], normal[:used]
-
-
-def _by_cluster(packing: Packing, contacts: Contacts) -> NDArray[np.bool_]:
-    """Return (N,) who belongs to a cluster that its contacts with others do not even keep from moving as a whole."""
-    assert packing.links is not None
-    cluster = packing.links.clusters(packing.particles)
-    offset, winding = image_offsets(packing.links, packing.particles)
-    i, j, normal = _between(contacts.i_c, contacts.j_c, contacts.image_cd, contacts.normal_cd, cluster, offset)
-    # a cluster that closes around the box resists its strain, touched or not
-    rattling: NDArray[np.bool_] = rattling_bodies(i, j, normal, int(cluster.max()) + 1)[cluster] & ~winding
-    return rattling
-
-
-def held_network(packing: Packing, *, gap_tolerance: float | None, rattlers: str = "remove") -> Network:
-    """Return the contacts within the gap tolerance, without those of rattlers unless these are to be kept.
-
-    Linked particles go together: a cluster is taken out if it can be moved as a whole. One that can only turn stays,
-    and so do its ends: they are zero modes that carry no strain.
-
-    Parameters
-    ----------
-    packing
-        The packing.
-    gap_tolerance
-        Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
-        `find_contacts`.
-    rattlers
-        "remove" or "keep".
-
-    Examples
-    --------
-    >>> import packmech as pm
-    >>> packing = pm.Packing([[0.1, 0.0], [1.5, 1.5]], [0.5, 0.2], pm.Box([[1.0, 0.5], [0.0, 3.0]]))
-    >>> held_network(packing, gap_tolerance=1e-9, rattlers="keep").index_n.tolist()
-    [0, 1]
-    >>> held_network(packing, gap_tolerance=1e-9).index_n.tolist()
-    []
-
-    """
-    one_of("rattlers", rattlers, RATTLERS)
-    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
-    if rattlers == "keep":
-        links = None if packing.links is None else ConstraintFactor(packing)
-        return Network(contacts, np.arange(packing.particles), links)
-    held = ~rattlers_of(contacts) if packing.links is None else ~_by_cluster(packing, contacts)
-    if held.all():
-        links = None if packing.links is None else ConstraintFactor(packing)
-        return Network(contacts, np.arange(packing.particles), links)
-    renumbered = _among(contacts, held)
-    if packing.links is None:
-        return Network(renumbered, np.flatnonzero(held))
-    if not held.any():
-        return Network(renumbered, np.flatnonzero(held), None)
-    left = packing.select(held, packing.links.numbered(np.where(held, np.cumsum(held) - 1, -1)))
-    return Network(renumbered, np.flatnonzero(held), None if left.links is None else ConstraintFactor(left))
-
-
-def _among(contacts: Contacts, kept_n: NDArray[np.bool_]) -> Contacts:
-    """Return the contacts among the particles that are kept, numbered by these."""
-    number = np.cumsum(kept_n) - 1
-    kept = contacts.select(kept_n[contacts.i_c] & kept_n[contacts.j_c])
-    return dataclasses.replace(
-        kept, i_c=number[kept.i_c], j_c=number[kept.j_c], particles=int(np.count_nonzero(kept_n))
-    )
-
-
-class SceneNetwork(NamedTuple):
-    """A network with what acts on its single particles.
-
-    Attributes
-    ----------
-    network
-        Contacts, particles and links; those that are held are among the particles.
-    free_n
-        (N',) which of its particles can move; None where all can.
-    second_ndd
-        (N', d, d) second derivatives of the particles' own energies; None where they have none.
-
-    """
-
-    network: Network
-    free_n: NDArray[np.bool_] | None = None
-    second_ndd: NDArray[np.float64] | None = None
-
-
-def scene_network(scene: Scene, *, gap_tolerance: float | None, rattlers: str = "remove") -> SceneNetwork:
-    """Return the network of a scene: walls hold particles as others do, and what has a weight rests on what it touches.
-
-    Parameters
-    ----------
-    scene
-        The scene; with rigid links nothing may act on single particles.
-    gap_tolerance, rattlers
-        As in `held_network`.
-
-    Raises
-    ------
-    ValueError
-        If an effect on single particles has no second derivatives, or there are rigid links beside it.
-
-    """
-    packing, effects = scene.packing, scene.effects
-    acting, held = single_effects(effects), held_particles(effects, packing.particles)
-    if held is None and not acting:
-        return SceneNetwork(held_network(packing, gap_tolerance=gap_tolerance, rattlers=rattlers))
-    one_of("rattlers", rattlers, RATTLERS)
-    if packing.links is not None:
-        refuse_single(effects, "second derivatives of packings with links")
-    needs_second(effects, "second derivatives")
-    contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
-    second = single_terms(effects, packing).second_ndd
-    rattling = np.zeros(packing.particles, dtype=bool)
-    if rattlers == "remove":
-        rattling = rattlers_of_scene(packing, contacts, effects)
-    kept = ~rattling
-    network = Network(_among(contacts, kept), np.flatnonzero(kept))
-    return SceneNetwork(network, None if held is None else ~held[kept], second[kept] if acting else None)
-
-
 def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     """Return, for each particle of a scene at rest, whether it rattles: by friction, weights, walls and links, too.
 
@@ -413,9 +253,7 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     if packing.links is not None:
         if not acting:
             return find_rattling_clusters(packing).rattling_n
-        touched = rattlers_of_scene(packing, find_contacts(packing), effects)
-        cluster = packing.links.clusters(packing.particles)
-        return np.asarray(np.bincount(cluster, ~touched)[cluster] == 0)
+        return untouched_clusters(packing, find_contacts(packing), effects)
     if packing.tangential is not None or friction_of(scene) is not None:
         unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
         return contact_forces(scene.replace(effects=unbonded)).rattlers_n

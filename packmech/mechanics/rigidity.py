@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from packmech.check import instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.jacobian import distance_gradients, scale_of_strain
+from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.elements import PairGeometry, distance_rows
 from packmech.contacts.rattlers import check_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
-from packmech.linalg.mandel import STRAINS, normal_strains, strain_directions
-from packmech.mechanics.shape_sums import shape_strain_columns, slope_rows
+from packmech.linalg.mandel import STRAINS, mandel_basis, strain_directions
 from packmech.packing import Packing
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
@@ -43,9 +43,13 @@ def _shape_contacts_of(
     return contacts
 
 
-def strain_columns(contacts: Contacts) -> NDArray[np.float64]:
-    """Return the (C, s) derivatives rho n.E.n of the contact distances with respect to the Mandel strains [length]."""
-    return contacts.distance_c[:, None] * normal_strains(contacts.normal_cd)
+def strain_columns(contacts: PairGeometry) -> NDArray[np.float64]:
+    """Return the (C, s) derivatives of the distances by the Mandel strains, which turn nothing [length].
+
+    Of discs and spheres rho n.E.n.
+    """
+    d = contacts.dimension
+    return np.asarray(np.einsum("mab,ca,cb->cm", mandel_basis(d), contacts.slope_cx[:, :d], contacts.vector_cd))
 
 
 @honors("links shapes", packing_only=True)
@@ -96,18 +100,15 @@ def rigidity_matrix(
     """
     one_of("strain", strain, STRAINS)
     found: Contacts | ShapeContacts
+    turn = None
     if isinstance(packing, Packing) and packing.shapes is not None:
         found = _shape_contacts_of(packing, contacts, gap_tolerance)
         turn = packing.shapes.turn_basis(packing.radius_n)
-        width = packing.dimension + turn.shape[1]
-        position = slope_rows(found, turn, np.ones(packing.particles * width, dtype=bool))
-        columns = shape_strain_columns(found)
     else:
         if isinstance(contacts, ShapeContacts):
             raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
         found = contacts_of(packing, contacts, gap_tolerance)
-        position = distance_gradients(found)
-        columns = strain_columns(found)
+    position, columns = distance_rows(found, turn), strain_columns(found)
     if strain == "none":
         return position
     if strain != "free":

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
-from packmech.constraints.jacobian import distance_gradients
 from packmech.contacts import Contacts
+from packmech.contacts.elements import distance_rows
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -28,7 +28,6 @@ from packmech.linalg.mandel import STRAINS, strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import contacts_of, strain_columns
-from packmech.mechanics.shape_sums import shape_strain_columns, slope_rows, turning
 from packmech.packing import Packing
 
 METHODS = ("auto", "dense", "sparse")
@@ -153,18 +152,12 @@ class _Problem:
 def _problem(packing: Packing, strain: str, contacts: Contacts | ShapeContacts) -> _Problem:
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
-    absent = np.zeros(0, dtype=np.int64)
+    turn = np.zeros((packing.particles, 0, 0))
     if isinstance(contacts, ShapeContacts):
         turn = contacts.shapes.turn_basis(packing.radius_n)
-        width = dimension + turn.shape[1]
-        position = slope_rows(contacts, turn, np.ones(packing.particles * width, dtype=bool))
-        there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), turning(turn)])
-        absent = np.flatnonzero(~there.ravel())
-        side = shape_strain_columns(contacts) @ admitted
-    else:
-        width = dimension
-        position = distance_gradients(contacts)
-        side = strain_columns(contacts) @ admitted
+    there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), (turn != 0.0).any(axis=2)])
+    width, absent = there.shape[1], np.flatnonzero(~there.ravel())
+    position, side = distance_rows(contacts, turn), strain_columns(contacts) @ admitted
     # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
     mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
     size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))

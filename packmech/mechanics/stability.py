@@ -7,7 +7,7 @@ some, one of these directions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,16 +15,12 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.redundancy import workable_links
-from packmech.contacts import Contacts, find_contacts
-from packmech.effects import contact_terms, held_particles, single_effects, single_terms
-from packmech.linalg.block_system import gather
+from packmech.effects import held_particles, lacking_second
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
-from packmech.mechanics.hessian import bond_sums, prestressed
 from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve
-from packmech.mechanics.shaped import shaped_hessian
+from packmech.mechanics.network import Network, contact_network
+from packmech.mechanics.system import assembled_system
 from packmech.scene import Scene
 
 # a curvature is that of a saddle below minus this part of the largest, whatever forces are left
@@ -36,8 +32,6 @@ _SIDEWAYS = 4.0
 _CERTAIN_STICKING, _DENSE = 1e-7, 600
 # inverse iterations for an unstable direction: it is within the last octave of the lowest curvature long before
 _ITERATIONS, _LEAST = 40, 4
-# step of differences of forces on single particles [smallest radius]
-_STEP = 1e-6
 # shifts that are tried, where one is an eigenvalue
 _SHIFTS = 4
 
@@ -173,38 +167,11 @@ def _unknown(scene: Scene) -> str:
     """Return why there is no second derivative, or nothing where there is one."""
     if acting_friction(scene) is not None and (scene.packing.shapes is not None or scene.packing.links is not None):
         return "friction of shapes or links at rest has no second derivative"
-    lacking = _without_second(scene.effects)
+    lacking = lacking_second(scene.effects)
     if lacking and scene.packing.shapes is not None:
         # pairs are checked where an effect is registered
         return f"{type(lacking[0]).__qualname__} has no body_second"
     return ""
-
-
-def _without_second(effects: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the effects on single particles that give no second derivative."""
-    return tuple(one for one in single_effects(effects) if not hasattr(type(one), "body_second"))
-
-
-def _single_second(scene: Scene, second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (N, d, d) second derivatives of what acts on single particles, given but where they are not known.
-
-    Those come from differences of forces.
-
-    The step errs by the square of a millionth of the smallest radius, over the length on which the forces change.
-    """
-    packing = scene.packing
-    lacking = _without_second(scene.effects)
-    if lacking:
-        step, second = _STEP * float(packing.radius_n.min()), second.copy()
-        for axis in range(packing.dimension):
-            shift = np.zeros(packing.dimension)
-            shift[axis] = step
-            there, back = (
-                single_terms(lacking, packing, packing.position_nd + side * shift).force_nd for side in (1.0, -1.0)
-            )
-            second[:, :, axis] -= (there - back) / (2.0 * step)
-        second = 0.5 * (second + second.transpose(0, 2, 1))
-    return second
 
 
 def _stiffest(operator: Operator) -> float:
@@ -223,50 +190,36 @@ def _matrix(operator: Operator) -> Any:
 
 def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     """Return the second derivative on the motions that links admit, and which of the (N, q) coordinates can move."""
-    packing, effects = scene.packing, scene.effects
-    if packing.shapes is not None:
-        found = shaped_hessian(scene, "exact", rattlers="keep")
-        free = found.network.free_nq
-        return FreeOperator(found.sums.matrix(free.ravel())), free
-    held = held_particles(effects, packing.particles)
-    moves = np.ones(packing.particles, dtype=bool) if held is None else ~held
-    free = np.repeat(moves[:, None], packing.dimension, axis=1)
-    contacts = find_contacts(packing, gap_tolerance=None)
-    contacts = contacts.select(moves[contacts.i_c] | moves[contacts.j_c])
-    terms = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
-    single = single_terms(effects, packing)
-    links = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
-    tension = None if links is None else _tension(links, contacts, terms.first_c, single.force_nd, moves)
-    pairs = prestressed(contacts, terms, "exact", links, tension)
-    sums = bond_sums(pairs.pairs, pairs.first_c, pairs.second_c)
-    sums.diagonal_ndd[:] += _single_second(scene, single.second_ndd)
-    matrix = sums.position_matrix(moves)
-    if links is None:
+    network = _whole(scene)
+    system = assembled_system(scene, network)
+    matrix, free = system.matrix(), network.free_nq
+    if system.links is None:
         return FreeOperator(matrix), free
-    rows = sp.csr_array(links.independent_rows()[0][:, free.ravel()])
+    rows = sp.csr_array(system.links.independent_rows()[0][:, free.ravel()])
     rows = rows[np.diff(rows.indptr) > 0]
-    return LinkedOperator(matrix, rows, packing.dimension), free
+    return LinkedOperator(matrix, rows, network.dimension), free
+
+
+def _whole(scene: Scene) -> Network:
+    """Return all particles with their contacts, but for those between held ones."""
+    packing, effects = scene.packing, scene.effects
+    network = contact_network(packing, effects, rattlers="keep")
+    held = held_particles(effects, packing.particles)
+    if held is None:
+        return network
+    one = network.contacts
+    return replace(network, contacts=one.select(~(held[one.i_c] & held[one.j_c])))
 
 
 def _sticking(scene: Scene, unbalanced: float) -> Stability:
-    """Return what the stiffness of displacements, and of rotations times radii, says where all contacts stick.
+    """Return what the stiffness of displacements and rotations says where all contacts stick.
 
     Tangential forces leave it without symmetry: a direction is unstable where an eigenvalue is negative, not where the
     second-order work is. That is asked first, because it bounds the eigenvalues and a factorization answers it.
     """
-    packing = scene.packing
-    n, d, k = packing.particles, packing.dimension, 1 if packing.dimension == 2 else 3
-    network = frictional_network(scene, "keep")
-    none = np.zeros(len(network.first_c), dtype=bool)
-    system = frictional_system(network.forces, network.first_c, network.second_c, "exact", none)
-    scale = np.concatenate([np.ones(n * d), np.repeat(1.0 / packing.radius_n, k)])
-    given = single_terms(scene.effects, packing).second_ndd
-    single = sp.block_diag([*_single_second(scene, given), sp.csr_array((n * k, n * k))])
-    held = held_particles(scene.effects, n)
-    moves = np.ones(n, dtype=bool) if held is None else ~held
-    free = np.concatenate([np.repeat(moves, d), np.repeat(moves, k)])
-    matrix = system.matrix.multiply(scale[:, None]).multiply(scale[None, :]) + single
-    matrix = sp.csr_array(matrix.tocsr()[free][:, free])
+    found = frictional_network(scene, "keep")
+    none = np.zeros(len(found.at_limit_c), dtype=bool)
+    matrix = frictional_system(scene, found, "exact", none)[0].matrix()
     bound = max(_CERTAIN_STICKING * float(np.abs(matrix.diagonal()).max(initial=0.0)), _SIDEWAYS * unbalanced)
     even = FreeOperator(sp.csr_array(0.5 * (matrix + matrix.T)))
     negative = even.below(-bound) if bound > 0.0 else 0
@@ -280,20 +233,3 @@ def _sticking(scene: Scene, unbalanced: float) -> Stability:
         near = spla.eigs(sp.csc_array(matrix), k=negative + 2, sigma=-2.0 * low, v0=start, return_eigenvectors=False)
         negative = int((near.real < -bound).sum())
     return Stability(negative, "", bound)
-
-
-def _tension(
-    links: ConstraintFactor,
-    contacts: Contacts,
-    first_c: NDArray[np.float64],
-    single_nd: NDArray[np.float64],
-    moves_n: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """Return the (L,) forces in the links that balance those of contacts and on single particles that can move."""
-    push = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles) - single_nd
-    if moves_n.all():
-        return links.multipliers(push)
-    free = np.repeat(moves_n, contacts.dimension)
-    gradient = links.gradient_lx[:, free]
-    found = spla.lsqr(gradient.T, -push.ravel()[free], atol=1e-15, btol=1e-15, iter_lim=10 * gradient.shape[0] + 100)
-    return np.asarray(found[0], dtype=np.float64)

@@ -17,15 +17,17 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.elements import elements_of
 from packmech.effects import ContactTerms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.links import Links
+from packmech.mechanics.assembly import assemble
 from packmech.mechanics.elasticity import Average, inverse_across, universal_anisotropy, voigt_average
-from packmech.mechanics.hessian import Prestressed, bond_sums, bordered, closed_terms, joined, prestressed
-from packmech.mechanics.rattling import Network, held_network
+from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
+from packmech.mechanics.system import System, assembled_system, bordered, closed_terms, link_tension
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -241,21 +243,19 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
 
     """
     packing = scene.packing
-    held = held_network(packing, gap_tolerance=gap_tolerance)
+    held = contact_network(packing, gap_tolerance=gap_tolerance)
     contacts, d = held.contacts, packing.dimension
     if not len(contacts):
         raise ValueError("scene.packing must be jammed, got one whose particles all rattle")
     terms = closed_terms(scene, contacts)
-    free = np.ones(contacts.particles, dtype=bool)
-    free[np.argmax(contacts.count_n())] = False
+    free = held.pinned_f
     volume = packing.box.volume
     length = float(volume ** (1.0 / d))
     strains = d * (d + 1) // 2
 
     def parts(stiffness: float) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        sums = bond_sums(*_stiffened(held, terms, kind, stiffness))
-        coupling = sums.coupling_nde[free].reshape(-1, strains)
-        whole = bordered(sums.position_matrix(free), coupling, sums.strain_ee).toarray()
+        system = _stiffened(scene, held, terms, kind, stiffness)
+        whole = bordered(system.matrix(free), system.column(free), system.corner).toarray()
         whole[-strains:] /= length
         whole[:, -strains:] /= length
         return _inverted(whole, strains)
@@ -269,7 +269,7 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
         except ValueError:
             if stiffness == last:
                 raise
-    moving = (held.index_n[free][:, None] * d + np.arange(d)).ravel()
+    moving = (held.index_n[:, None] * d + np.arange(d)).ravel()[free]
 
     def spread(motion: NDArray[np.float64]) -> NDArray[np.float64]:
         rows = np.zeros((packing.particles * d + strains, motion.shape[1]))
@@ -315,16 +315,17 @@ def _inverted(whole: NDArray[np.float64], strains: int) -> tuple[NDArray[np.floa
     return vector[:, firm] / np.sqrt(value[firm]), zero
 
 
-def _stiffened(held: Network, terms: ContactTerms, kind: str, stiffness: float) -> Prestressed:
-    """Return the pairs of the Hessian, links among them as stiff springs: what they hold later is not changed."""
-    contacts, links = held.contacts, held.links
+def _stiffened(scene: Scene, held: Network, terms: ContactTerms, kind: str, stiffness: float) -> System:
+    """Return the system of the Hessian, links in it as stiff springs: what they hold later is not changed."""
+    links = held.links
+    system = assembled_system(scene, held, kind)
     if links is None:
-        return prestressed(contacts, terms, kind, None)
-    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
-    tension = links.tension(contacts, terms.first_c) if kind == "exact" else np.zeros(len(links.pairs))
-    pairs, order = joined(contacts, links.pairs)
+        return system
+    contacts = system.elements[0]
+    tension = link_tension(scene, held, [contacts]) if kind == "exact" else np.zeros(len(links.pairs))
     stiff = np.full(len(tension), stiffness * float(terms.second_c.mean()))
-    return Prestressed(pairs, np.concatenate([first, tension])[order], np.concatenate([terms.second_c, stiff])[order])
+    elements = (contacts, elements_of(links.pairs, tension, stiff))
+    return dataclasses.replace(system, elements=elements, assembled=assemble(elements, held.turn_nkt, held.dimension))
 
 
 class _ZeroModes:

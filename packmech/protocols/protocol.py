@@ -33,9 +33,9 @@ from packmech.measure.friction import friction_of
 from packmech.measure.shaped import ShapeForces, check_pairs_only
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.measure.stress import pressure as pressure_of
+from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.mechanics.shaped import ShapedNetwork, shaped_network
 from packmech.mechanics.stability import stability
 from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.first_order.fire import Fire
@@ -511,7 +511,7 @@ def judged(
     return Outcome.ROUNDING_FLOOR if residual > tolerance else outcome
 
 
-def shaped_count(packing: Packing, strain: str, network: ShapedNetwork | None = None) -> dict[str, Any]:
+def shaped_count(packing: Packing, strain: str, network: Network | None = None) -> dict[str, Any]:
     """Return the counts of a packing with shapes, its turns among the degrees of freedom.
 
     Contacts and rattlers as they are in balance, the isostatic number of one state of self stress, and from the rank of
@@ -524,10 +524,10 @@ def shaped_count(packing: Packing, strain: str, network: ShapedNetwork | None = 
     strain
         "isotropic" or "free".
     network
-        What `shaped_network` makes of the packing, if known.
+        What `contact_network` makes of the packing, if known.
 
     """
-    network = shaped_network(packing, second=False) if network is None else network
+    network = contact_network(packing, second=False) if network is None else network
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
     if isinstance(packing.shapes, Beads):
         none["deep_overlaps"] = deep_overlaps(packing)
@@ -556,7 +556,7 @@ def _finish_shaped(
     d = packing.dimension
     pressure = (0.0 - float(np.trace(stress))) / d
     largest, mean = force_balance(scene)
-    network = shaped_network(packing, second=False)
+    network = contact_network(packing, second=False)
     report = {
         "method": method,
         "strain": protocol.strain,
@@ -568,7 +568,7 @@ def _finish_shaped(
         **protocol.report,
     }
     residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
-    one = network.contacts
+    one = network.shape_contacts
     terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
     held = -float(np.trace(ShapeForces(one, terms).stress(packing.box.volume))) / d
     outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)

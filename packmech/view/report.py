@@ -25,9 +25,9 @@ from packmech.measure.stress import energy, force_balance, pressure, stress_tens
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
+from packmech.mechanics.network import contact_network
 from packmech.mechanics.quartic import quartic_modes
 from packmech.mechanics.rattling import rattlers_in
-from packmech.mechanics.shaped import shaped_network
 from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
@@ -332,7 +332,7 @@ def _counts_of_shapes(scene: Scene, strain: str) -> dict[str, Any]:
 
 def _counts_on_walls(scene: Scene) -> dict[str, Any]:
     """Return the counts of a packing with shapes that walls, weights or held particles hold, too."""
-    network = shaped_network(scene.packing, second=False, effects=scene.effects)
+    network = contact_network(scene.packing, scene.effects, second=False)
     return {
         "rattlers": scene.packing.particles - len(network.index_n),
         "contacts": len(network.contacts),

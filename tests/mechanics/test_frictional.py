@@ -24,8 +24,23 @@ def at_rest(dimension, mu=0.5, particles=32):
     return scene
 
 
+def gyration(packing):
+    """Return the (N, 1) radii of gyration of discs and spheres: angles are measured in them."""
+    return packing.radius_n[:, None] * (0.5 if packing.dimension == 2 else 0.4) ** 0.5
+
+
+def as_motion(packing, velocity_nd, spin_nk):
+    """Return displacements and rotations in the coordinates of the stiffness matrix."""
+    return np.hstack([velocity_nd, spin_nk * gyration(packing)]).ravel()
+
+
+def as_forces(packing, force_nd, torque_nk):
+    """Return forces and torques along the coordinates of the stiffness matrix."""
+    return np.hstack([force_nd, torque_nk / gyration(packing)]).ravel()
+
+
 def pushes(scene, velocity_nd, spin_nk, step, profile=None, direction_dd=None):
-    """Return the engine's forces, then torques, after one small step of motion of particles too heavy to be moved."""
+    """Return the engine's forces and torques after one small step of motion of particles too heavy to be moved."""
     heavy = scene.replace(packing=scene.packing.replace(mass_n=np.full(scene.packing.particles, 1e14)))
     engine = build_engine(
         heavy,
@@ -40,7 +55,7 @@ def pushes(scene, velocity_nd, spin_nk, step, profile=None, direction_dd=None):
     push = np.empty_like(engine.state.push)
     push[engine.order_n] = engine.state.push
     d = scene.packing.dimension
-    return np.concatenate([push[:, :d].ravel(), push[:, d:].ravel()])
+    return as_forces(scene.packing, push[:, :d], push[:, d:])
 
 
 def motions(scene, seed=5):
@@ -65,7 +80,7 @@ def sticking(scene):
 def test_the_stiffness_matrix_is_the_derivative_of_the_engines_forces_and_torques(dimension):
     scene = sticking(at_rest(dimension))
     velocity, spin = motions(scene)
-    motion = np.concatenate([velocity.ravel(), spin.ravel()])
+    motion = as_motion(scene.packing, velocity, spin)
     ahead, behind = (pushes(scene, sign * velocity, sign * spin, STEP) for sign in (1.0, -1.0))
     change = (ahead - behind) / (2.0 * STEP)
     told = pm.stiffness_matrix(scene, "none") @ motion
@@ -89,13 +104,12 @@ def test_its_columns_of_strains_are_the_derivative_as_the_box_deforms(dimension)
     vorticity = np.array([odd[1, 0]] if d == 2 else [odd[2, 1], odd[0, 2], odd[1, 0]])
     matrix = pm.stiffness_matrix(scene)
     size = n * (d + len(vorticity))
-    motion = np.concatenate([np.zeros(n * d), np.tile(-vorticity, n), pm.mandel_vector(even)])
+    motion = np.concatenate([as_motion(scene.packing, still, none - vorticity), pm.mandel_vector(even)])
     told = -(matrix @ motion)[:size]
     # rows are generalized forces (1 + strain) f; and what there was of forces and torques turns with the axes
     forces = pm.contact_forces(scene)
-    told[: n * d] += (forces.force_nd @ (odd - even).T).ravel()
-    if d == 3:
-        told[n * d :] += (forces.torque_nk @ odd.T).ravel()
+    turned = forces.torque_nk @ odd.T if d == 3 else none
+    told += as_forces(scene.packing, forces.force_nd @ (odd - even).T, turned)
     assert np.abs(told - change).max() < CLOSE * np.abs(change).max()
 
 
@@ -112,7 +126,7 @@ def test_its_rows_of_strains_are_the_derivative_of_the_stress(dimension):
         )
         stress.append(pm.contact_forces(scene.replace(packing=run.packing)).stress_dd)
     change = volume * (stress[0] - stress[1]) / (2.0 * STEP)
-    motion = np.concatenate([velocity.ravel(), spin.ravel()])
+    motion = as_motion(scene.packing, velocity, spin)
     told = pm.stiffness_matrix(scene)[len(motion) :, : len(motion)] @ motion
     assert np.abs(told - pm.mandel_vector(change)).max() < CLOSE * np.abs(change).max()
     assert len(told) == d * (d + 1) // 2
@@ -137,9 +151,9 @@ def test_a_sliding_contact_follows_the_normal_force_and_a_returning_one_is_a_spr
         velocity, spin = motions(scene)
         # on along the force, whatever else moves
         velocity[1] += 6.0 * across
-        motion = np.concatenate([velocity.ravel(), spin.ravel()])
+        motion = as_motion(pair, velocity, spin)
         found = pm.contact_forces(scene)
-        now = np.concatenate([found.force_nd.ravel(), found.torque_nk.ravel()])
+        now = as_forces(pair, found.force_nd, found.torque_nk)
         for sign, choice in ((1.0, "slip"), (-1.0, "stick")):
             one, two = ((pushes(scene, sign * velocity, sign * spin, h) - now) / (sign * h) for h in (2e-6, 1e-6))
             told = pm.stiffness_matrix(scene, "none", contacts_at_limit=choice) @ motion
@@ -151,8 +165,9 @@ def test_a_sliding_contact_follows_the_normal_force_and_a_returning_one_is_a_spr
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_without_friction_it_is_the_hessian_and_no_bit_of_the_moduli_differs(dimension):
     scene = at_rest(dimension)
-    n = scene.packing.particles
-    kept = np.r_[0 : n * dimension, -(dimension * (dimension + 1) // 2) : 0]
+    n, d, k = scene.packing.particles, dimension, 1 if dimension == 2 else 3
+    strains = n * (d + k) + np.arange(d * (d + 1) // 2)
+    kept = np.concatenate([(np.arange(n)[:, None] * (d + k) + np.arange(d)).ravel(), strains])
     bare = scene.without(pm.Friction)
     matrix = pm.stiffness_matrix(bare).toarray()
     assert np.abs(matrix[np.ix_(kept, kept)] - pm.hessian(bare).toarray()).max() < 1e-13

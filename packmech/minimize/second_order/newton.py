@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from packmech.check import instance, integer, positive
 from packmech.contacts import Contacts, candidate_pairs, pair_contacts
+from packmech.contacts.elements import elements_of
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import (
     contact_terms,
@@ -27,7 +28,7 @@ from packmech.effects import (
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factorize
 from packmech.measure.stress import sum_forces
-from packmech.mechanics.hessian import bond_sums
+from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import Units, energy_change, length_unit
 from packmech.minimize.second_order.soft_newton import descend, judge
@@ -240,9 +241,7 @@ def _curvature(landscape: _Landscape, state: _State, regularization: float) -> _
     weak = rattling[touching.i_c] | rattling[touching.j_c]
     # contacts that hold nobody bend sideways under their own force: leave that out, and regularize it
     pushes: NDArray[np.float64] = np.where(weak, 0.0, state.first_c)
-    sums = bond_sums(touching, pushes, state.second_c)
-    sums.diagonal_ndd[:] += state.single_ndd
-    matrix = sums.position_matrix(free)
+    matrix = _second(touching, pushes, state.second_c, state.single_ndd).matrix(np.repeat(free, touching.dimension))
     if not matrix.shape[0]:
         return _Curvature(factorize(matrix), free, False)
     diagonal = np.abs(matrix.diagonal())
@@ -261,6 +260,14 @@ def _curvature(landscape: _Landscape, state: _State, regularization: float) -> _
         added = np.maximum(added, regularization * diagonal)
 
 
+def _second(
+    contacts: Contacts, first_c: NDArray[np.float64], second_c: NDArray[np.float64], single_ndd: NDArray[np.float64]
+) -> Assembled:
+    """Return the second derivatives of contacts and of what acts on single particles."""
+    still = np.zeros((contacts.particles, 0, 0))
+    return assemble([elements_of(contacts, first_c, second_c)], still, contacts.dimension, single_nqq=single_ndd)
+
+
 def _unstable_directions(landscape: _Landscape, state: _State) -> int:
     """Return the negative eigenvalues of the second derivative by all particles that can move, rattlers among them."""
     near = state.near
@@ -270,9 +277,8 @@ def _unstable_directions(landscape: _Landscape, state: _State) -> int:
     moves = np.ones(contacts.particles, dtype=bool) if landscape.held_n is None else ~landscape.held_n
     contacts = contacts.select(moves[contacts.i_c] | moves[contacts.j_c])
     terms = contact_terms(landscape.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
-    sums = bond_sums(contacts, terms.first_c, terms.second_c)
-    sums.diagonal_ndd[:] += state.single_ndd
-    matrix = sums.position_matrix(moves)
+    second = _second(contacts, terms.first_c, terms.second_c, state.single_ndd)
+    matrix = second.matrix(np.repeat(moves, contacts.dimension))
     stiffest = float(np.abs(matrix.diagonal()).max(initial=0.0))
     bound = stability_bound(stiffest, state.max_force, float(landscape.packing.radius_n.min()))
     try:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.elements import elements_of
 from packmech.contacts.network import Candidates
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.linalg.factor import factorize
-from packmech.mechanics.shape_sums import shape_sums, turning
+from packmech.mechanics.assembly import assemble
 from packmech.minimize.second_order.soft_network import REACH, Coupled, Response, SoftNetwork, energy_between
 from packmech.packing import Packing
 from packmech.shapes import Beads
@@ -78,16 +79,16 @@ class ShapeNetwork(SoftNetwork):
         """Return the factored second derivatives by positions and turns, and those with the strains of a basis."""
         one, packing = self.contacts, self.packing
         curved = shape_contacts(packing, one.pairs, second=True)
-        sums = shape_sums(curved, self._turn_nkt, self.first_c, self.second_c, basis_kdd)
-        count, n, d = one.count_n(), packing.particles, packing.dimension
-        free = np.hstack([np.ones((n, d), dtype=bool), turning(self._turn_nkt)])
+        count, n, d, turn = one.count_n(), packing.particles, packing.dimension, self._turn_nkt
+        found = assemble([elements_of(curved, self.first_c, self.second_c)], turn, d, basis_edd=basis_kdd)
+        free = np.hstack([np.ones((n, d), dtype=bool), (turn != 0.0).any(axis=2)])
         free[int(np.argmax(count)), :d] = False
         extra = np.where(count == 0, 1.0, regularization)
         free_f, added = free.ravel(), np.repeat(extra, free.shape[1])
-        factor = factorize(sums.matrix(free_f, added), kind="symmetric")
+        factor = factorize(found.matrix(free_f, added), kind="symmetric")
         return Coupled(
-            factor.solve, factor.inertia.negative, np.flatnonzero(free_f), sums.coupling(free_f),
-            sums.strain_ee + self._bulging(basis_kdd),
+            factor.solve, factor.inertia.negative, np.flatnonzero(free_f), found.column(free_f),
+            found.corner_ee + self._bulging(basis_kdd),
         )  # fmt: skip
 
     def gradient_slopes(self) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ import numpy as np
 import packmech as pm
 from packmech.contacts.shape_contacts import slopes_of_ends
 from packmech.contacts.shape_rattlers import free_turns
+from packmech.mechanics.network import contact_network
 from packmech.mechanics.self_stress import RANK_TOLERANCE
-from packmech.mechanics.shaped import shaped_network
 from packmech.validation.studies.rows import Progress, complete_rows
 from packmech.validation.studies.shapes import mean_and_error
 from packmech.view.figures import COLORS, MARKERS, styled_figure
@@ -82,8 +82,8 @@ def body_shape(beads: int, shape: float) -> pm.Dimer | pm.Trimer | pm.LinearClus
 
 
 def _free_turns(packing: pm.Packing) -> int:
-    network = shaped_network(packing, second=False)
-    return len(free_turns(network.packing, network.contacts))
+    network = contact_network(packing, second=False)
+    return len(free_turns(network.packing, network.shape_contacts))
 
 
 def states_within_pairs(packing: pm.Packing) -> int:
@@ -92,8 +92,8 @@ def states_within_pairs(packing: pm.Packing) -> int:
     The contacts of two bodies, number k, depend on 3 relative coordinates in a plane and 6 in space: at least k - 3, or
     k - 6, such states, and more where contacts agree on what they hold.
     """
-    network = shaped_network(packing, second=False)
-    one = network.contacts
+    network = contact_network(packing, second=False)
+    one = network.shape_contacts
     slopes = np.hstack(list(slopes_of_ends(one, network.turn_nkt)))
     pair = np.unique(np.column_stack([one.i_c, one.j_c, one.image_cd]), axis=0, return_inverse=True)[1].ravel()
     found = 0

@@ -1,0 +1,202 @@
+"""Contacts as elements: how the energy of each changes with the coordinates of its pair.
+
+The coordinates xi of a pair are the vector from center i to center j and the rotations of i and of j: t angles each, or
+none where nothing turns. A contact of distance rho, `slope` d rho/d xi and `curvature` d2 rho/d xi d xi, whose energy
+has the derivatives u' and u'' by rho, has
+
+    pull        dE/dxi          u' slope
+    stiffness   d2E/dxi dxi     u'' slope slope^T + u' curvature
+
+Contacts of discs and spheres, of shapes and of beads, bonds, links under tension and springs with friction differ in
+these two arrays and in nothing else (`packmech.mechanics.assembly`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.jit.compiled import kernel
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+
+
+class PairGeometry(Protocol):
+    """Pairs of particles with the slopes of their distances: `Contacts`, `ShapeContacts`."""
+
+    @property
+    def i_c(self) -> NDArray[np.int64]:
+        """The (C,) particles i."""
+
+    @property
+    def j_c(self) -> NDArray[np.int64]:
+        """The (C,) particles j, i <= j."""
+
+    @property
+    def distance_c(self) -> NDArray[np.float64]:
+        """The (C,) distances at which laws are taken [length]."""
+
+    @property
+    def particles(self) -> int:
+        """Number of particles."""
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes."""
+
+    @property
+    def vector_cd(self) -> NDArray[np.float64]:
+        """The (C, d) vectors from center i to center j [length]."""
+
+    @property
+    def slope_cx(self) -> NDArray[np.float64]:
+        """The (C, X) slopes of the distances along the pairs' coordinates."""
+
+    @property
+    def curvature_cxx(self) -> NDArray[np.float64]:
+        """The (C, X, X) second derivatives of the distances."""
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """Contacts of one kind, ready to be assembled.
+
+    Attributes
+    ----------
+    i_c, j_c
+        (C,) particles, i <= j.
+    vector_cd
+        (C, d) vectors from center i to center j [length].
+    pull_cx
+        (C, X) derivatives of the energies by the pairs' coordinates [force], [torque]; X = d + 2 t.
+    stiffness_cxx
+        (C, X, X) derivatives of these, row by row; symmetric where there is an energy.
+    symmetric
+        Whether they are.
+
+    """
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    vector_cd: NDArray[np.float64]
+    pull_cx: NDArray[np.float64]
+    stiffness_cxx: NDArray[np.float64]
+    symmetric: bool = True
+
+    @property
+    def rotations(self) -> int:
+        """Number t of rotations of each particle of a pair."""
+        return (int(self.pull_cx.shape[1]) - int(self.vector_cd.shape[1])) // 2
+
+
+def elements_of(pairs: PairGeometry, first_c: NDArray[np.float64], second_c: NDArray[np.float64]) -> Elements:
+    """Return the elements of pairs whose energies depend on their distances alone.
+
+    Parameters
+    ----------
+    pairs
+        The pairs, with curvatures.
+    first_c, second_c
+        (C,) du/drho [force] and d2u/drho2 [force/length].
+
+    Raises
+    ------
+    ValueError
+        If a pair with a force has coincident centers: its energy has no second derivative there.
+
+    """
+    stuck = (pairs.distance_c == 0.0) & (first_c != 0.0)
+    if stuck.any():
+        c = int(np.argmax(stuck))
+        raise ValueError(
+            "packing must have no coincident centers where second derivatives are asked for, "
+            f"got particles {pairs.i_c[c]} and {pairs.j_c[c]} at one place"
+        )
+    slope = pairs.slope_cx
+    stiffness = second_c[:, None, None] * (slope[:, :, None] * slope[:, None, :])
+    if first_c.any():
+        stiffness += first_c[:, None, None] * pairs.curvature_cxx
+    return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, first_c[:, None] * slope, stiffness)
+
+
+def distance_rows(pairs: PairGeometry, turn_nkt: NDArray[np.float64] | None = None) -> sp.csr_array:
+    """Return the (C, N q) derivatives of the pairs' distances by the coordinates of the particles, q = d + K of each.
+
+    Parameters
+    ----------
+    pairs
+        The pairs.
+    turn_nkt
+        (N, K, t) rotations per length of each coordinate of turns; None where nothing turns.
+
+    """
+    turn = np.zeros((pairs.particles, 0, 0)) if turn_nkt is None else turn_nkt
+    return pair_rows(pairs.i_c, pairs.j_c, pairs.slope_cx, turn, pairs.dimension)
+
+
+def pair_rows(
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    slope_cx: NDArray[np.float64],
+    turn_nkt: NDArray[np.float64],
+    dimension: int,
+) -> sp.csr_array:
+    """Return the (C, N q) derivatives, by the coordinates of the particles, of what has these slopes along its pair's.
+
+    Parameters
+    ----------
+    i_c, j_c
+        (C,) particles of the pairs, i <= j.
+    slope_cx
+        (C, X) slopes along vectors and rotations.
+    turn_nkt
+        (N, K, t) rotations per length of each coordinate of turns; K = 0 where nothing turns.
+    dimension
+        Number of Cartesian axes.
+
+    """
+    import scipy.sparse as sp
+
+    parts = _pair_rows(i_c, j_c, slope_cx, turn_nkt, dimension)
+    particles, turns = turn_nkt.shape[:2]
+    matrix = sp.csr_array(parts, shape=(len(i_c), particles * (dimension + turns)))
+    matrix.has_canonical_format = True
+    return matrix
+
+
+@kernel
+def _pair_rows(i_c, j_c, slope_cx, turn_nkt, d):  # type: ignore[no-untyped-def]
+    """Return data, columns and row starts, without zeros; i <= j."""
+    count, (turns, t) = i_c.shape[0], turn_nkt.shape[1:]
+    q = d + turns
+    data, column = np.empty(2 * q * count), np.empty(2 * q * count, np.int32)
+    start = np.empty(count + 1, np.int32)
+    at = 0
+    value = np.empty((2, q))
+    for c in range(count):
+        start[c] = at
+        i, j = i_c[c], j_c[c]
+        for a in range(d):
+            value[0, a], value[1, a] = -slope_cx[c, a], slope_cx[c, a]
+        for k in range(turns):
+            one = other = 0.0
+            for a in range(t):
+                one += turn_nkt[i, k, a] * slope_cx[c, d + a]
+                other += turn_nkt[j, k, a] * slope_cx[c, d + t + a]
+            value[0, d + k], value[1, d + k] = one, other
+        if i == j:
+            # a particle keeps its distance to its own image when it moves; it turns with it
+            for a in range(q):
+                value[0, a] += value[1, a]
+        for end in range(1 if i == j else 2):
+            for a in range(q):
+                if value[end, a] != 0.0:
+                    data[at] = value[end, a]
+                    column[at] = (i if end == 0 else j) * q + a
+                    at += 1
+    start[count] = at
+    return data[:at], column[:at], start

@@ -1,0 +1,331 @@
+"""One assembly: the second derivatives of a sum of elements by all coordinates of their particles, and by strains.
+
+Each of the N particles has q coordinates, its d positions and then K turns (rotations about fixed axes, measured in
+lengths: angles times the radius of gyration), and the box has strains E. They move the coordinates of a pair by
+
+    d(vector) = du_j - du_i + E vector        d(rotations of i) = sum over k of turn_ik dt_ik, and of j alike
+
+so that a matrix A takes changes of coordinates to those of all pairs' coordinates. With pulls p = dE/dxi and stiffness
+W = d2E/dxi dxi of the elements (`packmech.contacts.elements`),
+
+    f = A^T p        slopes of the energy: minus net forces and torques; along strains stress times volume
+    K = A^T W A      second derivatives
+
+A strain moves centers and turns nothing. The assembly knows no kind of contact by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from packmech.contacts.elements import Elements
+from packmech.jit.compiled import kernel
+from packmech.linalg.mandel import mandel_basis
+
+
+@kernel
+def _turned(i_c, j_c, stiffness, turn, d):  # type: ignore[no-untyped-def]
+    """Return stiffness by vectors and coordinates of turns, from that by vectors and rotations."""
+    count, x = stiffness.shape[:2]
+    turns, t = turn.shape[1:]
+    y = d + 2 * turns
+    out = np.empty((count, y, y))
+    change = np.zeros((y, x))
+    half = np.empty((y, x))
+    for a in range(d):
+        change[a, a] = 1.0
+    for c in range(count):
+        for k in range(turns):
+            for a in range(t):
+                change[d + k, d + a] = turn[i_c[c], k, a]
+                change[d + turns + k, d + t + a] = turn[j_c[c], k, a]
+        for a in range(y):
+            for b in range(x):
+                total = 0.0
+                for m in range(x):
+                    total += change[a, m] * stiffness[c, m, b]
+                half[a, b] = total
+        for a in range(y):
+            for b in range(y):
+                total = 0.0
+                for m in range(x):
+                    total += half[a, m] * change[b, m]
+                out[c, a, b] = total
+    return out
+
+
+@kernel
+def _scatter(  # type: ignore[no-untyped-def]
+    i_c, j_c, pair_c, vector, local, symmetric, basis, upper, lower, diagonal, column, row, corner
+):
+    """Add the blocks of all contacts, in order; `row` and `lower` only where these are no transposes."""
+    count, d = vector.shape
+    s, y = basis.shape[0], local.shape[1]
+    turns = (y - d) // 2
+    q = d + turns
+    # which of a pair's coordinates a particle's are, as i and as j, and with which sign
+    place = np.empty((2, q), np.int64)
+    sign = np.ones((2, q))
+    for a in range(q):
+        place[0, a] = a
+        place[1, a] = a if a < d else a + turns
+        if a < d:
+            sign[0, a] = -1.0
+    tilt = np.empty((s, d))
+    by_strain, of_stress = np.empty((s, y)), np.empty((s, y))
+    for c in range(count):
+        i, j = i_c[c], j_c[c]
+        one = local[c]
+        for m in range(s):
+            for a in range(d):
+                total = 0.0
+                for b in range(d):
+                    total += basis[m, a, b] * vector[c, b]
+                tilt[m, a] = total
+            for a in range(y):
+                total = 0.0
+                for b in range(d):
+                    total += one[a, b] * tilt[m, b]
+                by_strain[m, a] = total
+                if not symmetric:
+                    total = 0.0
+                    for b in range(d):
+                        total += tilt[m, b] * one[b, a]
+                    of_stress[m, a] = total
+        for m in range(s):
+            for k in range(s):
+                for a in range(d):
+                    corner[m, k] += tilt[m, a] * by_strain[k, a]
+        if i == j:
+            # an own image moves along, and turns alike
+            for a in range(d, q):
+                at, to = place[0, a], place[1, a]
+                for b in range(d, q):
+                    diagonal[i, a, b] += (one[at, place[0, b]] + one[to, place[1, b]]) + (
+                        one[at, place[1, b]] + one[to, place[0, b]]
+                    )
+                for m in range(s):
+                    column[i, a, m] += by_strain[m, at] + by_strain[m, to]
+                    if not symmetric:
+                        row[i, a, m] += of_stress[m, at] + of_stress[m, to]
+            continue
+        p = pair_c[c]
+        for a in range(q):
+            for end in range(2):
+                n = i if end == 0 else j
+                at, side = place[end, a], sign[end, a]
+                for b in range(q):
+                    diagonal[n, a, b] += side * sign[end, b] * one[at, place[end, b]]
+                for m in range(s):
+                    column[n, a, m] += side * by_strain[m, at]
+                    if not symmetric:
+                        row[n, a, m] += side * of_stress[m, at]
+            for b in range(q):
+                upper[p, a, b] += sign[0, a] * sign[1, b] * one[place[0, a], place[1, b]]
+                if not symmetric:
+                    lower[p, a, b] += sign[1, a] * sign[0, b] * one[place[1, a], place[0, b]]
+
+
+@kernel
+def _compressed(start, column, order, blocks, number_nq, extra_f):  # type: ignore[no-untyped-def]
+    """Return the compressed rows of the numbered coordinates of a matrix of blocks, its columns in order."""
+    count, q = number_nq.shape
+    size = 0
+    for n in range(count):
+        rows = 0
+        for a in range(q):
+            rows += number_nq[n, a] >= 0
+        for k in range(start[n], start[n + 1]):
+            for b in range(q):
+                size += rows * (number_nq[column[k], b] >= 0)
+    data, index = np.empty(size), np.empty(size, np.int32)
+    first = [0]
+    place = 0
+    for n in range(count):
+        for a in range(q):
+            if number_nq[n, a] < 0:
+                continue
+            for k in range(start[n], start[n + 1]):
+                other = column[k]
+                for b in range(q):
+                    if number_nq[other, b] >= 0:
+                        data[place] = blocks[order[k], a, b]
+                        if other == n and a == b:
+                            data[place] += extra_f[n * q + a]
+                        index[place] = number_nq[other, b]
+                        place += 1
+            first.append(place)
+    return data, index, np.array(first, dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembled:
+    """Slopes and second derivatives of a sum of elements, in blocks of q coordinates a particle.
+
+    Attributes
+    ----------
+    pair_i, pair_j
+        (P,) pairs of particles i < j that interact, each once.
+    upper_pqq, lower_pqq
+        (P, q, q) their blocks (i, j) and (j, i); the latter None where it is the transpose of the former.
+    diagonal_nqq
+        (N, q, q) blocks on the diagonal.
+    column_nqe, row_nqe
+        (N, q, s) derivatives of the slopes by strains, and of stress times volume by coordinates; the latter None where
+        both are the same.
+    corner_ee
+        (s, s) derivatives of stress times volume by strains [energy].
+    slope_nq
+        (N, q) slopes of the energy: minus net forces, and torques over the radii of gyration [force].
+
+    """
+
+    pair_i: NDArray[np.int64]
+    pair_j: NDArray[np.int64]
+    upper_pqq: NDArray[np.float64]
+    lower_pqq: NDArray[np.float64] | None
+    diagonal_nqq: NDArray[np.float64]
+    column_nqe: NDArray[np.float64]
+    row_nqe: NDArray[np.float64] | None
+    corner_ee: NDArray[np.float64]
+    slope_nq: NDArray[np.float64]
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether second derivatives are symmetric by what they are made of."""
+        return self.lower_pqq is None
+
+    def matrix(self, free_f: NDArray[np.bool_], extra_f: NDArray[np.float64] | None = None) -> sp.csr_array:
+        """Return the derivatives by the free ones of the (N q,) coordinates, with something added on the diagonal."""
+        count, q = self.diagonal_nqq.shape[:2]
+        row = np.concatenate([self.pair_i, self.pair_j, np.arange(count)])
+        column = np.concatenate([self.pair_j, self.pair_i, np.arange(count)])
+        lower = self.upper_pqq.transpose(0, 2, 1) if self.lower_pqq is None else self.lower_pqq
+        blocks = np.concatenate([self.upper_pqq, lower, self.diagonal_nqq])
+        order = np.argsort(row * max(count, 1) + column, kind="stable")
+        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
+        extra = np.zeros(count * q) if extra_f is None else extra_f
+        number = np.where(free_f, np.cumsum(free_f) - 1, -1)
+        data, index, first = _compressed(start, column[order], order, blocks, number.reshape(count, q), extra)
+        size = int(np.count_nonzero(free_f))
+        found = sp.csr_array((data, index, first), shape=(size, size))
+        found.has_canonical_format = True
+        return found
+
+    def column(self, free_f: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the (F, s) derivatives of the slopes along the free coordinates by strains."""
+        return self.column_nqe.reshape(len(free_f), len(self.corner_ee))[free_f]
+
+    def row(self, free_f: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the (s, F) derivatives of stress times volume by the free coordinates."""
+        side = self.column_nqe if self.row_nqe is None else self.row_nqe
+        return side.reshape(len(free_f), len(self.corner_ee))[free_f].T
+
+
+def assemble(
+    elements: Sequence[Elements],
+    turn_nkt: NDArray[np.float64],
+    dimension: int,
+    *,
+    single_nqq: NDArray[np.float64] | None = None,
+    basis_edd: NDArray[np.float64] | None = None,
+) -> Assembled:
+    """Return slopes and second derivatives of a sum of elements.
+
+    Parameters
+    ----------
+    elements
+        Elements of any kinds.
+    turn_nkt
+        (N, K, t) rotations per length of each coordinate of turns; K = 0 where nothing turns.
+    dimension
+        2 or 3.
+    single_nqq
+        (N, q, q) second derivatives of what acts on single particles, added on the diagonal.
+    basis_edd
+        (s, d, d) strains, any displacement gradients; Mandel's unless given.
+
+    """
+    basis = mandel_basis(dimension) if basis_edd is None else np.ascontiguousarray(basis_edd)
+    particles, turns = turn_nkt.shape[:2]
+    q, s = dimension + turns, len(basis)
+    pair_i, pair_j, numbers = _pairs(elements, particles)
+    symmetric = all(one.symmetric for one in elements)
+    upper = np.zeros((len(pair_i), q, q))
+    lower = np.zeros((0 if symmetric else len(pair_i), q, q))
+    diagonal = np.zeros((particles, q, q))
+    if single_nqq is not None:
+        diagonal += single_nqq
+    column, corner = np.zeros((particles, q, s)), np.zeros((s, s))
+    row = np.zeros((0 if symmetric else particles, q, s))
+    slope = np.zeros((particles, q))
+    for one, pair_c in zip(elements, numbers, strict=True):
+        local = one.stiffness_cxx
+        if turns or one.rotations:
+            local = _turned(one.i_c, one.j_c, _with_rotations(local, dimension, turn_nkt.shape[2]), turn_nkt, dimension)
+        _scatter(
+            one.i_c,
+            one.j_c,
+            pair_c,
+            one.vector_cd,
+            local,
+            symmetric,
+            basis,
+            upper,
+            lower,
+            diagonal,
+            column,
+            row,
+            corner,
+        )
+        slope += slopes_of(one, turn_nkt)
+    if symmetric:
+        # but for rounding it is
+        corner = np.triu(corner) + np.triu(corner, 1).T
+    return Assembled(
+        pair_i, pair_j, upper, None if symmetric else lower, diagonal, column, None if symmetric else row, corner, slope
+    )  # fmt: skip
+
+
+def slopes_of(elements: Elements, turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, q) slopes of the elements' energy along the coordinates of the particles."""
+    d, t = elements.vector_cd.shape[1], elements.rotations
+    (particles, turns), pull = turn_nkt.shape[:2], elements.pull_cx
+    slope = np.zeros((particles, d + turns))
+    for a in range(d):
+        slope[:, a] = np.bincount(elements.j_c, pull[:, a], particles) - np.bincount(
+            elements.i_c, pull[:, a], particles
+        )
+    if t and turns:
+        torque = np.zeros((particles, t))
+        for a in range(t):
+            torque[:, a] = np.bincount(elements.i_c, pull[:, d + a], particles)
+            torque[:, a] += np.bincount(elements.j_c, pull[:, d + t + a], particles)
+        slope[:, d:] = np.einsum("nkt,nt->nk", turn_nkt, torque)
+    return slope
+
+
+def _with_rotations(stiffness_cxx: NDArray[np.float64], d: int, rotations: int) -> NDArray[np.float64]:
+    """Return the stiffness by vectors and so many rotations of both particles, which those without do not feel."""
+    x = d + 2 * rotations
+    if stiffness_cxx.shape[1] == x:
+        return stiffness_cxx
+    whole = np.zeros((len(stiffness_cxx), x, x))
+    whole[:, :d, :d] = stiffness_cxx
+    return whole
+
+
+def _pairs(
+    elements: Sequence[Elements], particles: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], list[NDArray[np.int64]]]:
+    """Return the pairs of different particles of all elements, each once, and the number of each element's pair."""
+    keys = [one.i_c * particles + one.j_c for one in elements]
+    apart = [one.i_c != one.j_c for one in elements]
+    whole = np.concatenate([key[other] for key, other in zip(keys, apart, strict=True)] or [np.zeros(0, np.int64)])
+    distinct = np.unique(whole)
+    return distinct // max(particles, 1), distinct % max(particles, 1), [np.searchsorted(distinct, key) for key in keys]

@@ -1,0 +1,235 @@
+"""The second derivatives of a scene, the same for every family: its elements, assembled, on the motions of its links.
+
+What a kind of contact adds is decided here and nowhere else in mechanics: which pairs touch, who rattles, and the
+elements. Hessians, modes, moduli and the rest ask a `System`.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from packmech.constraints.factor import ConstraintFactor
+from packmech.contacts import Contacts
+from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.effects import (
+    ContactTerms,
+    acts_on_single,
+    contact_terms,
+    lacking_second,
+    needs_second,
+    refuse_unknown_to_shapes,
+    shaped_terms,
+    single_terms,
+)
+from packmech.linalg.mandel import mandel_basis, trace_vector
+from packmech.mechanics.assembly import Assembled, assemble, slopes_of
+from packmech.mechanics.network import Network, contact_network
+from packmech.packing import Packing
+from packmech.scene import Scene
+
+# step of differences of forces on single particles [smallest radius]
+_STEP = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Slopes and second derivatives of a scene's energy by the coordinates of a network, and by strains.
+
+    Attributes
+    ----------
+    network
+        Particles, contacts, links and coordinates.
+    terms
+        Energies of the contacts and their derivatives, those that just touch taken from the closed side.
+    elements
+        What is assembled: contacts, and links as bonds with a force and no stiffness.
+    assembled
+        Their sum, with what acts on single particles.
+
+    """
+
+    network: Network
+    terms: ContactTerms
+    elements: tuple[Elements, ...]
+    assembled: Assembled
+
+    @property
+    def links(self) -> ConstraintFactor | None:
+        """The rigid links; None without."""
+        return self.network.links
+
+    def matrix(self, free_f: NDArray[np.bool_] | None = None) -> sp.csr_array:
+        """Return the second derivatives by coordinates, those that can move unless given."""
+        return self.assembled.matrix(self.network.free_f if free_f is None else free_f)
+
+    @functools.cached_property
+    def _carried_nqe(self) -> NDArray[np.float64]:
+        """The (N', q, s) what a strain makes of net forces: it takes displacements along, v -> (1 + strain) v."""
+        d = self.network.dimension
+        carried = np.zeros_like(self.assembled.column_nqe)
+        carried[:, :d] = np.einsum("eab,nb->nae", mandel_basis(d), self.assembled.slope_nq[:, :d])
+        return carried
+
+    def column(self, free_f: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+        """Return the (F, s) derivatives of the slopes by Mandel strains [energy/length]."""
+        free = self.network.free_f if free_f is None else free_f
+        strains = self._carried_nqe.shape[2]
+        return self.assembled.column(free) + self._carried_nqe.reshape(len(free), strains)[free]
+
+    def row(self, free_f: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+        """Return the (s, F) derivatives of stress times volume by the coordinates [energy/length]."""
+        free = self.network.free_f if free_f is None else free_f
+        strains = self._carried_nqe.shape[2]
+        return self.assembled.row(free) + self._carried_nqe.reshape(len(free), strains)[free].T
+
+    @property
+    def corner(self) -> NDArray[np.float64]:
+        """The (s, s) derivatives of stress times volume by strains [energy]."""
+        return self.assembled.corner_ee
+
+    @functools.cached_property
+    def virial_dd(self) -> NDArray[np.float64]:
+        """The (d, d) stress times the volume, row = force component, of contacts and links [energy]."""
+        d = self.network.dimension
+        total = np.zeros((d, d))
+        for one in self.elements:
+            total += one.pull_cx[:, :d].T @ one.vector_cd
+        return total
+
+    @property
+    def volume_curvature(self) -> NDArray[np.float64]:
+        """The (s, s) curvature P V d2(det) of a volume held by pressure: P V (tr E tr F - tr E F)."""
+        d = self.network.dimension
+        trace = trace_vector(d)
+        pressure_volume = -float(np.trace(self.virial_dd)) / d
+        return np.asarray(pressure_volume * (np.outer(trace, trace) - np.eye(len(trace))))
+
+    @property
+    def push(self) -> float:
+        """The largest force of a contact under a unit strain."""
+        one, terms = self.network.contacts, self.terms
+        size = np.sqrt((one.slope_cx[:, : one.dimension] ** 2).sum(axis=1))
+        return float(((np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * size).max(initial=0.0))
+
+
+def system_of(
+    scene: Scene, kind: str = "exact", *, gap_tolerance: float | None = None, rattlers: str = "remove"
+) -> System:
+    """Return the second derivatives of a scene whose forces derive from an energy.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    kind
+        "exact": with the forces of contacts and links. "paper": with those of the contacts alone. "unstressed":
+        without forces.
+    gap_tolerance, rattlers
+        As in `contact_network`.
+
+    Raises
+    ------
+    ValueError
+        If touching centers coincide, or an effect on single particles has no second derivatives.
+
+    """
+    packing, effects = scene.packing, scene.effects
+    if packing.shapes is not None:
+        refuse_unknown_to_shapes(scene)
+    if acts_on_single(effects):
+        needs_second(effects, "second derivatives")
+    network = contact_network(packing, effects, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    return assembled_system(scene, network, kind)
+
+
+def assembled_system(
+    scene: Scene,
+    network: Network,
+    kind: str = "exact",
+) -> System:
+    """Return the second derivatives of a scene's energy on a network."""
+    one = network.contacts
+    terms = closed_terms(scene, one)
+    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
+    elements = [elements_of(one, first, terms.second_c)]
+    if network.links is not None and kind == "exact":
+        tension = link_tension(scene, network, elements)
+        elements.append(elements_of(network.links.pairs, tension, np.zeros_like(tension)))
+    assembled = assemble(elements, network.turn_nkt, network.dimension, single_nqq=single_second(scene, network, kind))
+    return System(network, terms, tuple(elements), assembled)
+
+
+def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:
+    """Return the contacts' energies and derivatives, those that just touch taken from the closed side."""
+    return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
+
+
+def single_second(scene: Scene, network: Network, kind: str = "exact") -> NDArray[np.float64] | None:
+    """Return the (N', q, q) second derivatives of what acts on single particles; None where nothing does.
+
+    Those of effects that give none come from differences of their forces, which err by the square of a millionth of the
+    smallest radius, over the length on which the forces change.
+    """
+    packing, effects = scene.packing, scene.effects
+    if not acts_on_single(effects):
+        return None
+    d, turn, index = network.dimension, network.turn_nkt, network.index_n
+    count, turns, rotations = turn.shape
+    if packing.shapes is not None:
+        terms = shaped_terms(effects, packing)
+        change = np.zeros((count, d + turns, d + rotations))
+        change[:, :d, :d] = np.eye(d)
+        change[:, d:, d:] = turn
+        second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
+        return np.asarray(change @ second @ change.transpose(0, 2, 1))
+    whole = np.zeros((count, d + turns, d + turns))
+    whole[:, :d, :d] = (single_terms(effects, packing).second_ndd + _differences(effects, packing))[index]
+    return whole
+
+
+def _differences(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float64]:
+    """Return the (N, d, d) second derivatives of effects on single particles that give none."""
+    d = packing.dimension
+    second = np.zeros((packing.particles, d, d))
+    lacking = lacking_second(effects)
+    if not lacking:
+        return second
+    step = _STEP * float(packing.radius_n.min())
+    for axis in range(d):
+        shift = np.zeros(d)
+        shift[axis] = step
+        there, back = (
+            single_terms(lacking, packing, packing.position_nd + side * shift).force_nd for side in (1.0, -1.0)
+        )
+        second[:, :, axis] = (back - there) / (2.0 * step)
+    return np.asarray(0.5 * (second + second.transpose(0, 2, 1)))
+
+
+def link_tension(scene: Scene, network: Network, elements: list[Elements]) -> NDArray[np.float64]:
+    """Return the (L,) forces in the links that balance the elements, and what acts on particles that can move."""
+    links = network.links
+    assert links is not None
+    push = np.sum([slopes_of(one, network.turn_nkt) for one in elements], axis=0)[:, : network.dimension]
+    if not network.anchored:
+        return links.multipliers(push)
+    push -= single_terms(scene.effects, scene.packing).force_nd[network.index_n]
+    free = network.free_nq[:, : network.dimension]
+    if free.all():
+        return links.multipliers(push)
+    gradient = links.gradient_lx[:, free.ravel()]
+    found = spla.lsqr(gradient.T, -push[free], atol=1e-15, btol=1e-15, iter_lim=10 * gradient.shape[0] + 100)
+    return np.asarray(found[0], dtype=np.float64)
+
+
+def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:
+    """Return the sparse matrix with dense strain rows and columns appended."""
+    side = sp.csr_array(coupling_xe)
+    return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))
