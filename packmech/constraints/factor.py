@@ -30,7 +30,6 @@ from packmech.constraints.link_system import (
 )
 from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
-from packmech.linalg.block_system import gather
 from packmech.linalg.mandel import (
     mandel_basis,
     normal_strains,
@@ -188,13 +187,15 @@ class ConstraintFactor:
         rate = float(project_links(self.system, force_nd, left, tension, True))
         return left, tension, rate
 
-    def tension(self, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (L,) forces in the links that balance contacts with radial derivatives first_c."""
-        return self.multipliers(gather(contacts.i_c, contacts.j_c, contacts.normal_cd, first_c, contacts.particles))
+    def multipliers(self, push_x: NDArray[np.float64], free_n: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+        """Return the (L,) multipliers m of the smallest |push + gradient^T m|, of smallest size where links depend.
 
-    def multipliers(self, push_x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (L,) multipliers m of the smallest |push + gradient^T m|, of smallest size where links depend."""
+        The sum is over particles that are free to move, all unless given.
+        """
         push = np.ascontiguousarray(push_x, dtype=np.float64).reshape(self.packing.position_nd.shape)
+        if free_n is not None and not free_n.all():
+            free = np.repeat(free_n, self.packing.dimension)
+            return _least_squares(self.gradient_lx[:, free], -push.ravel()[free])
         found = self.project(-push)[1]
         for own in self._suspects:
             block, column = cluster_block(self.gradient_lx, own)
@@ -270,6 +271,14 @@ class ConstraintFactor:
         _, size, direction = np.linalg.svd(np.concatenate(found), full_matrices=False)
         stiff: NDArray[np.float64] = direction[size > STIFF]
         return stiff
+
+
+def _least_squares(gradient_lf: sp.csr_array, pull_f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the smallest of the multipliers that come nearest to a force, by LSQR."""
+    from scipy.sparse.linalg import lsqr
+
+    limit = 10 * gradient_lf.shape[0] + 100
+    return np.asarray(lsqr(gradient_lf.T, pull_f, atol=1e-15, btol=1e-15, iter_lim=limit)[0], dtype=np.float64)
 
 
 def cluster_block(gradient_lx: sp.csr_array, own: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

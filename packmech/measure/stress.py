@@ -117,6 +117,12 @@ def forces(scene: Scene) -> NDArray[np.float64]:
     return _net(scene, contacts, first)
 
 
+def _free(scene: Scene) -> NDArray[np.bool_] | None:
+    """Return (N,) which particles are not held; None where none is."""
+    held = held_particles(scene.effects, scene.packing.particles)
+    return None if held is None else ~held
+
+
 def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (N, d) net forces, those of links left out."""
     net = sum_forces(contacts, -first_c)
@@ -185,7 +191,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     if parts != "contacts":
         with single_thread():
             links = ConstraintFactor(packing)
-            tension = links.tension(contacts, first)
+            tension = links.multipliers(-_net(scene, contacts, first), _free(scene))
         stress += contact_stress(links.pairs, tension, packing.box.volume)
     return stress
 
@@ -264,22 +270,24 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     count = len(contacts) + pushes
     if not count:
         return 0.0, 0.0
-    net = _net(scene, contacts, first)
+    net, free = _net(scene, contacts, first), _free(scene)
     if scene.packing.links is not None:
         with single_thread():
             links = ConstraintFactor(scene.packing)
-            net += sum_forces(links.pairs, -links.tension(contacts, first))
+            net += sum_forces(links.pairs, -links.multipliers(-net, free))
+        if free is not None:
+            net[~free] = 0.0
     mean = (np.abs(first).sum() + push) / count
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(mean)
 
 
-@honors("repulsion links", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction gravity walls held links", at_rest=True, link_tolerance=STRAINED)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 
-    They are the multipliers t that make |grad U + sum of t grad(length)| least over the positions; for a packing at
-    rest the sum vanishes and they are exact. Where links depend on each other (more links than a shape needs) the
-    smallest such set is given.
+    They are the multipliers t that make |grad U + sum of t grad(length)| least over the positions of all particles that
+    are not held, weights, walls and tangential springs in U; for a packing at rest the sum vanishes and they are exact.
+    Where links depend on each other (more links than a shape needs) the smallest such set is given.
 
     Parameters
     ----------
@@ -301,9 +309,13 @@ def link_tension(scene: Scene) -> NDArray[np.float64]:
 
     """
     instance("scene", scene, Scene)
+    return tension_of(scene)
+
+
+def tension_of(scene: Scene) -> NDArray[np.float64]:
+    """Return the (L,) forces in the rigid links, whatever else the scene holds (`link_tension`)."""
     if scene.packing.links is None:
         return np.zeros(0)
-    contacts = find_contacts(scene.packing)
-    first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    contacts, _, first = _terms(scene)
     with single_thread():
-        return ConstraintFactor(scene.packing).tension(contacts, first)
+        return ConstraintFactor(scene.packing).multipliers(-_net(scene, contacts, first), _free(scene))

@@ -15,14 +15,21 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, one_of, positive
-from packmech.constraints.basis import MEMORY_LIMIT, motion_basis
+from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.effects import acts_on_single
+from packmech.effects import acts_on_single, held_particles
 from packmech.honors import STRAINED, honors
 from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import STRAINS, isochoric_basis, mandel_vector, strain_directions
-from packmech.mechanics.linked_systems import linked_system, negative_motions, soft_shift, weighted_rows
+from packmech.mechanics.linked_systems import (
+    link_motions,
+    linked_system,
+    negative_motions,
+    rows_on,
+    soft_shift,
+    weighted_rows,
+)
 from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
 
@@ -56,7 +63,6 @@ def check_strain_of_box(scene: Scene, strain: str) -> None:
     "repulsion gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
-    apart="links+gravity links+walls links+held",
     link_tolerance=STRAINED,
 )
 def hessian(
@@ -88,7 +94,7 @@ def hessian(
     Parameters
     ----------
     scene
-        The scene; with rigid links nothing may act on single particles.
+        The scene.
     strain
         What the box may do: "none", "isotropic", "isochoric" or "free". But for "none" all strains are appended. Where
         they are to keep the volume ("isochoric") at its pressure P, "exact" adds the curvature of that constraint;
@@ -149,7 +155,6 @@ def _width(scene: Scene) -> int:
     "repulsion gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
-    apart="links+gravity links+walls links+held",
 )
 def dynamical_matrix(
     scene: Scene,
@@ -204,10 +209,19 @@ def dynamical_matrix(
     full = hessian(scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
     if scene.packing.links is not None:
-        basis = motion_basis(
-            ConstraintFactor(scene.packing), None if strain == "none" else strain_directions(dimension, strain),
-            mass_n=mass, strain_scale=scale, memory_limit=memory_limit,
-        )  # fmt: skip
+        links, held = ConstraintFactor(scene.packing), held_particles(scene.effects, scene.packing.particles)
+        if held is None:
+            basis = motion_basis(
+                links, None if strain == "none" else strain_directions(dimension, strain),
+                mass_n=mass, strain_scale=scale, memory_limit=memory_limit,
+            )  # fmt: skip
+        else:
+            free, root = np.repeat(~held, dimension), np.repeat(np.sqrt(mass), dimension)
+            check_memory(len(free), int(free.sum()), memory_limit)
+            none = np.zeros((dimension * (dimension + 1) // 2, 0))
+            motion = link_motions(rows_on(links, free, 1.0 / root[free], none, 1.0))
+            basis = np.zeros((len(free), motion.shape[1]))
+            basis[free] = motion / root[free, None]
         return sp.csr_array(basis.T @ (full @ basis))
     # turns are lengths by radii of gyration: they have the mass of their particle
     weight = np.repeat(1.0 / np.sqrt(mass), _width(scene))
@@ -224,7 +238,6 @@ def dynamical_matrix(
     "repulsion gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
-    apart="links+gravity links+walls links+held",
 )
 def perturbation_energy(
     scene: Scene,

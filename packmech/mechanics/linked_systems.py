@@ -10,8 +10,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import null_space, qr
+from scipy.sparse.csgraph import connected_components
 
-from packmech.constraints.factor import ConstraintFactor, admitted_strains
+from packmech.constraints.factor import DEPENDENT, ConstraintFactor, admitted_strains
 from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factor_saddle, factorize
 
 # eigenvalues below this fraction of their scale are zero: pinned Hessians of jammed packings stay above 1e-7
@@ -270,3 +272,51 @@ def weighted_rows(
     forbidden = np.linalg.svd(admitted, full_matrices=True)[0][:, admitted.shape[1] :].T
     extra = sp.hstack([sp.csr_array((len(forbidden), len(weight_x))), sp.csr_array(forbidden)], format="csr")
     return sp.csr_array(sp.vstack([rows, extra], format="csr"))
+
+
+def rows_on(
+    links: ConstraintFactor,
+    free_f: NDArray[np.bool_],
+    weight_f: NDArray[np.float64],
+    strain_ek: NDArray[np.float64],
+    strain_scale: float,
+) -> sp.csr_array:
+    """Return independent rows that vanish on those motions of the free coordinates which keep the links.
+
+    Parameters
+    ----------
+    links
+        The links.
+    free_f
+        (N d,) coordinates that can move: what is held may leave links that depend on others, or cannot move.
+    weight_f
+        (F,) weights of the free ones, as of `weighted_rows`.
+    strain_ek, strain_scale
+        As of `weighted_rows`.
+
+    """
+    weight = np.ones(len(free_f))
+    weight[free_f] = weight_f
+    rows = weighted_rows(links, weight, strain_ek, strain_scale)
+    if free_f.all():
+        return rows
+    return _independent(sp.csr_array(rows[:, np.concatenate([free_f, np.ones(strain_ek.shape[1], dtype=bool)])]))
+
+
+def _independent(rows: sp.csr_array) -> sp.csr_array:
+    """Return rows that span what the given ones span, of each group that shares coordinates by itself."""
+    size = np.sqrt(rows.multiply(rows).sum(axis=1))
+    _, group = connected_components(rows @ rows.T, directed=False)
+    kept = []
+    for one in np.unique(group[size > 0.0]):
+        own = np.flatnonzero((group == one) & (size > 0.0))
+        block = rows[own].toarray() / size[own, None]
+        _, upper, order = qr(block.T, mode="economic", pivoting=True)
+        pivot = np.abs(np.diag(upper))
+        kept.append(own[order[: int(np.count_nonzero(pivot > DEPENDENT * pivot[0]))]])
+    return sp.csr_array(rows[np.sort(np.concatenate([*kept, np.zeros(0, dtype=np.int64)]))])
+
+
+def link_motions(rows: sp.csr_array) -> NDArray[np.float64]:
+    """Return an orthonormal basis, as columns, of the motions on which rows vanish: dense, for small packings."""
+    return np.asarray(null_space(rows.toarray())) if rows.shape[0] else np.eye(rows.shape[1])

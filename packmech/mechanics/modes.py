@@ -20,7 +20,7 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.measure.contact_forces import force_residual
 from packmech.mechanics.hessian import check_choices, check_strain_of_box, corner_of
-from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, weighted_rows
+from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, link_motions, rows_on
 from packmech.mechanics.network import Network
 from packmech.mechanics.system import bordered, system_of
 from packmech.scene import Scene
@@ -126,7 +126,6 @@ class Modes:
     "repulsion gravity walls held links shapes",
     at_rest=True,
     rough="pm.frictional_modes",
-    apart="links+gravity links+walls links+held",
 )
 def normal_modes(
     scene: Scene,
@@ -209,14 +208,17 @@ def normal_modes(
         moving = translation.shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
-            operator = LinkedOperator(matrix, weighted_rows(links, 1.0 / root, admitted, scale), dimension)
+            rows = rows_on(links, network.free_f, 1.0 / root, admitted, scale)
+            operator = LinkedOperator(matrix, rows, dimension)
         available = max(operator.motions - moving, 0) if kept else 0
         wanted = available if count is None else min(count, available)
         method = _choose(method, operator.motions, wanted, count)
         largest = float(abs(matrix).sum(axis=0).max()) if kept else 0.0
         if method == "dense":
             basis = None
-            if links is not None:
+            if links is not None and not network.free_f.all():
+                basis = link_motions(rows)
+            elif links is not None:
                 basis = motion_basis(links, admitted, mass_n=mass[index], strain_scale=scale, memory_limit=_BASIS_BYTES)
                 basis = np.concatenate([basis[: len(root)] * root[:, None], admitted.T @ basis[len(root) :] * scale])
             value, vector = _dense(matrix, basis, translation, largest, wanted)
@@ -495,7 +497,6 @@ class StateDensity:
     "repulsion gravity walls held links shapes",
     at_rest=True,
     rough="pm.frictional_modes",
-    apart="links+gravity links+walls links+held",
 )
 def density_of_states(
     source: Modes | Scene,
@@ -560,7 +561,8 @@ def density_of_states(
         moving = _translations(matrix, root, axis, dimension, system.network.anchored).shape[1]
         operator: Operator = FreeOperator(matrix)
         if links is not None:
-            rows = weighted_rows(links, weight, np.zeros((dimension * (dimension + 1) // 2, 0)), 1.0)
+            none = np.zeros((dimension * (dimension + 1) // 2, 0))
+            rows = rows_on(links, system.network.free_f, weight, none, 1.0)
             operator = LinkedOperator(matrix, rows, dimension)
         low, high = _ends(operator)
         edge = _edges(bins, low, high)

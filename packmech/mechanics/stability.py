@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from packmech.effects import held_particles, lacking_second
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
-from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve
+from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve, rows_on
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.system import assembled_system
 from packmech.scene import Scene
@@ -195,8 +195,8 @@ def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     matrix, free = system.matrix(), network.free_nq
     if system.links is None:
         return FreeOperator(matrix), free
-    rows = sp.csr_array(system.links.independent_rows()[0][:, free.ravel()])
-    rows = rows[np.diff(rows.indptr) > 0]
+    none = np.zeros((len(system.corner), 0))
+    rows = rows_on(system.links, network.free_f, np.ones(matrix.shape[0]), none, 1.0)
     return LinkedOperator(matrix, rows, network.dimension), free
 
 

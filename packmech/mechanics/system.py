@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from packmech.constraints.factor import ConstraintFactor
@@ -218,15 +217,9 @@ def link_tension(scene: Scene, network: Network, elements: list[Elements]) -> ND
     links = network.links
     assert links is not None
     push = np.sum([slopes_of(one, network.turn_nkt) for one in elements], axis=0)[:, : network.dimension]
-    if not network.anchored:
-        return links.multipliers(push)
-    push -= single_terms(scene.effects, scene.packing).force_nd[network.index_n]
-    free = network.free_nq[:, : network.dimension]
-    if free.all():
-        return links.multipliers(push)
-    gradient = links.gradient_lx[:, free.ravel()]
-    found = spla.lsqr(gradient.T, -push[free], atol=1e-15, btol=1e-15, iter_lim=10 * gradient.shape[0] + 100)
-    return np.asarray(found[0], dtype=np.float64)
+    if network.anchored:
+        push -= single_terms(scene.effects, scene.packing).force_nd[network.index_n]
+    return links.multipliers(push, np.asarray(network.free_nq.any(axis=1)))
 
 
 def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:

@@ -16,12 +16,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from packmech.box import Box
-from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import Bonds, Walls, contact_terms
 from packmech.links import number_by_first
+from packmech.measure.stress import tension_of
 from packmech.packing import Packing
+from packmech.scene import Scene
 from packmech.shapes import Beads, Spheroids
 
 # dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
@@ -153,7 +154,7 @@ def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, .
         first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
         mean = float(np.abs(first_c).mean())
         if mean > 0.0:
-            return np.asarray(ConstraintFactor(packing).tension(contacts, first_c) / mean)
+            return tension_of(Scene(packing, effects)) / mean
     return np.zeros(len(links))
 
 
