@@ -115,3 +115,59 @@ def test_disturbed_crystal_is_unstable_where_its_spectrum_says(crystal):
     for scene in (crystal, thin):
         modes = pm.normal_modes(scene, 5)
         assert is_stable(scene, strain="none") == bool(modes.eigenvalue_m.min() > 0)
+
+
+SPRING = pm.Repulsion(pm.LinearSpring())
+
+
+def standing_dimer(pull=1e-2):
+    """Return two linked discs, one above the other on a floor that bears them, and the weight of one."""
+    weight = pull * np.pi / 4.0
+    # half the energy of a pair at twice the distance: a floor is twice as stiff as the spring
+    low = 0.5 - weight
+    links = pm.Links([0], [1], [[0, 0]], [1.0])
+    pair = pm.Packing([[2.0, low], [2.0, low + 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), links)
+    return pm.Scene(pair, (SPRING, pm.Gravity(0.0, -pull), pm.Walls(1, 0.0, 4.0))), weight
+
+
+def test_a_link_bears_the_weight_above_it_and_its_stress_is_that_weight_times_its_length():
+    scene, weight = standing_dimer()
+    assert pm.link_tension(scene)[0] == pytest.approx(-weight, rel=1e-12)
+    stress = pm.stress_tensor(scene)
+    assert stress[1, 1] * 16.0 == pytest.approx(-weight, rel=1e-12) and abs(stress[0]).max() < 1e-15
+
+
+def test_a_dimer_on_a_floor_bobs_slides_and_falls_over():
+    scene, weight = standing_dimer()
+    mass = np.pi / 4.0
+    modes = pm.normal_modes(scene)
+    assert modes.force_residual < 1e-12 and modes.residual < 1e-14
+    assert modes.translations == 1 and modes.negative == 1
+    # both ends move against each other under the compressed link; both move up and down on the floor, of stiffness 2
+    assert modes.eigenvalue_m == pytest.approx([-2.0 * weight / mass, 2.0 / (2.0 * mass)], rel=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_hessian_of_chains_on_a_floor_is_the_second_difference_of_the_energy_with_links_kept(dimension):
+    drawn = pm.cluster_packing(4, pm.LinearCluster(3), dimension=dimension, packing_fraction=0.25, seed=2)
+    effects = (SPRING, pm.Gravity(0.0, -1e-3), pm.Walls(1, 0.0, float(drawn.box.lattice_dd[1, 1])))
+    packing = pm.quench(pm.Scene(drawn, effects), force_tolerance=1e-8).packing
+    scene = pm.Scene(packing, effects)
+    stiffness = pm.hessian(scene, "none").toarray()
+    assert pm.normal_modes(scene).force_residual < 1e-7
+
+    def energy(motion_x):
+        moved = packing.replace(position_nd=packing.position_nd + motion_x.reshape(packing.position_nd.shape))
+        return pm.energy(scene.replace(packing=pm.reaffix_links(moved).packing))
+
+    rng, size = np.random.default_rng(4), 1e-5
+    admitted = pm.change_of_basis(packing, "none")
+    for _ in range(3):
+        motion = admitted @ rng.normal(size=admitted.shape[1])
+        motion *= size / np.abs(motion).max()
+        change = energy(motion) + energy(-motion) - 2.0 * pm.energy(scene)
+        assert motion @ stiffness @ motion == pytest.approx(change, rel=1e-5)
+    value = np.linalg.eigvalsh(pm.dynamical_matrix(scene).toarray())
+    every = pm.normal_modes(scene, rattlers="keep").eigenvalue_m
+    # the translations along the floor cost nothing, and are left out
+    assert np.abs(every - np.delete(value, np.argsort(np.abs(value))[: dimension - 1])).max() < 1e-12 * value[-1]
