@@ -275,7 +275,7 @@ def of_fraction(fraction: float, dimension: int, particles: int, **settings: Any
 STARTS: dict[str, Callable[[], pm.Packing]] = {
     "discs": partial(of_fraction, 0.9, 2, 48, sizes=pm.Bidisperse(1.4)),
     "discs, ratio 3": partial(of_fraction, 0.95, 2, 64, sizes=pm.Bidisperse(3.0)),
-    "discs, ratio 10": partial(of_fraction, 0.95, 2, 128, sizes=pm.Bidisperse(10.0, 0.9)),
+    "discs, ratio 10": partial(of_fraction, 0.95, 2, 80, sizes=pm.Bidisperse(10.0, 0.95)),
     "discs, equal": partial(of_fraction, 0.9, 2, 48),
     "loose discs": partial(of_fraction, 0.7, 2, 40, sizes=pm.Bidisperse(1.4)),
     "spheres": partial(of_fraction, 0.68, 3, 32),
@@ -431,8 +431,19 @@ def smooth_scenes(take: Take, *families: str) -> dict[str, pm.Scene]:
 
 
 def frictional_scenes(take: Take) -> dict[str, pm.Scene]:
-    """Return the jammed packings with friction."""
-    return {name: pm.Scene(take(f"jammed: {name}"), effects) for name, (_, effects) in FRICTIONAL.items()}
+    """Return the jammed packings with friction, and two whose most loaded contact is at the Coulomb limit."""
+    found = {name: pm.Scene(take(f"jammed: {name}"), effects) for name, (_, effects) in FRICTIONAL.items()}
+    return found | {f"{name}, at limit": at_limit(found[name]) for name in ("rough discs", "rough spheres")}
+
+
+def at_limit(scene: pm.Scene) -> pm.Scene:
+    """Return a scene with as little friction as bears its tangential forces."""
+    forces = pm.contact_forces(scene)
+    loaded_c = forces.normal_c > 1e-3 * forces.normal_c.mean()
+    size_c = np.linalg.norm(forces.tangential_cd, axis=1)
+    coefficient = float((size_c[loaded_c] / forces.normal_c[loaded_c]).max())
+    repulsion, damping, _ = scene.effects
+    return scene.replace(effects=(repulsion, damping, pm.Friction(coefficient, damping=0.1)))
 
 
 def law_scenes(take: Take) -> dict[str, pm.Scene]:
@@ -937,7 +948,7 @@ def simulate_checkpoints(take: Take) -> Answer:
             path = Path(folder) / "run.npz"
             for step in (1, 33):
                 pm.simulate(scene, steps=step, checkpoint=path, **begin)
-                resumed = pm.resume(path, scene, steps=SHORT)
+                resumed = pm.resume(path, scene, steps=SHORT, threads=1 if step == 1 else 2)
                 equal = np.array_equal(resumed.packing.position_nd, whole.packing.position_nd)
                 same[f"same bits, cut at {step}"] = equal and np.array_equal(resumed.velocity_nd, whole.velocity_nd)
         return {**same, "whole": of_run(whole)}
@@ -968,7 +979,9 @@ def oscillatory_shear(take: Take) -> Answer:
     found: Answer = {}
 
     def sheared(scene: pm.Scene, amplitude: float) -> Answer:
-        run = pm.oscillatory_shear(scene, amplitude=amplitude, frequency=0.02, periods=2.0, samples_per_period=50)
+        run = pm.oscillatory_shear(
+            scene, amplitude=amplitude, frequency=0.02, periods=2.0, samples_per_period=50, check=False
+        )
         moduli = run.moduli
         return strained(run) | {"storage": moduli.storage, "loss": moduli.loss, "harmonic residual": moduli.residual}
 
@@ -992,9 +1005,11 @@ def complex_modulus(take: Take) -> Answer:
             "rest residual": one.rest,
         }
 
-    for name, scene in (rheological(take) | frictional_scenes(take)).items():
+    for name, scene in rheological(take).items():
         for mode in ("shear", "isotropic"):
             ask(found, f"{name}, {mode}", responded, scene, mode)
+    # its tangential springs are not slack
+    ask(found, "pressed with friction", responded, frictional_scenes(take)["rough discs"], "shear")
     return found
 
 
@@ -1031,9 +1046,9 @@ def steady_shear(take: Take) -> Answer:
 def rheology_checkpoints(take: Take) -> Answer:
     found: Answer = {}
     calls: dict[str, tuple[Callable[..., Any], Answer]] = {
-        "oscillatory": (pm.oscillatory_shear, {"amplitude": 0.05, "frequency": 5e-4, "samples_per_period": 20}),
-        "ramp": (pm.ramp_strain, {"rate": 1e-4, "applied_strain": 0.2, "samples": 25}),
-        "creep": (pm.creep, {"stress": 0.02, "duration": 2000.0, "hold": 1500.0}),
+        "oscillatory": (pm.oscillatory_shear, {"amplitude": 0.05, "frequency": 2e-3, "samples_per_period": 20}),
+        "ramp": (pm.ramp_strain, {"rate": 1e-4, "applied_strain": 0.05, "samples": 25}),
+        "creep": (pm.creep, {"stress": 0.02, "duration": 500.0, "hold": 300.0}),
     }
 
     def cut(call: Callable[..., Any], given: Answer) -> Answer:
@@ -1174,9 +1189,10 @@ def measures_case(take: Take, scenes: str) -> Answer:
             ask(ends, f"stress, {part}", pm.stress_tensor, scene, parts=part)
         ask(ends, "residual torque", lambda: np.abs(pm.torques(scene)).max())
         ask(ends, "tension", pm.link_tension, scene)
-        # of a packing that is shaken, forces are no rounding
+        # of a packing that is shaken, forces are no rounding; lengths of links must hold to 0.01
         one = scene.packing
-        shaken_nd = one.position_nd + 0.01 * np.random.default_rng(3).standard_normal(one.position_nd.shape)
+        scale = 0.01 if one.links is None else 0.001
+        shaken_nd = one.position_nd + scale * np.random.default_rng(3).standard_normal(one.position_nd.shape)
         shaken = scene.replace(packing=one.replace(position_nd=shaken_nd))
         for name, call in (("forces", pm.forces), ("torques", pm.torques), ("energy", pm.energy)):
             ask(ends, f"{name}, shaken", call, shaken)
@@ -1280,33 +1296,41 @@ def link_jacobian(take: Take) -> Answer:
     rng = np.random.default_rng(8)
 
     def projected(one: pm.Packing, force_nd: NDArray[np.float64], strain: str, method: str) -> Answer:
-        d = one.dimension
-        pull = {"none": 0, "isotropic": 1, "isochoric": d * (d + 1) // 2, "free": d * (d + 1) // 2}[strain]
-        done = pm.project_force(one, force_nd, np.ones(pull) if pull else None, strain=strain, method=method)
+        pull_e = np.ones(one.dimension * (one.dimension + 1) // 2)
+        given = {} if strain == "none" else {"strain_force": pull_e, "strain": strain}
+        done = pm.project_force(one, force_nd, method=method, **given)
         return {"force": done.force_nd, "strain force": done.strain_force_e, "multiplier": done.multiplier_l}
+
+    def basis_rank(one: pm.Packing, strain: str) -> int:
+        return pm.constraint_basis(one, strain).rank
+
+    def reaffixed(one: pm.Packing) -> Answer:
+        back = pm.reaffix_links(one).packing
+        found = of_packing(back)
+        ask(found, "tension", pm.link_tension, pm.Scene(back, HARMONIC))
+        return found
+
+    def independent(one: pm.Packing) -> Answer:
+        links = pm.independent_links(one)
+        return {"rank": links.rank, "removed": links.removed_l}
 
     for name in SMOOTH["links"]:
         one = take(f"jammed: {name}")
         force_nd = rng.standard_normal(one.position_nd.shape)
         shaken = one.replace(position_nd=one.position_nd + 0.02 * force_nd)
-        for strain in ("none", "isotropic", "isochoric", "free"):
+        for strain in ("none", "isochoric", "free"):
+            title = f"{name}, {strain}"
             for form in ("exact", "paper"):
-                title = f"{name}, {strain}, {form}, jacobian"
-                ask(found, title, matrix_of, pm.constraint_jacobian, one, strain, form=form)
-            ask(found, f"{name}, {strain}, projected", projected, one, force_nd, strain, "clusters")
-            ask(found, f"{name}, {strain}, n matrix", matrix_of, pm.n_matrix, one, strain)
-            ask(found, f"{name}, {strain}, constrained", matrix_of, pm.constrained_rigidity_matrix, one, strain)
-            ask(
-                found,
-                f"{name}, {strain}, basis",
-                lambda one, strain: {"rank": pm.constraint_basis(one, strain).rank},
-                one,
-                strain,
-            )
-        ask(found, f"{name}, projected, dense", projected, one, force_nd, "none", "whole-matrix")
-        ask(found, f"{name}, reaffixed", lambda one: of_packing(pm.reaffix_links(one).packing), shaken)
-        ask(found, f"{name}, independent", lambda one: {"rank": pm.independent_links(one).rank}, one)
-        ask(found, f"{name}, tension", pm.link_tension, pm.Scene(shaken, HARMONIC))
+                ask(found, f"{title}, {form}, jacobian", matrix_of, pm.constraint_jacobian, one, strain, form=form)
+            for method in ("clusters", "whole-matrix"):
+                ask(found, f"{title}, {method}, projected", projected, one, force_nd, strain, method)
+            ask(found, f"{title}, n matrix", matrix_of, pm.n_matrix, one, strain)
+            ask(found, f"{title}, constrained", matrix_of, pm.constrained_rigidity_matrix, one, strain)
+            ask(found, f"{title}, basis rank", basis_rank, one, strain)
+        ask(found, f"{name}, reaffixed", reaffixed, shaken)
+        ask(found, f"{name}, independent", independent, one)
+        ask(found, f"{name}, tension", pm.link_tension, pm.Scene(one, HARMONIC))
+        ask(found, f"{name}, tension, shaken", pm.link_tension, pm.Scene(shaken, HARMONIC))
     return found
 
 
@@ -1346,7 +1370,7 @@ def verdict_lattices(take: Take, method: str) -> Answer:
 def verdict_random(take: Take, method: str) -> Answer:
     found: Answer = {}
     for name in ("discs", "spheres", "trimers", "ellipses", "rigid dimers"):
-        for strain in ("isotropic", "isochoric", "free"):
+        for strain in ("isochoric", "free"):
             ask(found, f"{name}, {strain}", verdict_of, take(f"hard: {name}"), method=method, strain=strain)
     ask(found, "pressed", verdict_of, take("jammed: discs"), method=method)
     ask(found, "loose", verdict_of, take("start: loose discs"), method=method)
