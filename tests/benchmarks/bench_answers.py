@@ -359,7 +359,7 @@ def main(words: list[str] | None = None) -> int:
     two: Any = verbs.add_parser("compare", help="compare two files")
     two.add_argument("before", type=Path)
     two.add_argument("after", type=Path)
-    two.add_argument("--tolerance", type=float, default=1e-8, help="what rounding may do in static cases (%(default)g)")
+    two.add_argument("--tolerance", type=float, default=1e-7, help="what rounding may do in static cases (%(default)g)")
     two.add_argument("--strict", action="store_true", help="end with 1 also where a static case moved")
     two.add_argument("--all", action="store_true", help="print every array that differs")
     verbs.add_parser("list", help="print the names of the cases")
