@@ -36,7 +36,6 @@ VERBS = {
     "spectra": "Find vibrational states near jamming, their plateau's end, or hard packings' forces; resumes.",
     "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
     "preset": "Hold the reference model against its package's tables; exit code 1 if a row fails.",
-    "hard-cases": "Measure every hard case against its bound; exit code 1 if one is outside.",
 }
 
 

@@ -242,7 +242,6 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
             "'jamming_2d', 'jamming_3d', 'gap_tolerance', 'shear_time_step', 'integrators', 'effect_costs', "
             "'contact_distance', 'minima', got",
         ),
-        (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(tmp_path, arguments, message):
@@ -262,16 +261,6 @@ def test_a_run_that_does_not_converge_is_exit_code_1_and_says_so(tmp_path):
     assert done.returncode == 1
     assert pm.Outcome.NOT_JAMMED.value in " ".join(done.stderr.split())
     assert (tmp_path / "end.npz").exists()
-
-
-def test_a_hard_case_out_of_bounds_is_exit_code_1(monkeypatch, capsys):
-    from packmech.cli import hard_cases as verb
-    from packmech.validation import hard_cases
-
-    bad = hard_cases.HardCase("two and two", "counting", "2 + 2 - 3", 0.5, "arithmetic", lambda: 2 + 2 - 3)
-    monkeypatch.setattr(verb, "catalogue", lambda: (bad,))
-    assert execute(["hard-cases"]) == 1
-    assert "OUT OF BOUNDS" in capsys.readouterr().out
 
 
 @pytest.fixture
@@ -342,12 +331,6 @@ def test_wrong_words_on_the_command_line_are_one_line_and_exit_code_2(tmp_path):
         done = packmech(*words, folder=tmp_path)
         assert done.returncode == 2 and message in one_line(done)
     assert packmech(folder=tmp_path).returncode == 2
-
-
-def test_hard_cases_within_bounds_are_exit_code_0_and_print_bound_and_measured(tmp_path):
-    done = packmech("hard-cases", "flat box", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"ok\s+nearly flat box.*0\s+0", done.stdout)
 
 
 def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):

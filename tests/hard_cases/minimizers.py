@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import packmech as pm
-from packmech.validation.hard_cases.case import HARMONIC, HardCase
+from hard_cases.case import HARMONIC, HardCase
 
 METHODS: dict[str, Any] = {
     "FIRE": pm.Fire(),

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
+from hard_cases.case import HARMONIC, HardCase
+from hard_cases.finite_differences import at_rest, finite_tangent, kept_step
 from packmech.constraints.factor import ConstraintFactor
 from packmech.measure.stress import force_balance
-from packmech.validation.hard_cases.case import HARMONIC, HardCase
-from packmech.validation.studies.accuracy.exact_hessian import at_rest, finite_tangent, kept_step
 
 
 def rigid(place_nd: NDArray[np.float64] | list[list[float]]) -> pm.Packing:

@@ -1,6 +1,6 @@
 """The catalogue of hard cases: what could go wrong, the quantity watched, the bound, and a function that measures it.
 
-`packmech hard-cases` prints every case with what was measured; the tests run the same entries.
+`pytest tests/hard_cases -v` prints every case with what was measured.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from packmech.validation.hard_cases import dynamics, jamming, lattices, links, minimizers, static
-from packmech.validation.hard_cases.case import HardCase, Measured, measure
+from hard_cases import dynamics, jamming, lattices, links, minimizers, static
+from hard_cases.case import HardCase, Measured, measure
 
 __all__ = ["HardCase", "Measured", "catalogue", "measure"]
 

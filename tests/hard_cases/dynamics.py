@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech.validation.hard_cases.case import HardCase
+from hard_cases.case import HardCase
 
 # a box at rest that could deform: all of these scenes are compiled together
 STILL = pm.SteadyStrain(0.0)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
+from hard_cases.case import HARMONIC, HardCase
 from packmech.linalg.linear_programs import SOLVE, LinearProgram, Solution
-from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
 EPS = float(np.finfo(float).eps)
 PRESSURES = tuple(10.0**-k for k in range(1, 10))

@@ -11,9 +11,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 import packmech as pm
+from hard_cases.case import HARMONIC, HardCase
 from packmech.contacts import candidate_pairs
 from packmech.linalg.factor import NotDefinite, factorize
-from packmech.validation.hard_cases.case import HARMONIC, HardCase
 
 
 def _packing(position_nd: list[list[float]], radius_n: list[float], lattice_dd: list[list[float]]) -> pm.Packing:
