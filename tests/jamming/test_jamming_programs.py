@@ -1,18 +1,17 @@
-"""Facts about the study of jamming programs: every method's verdict and error, and that its words follow its table."""
+"""Facts about the study of jamming programs: every method's verdict and error."""
 
 import pathlib
 
 import numpy as np
 import pytest
+from benchmarks import bench_jamming_programs as study
 
 import packmech as pm
 from packmech.jamming.contact_selection import backbone_contacts
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import load_program, yield_to_load
-from packmech.validation.studies.accuracy import jamming_programs as study
-from packmech.validation.work_precision import Answer, work_precision
 
-HARD = np.load(pathlib.Path(__file__).parents[2] / "golden" / "hard_packings.npz")
+HARD = np.load(pathlib.Path(__file__).parents[1] / "golden" / "hard_packings.npz")
 
 
 @pytest.fixture(autouse=True)
@@ -64,19 +63,6 @@ def test_interior_point_stops_where_simplex_does(small_pair):
     inside = study.interior_point(load_program(cone, load, "box"), 1e-9)
     vertex, _, _ = yield_to_load(cone, load, bound="box", solver="highs")
     assert abs(load @ inside - load @ vertex) < 1e-6
-
-
-def test_words_count_the_tolerances_at_which_a_method_was_right():
-    def answer(tolerance):
-        right = tolerance < 1e-6
-        work = {f"verdict on {name}": float(right) for name in (study.JAMMED, study.OPENED)}
-        note = "" if right else "'jammed' said"
-        return Answer({study.JAMMED: tolerance, study.OPENED: 0.0}, right, work=work, note=note)
-
-    table = work_precision({"one": answer}, study.TOLERANCES, {study.JAMMED: 0.0, study.OPENED: 0.0}, repeats=1)
-    words = study.describe(table)
-    assert "one: right at 4 of 7 tolerances, there off by at most 1e-07" in words
-    assert "| one | 1e-04 | 1.0e-04 | WRONG | 0.0e+00 | WRONG |" in words
 
 
 def test_made_packing_has_one_state_of_self_stress(monkeypatch):

@@ -1,13 +1,17 @@
 """Which program, which solver and which tolerance decide whether a packing is jammed: seconds, errors, verdicts.
 
+    python tests/benchmarks/bench_jamming_programs.py recordings/accuracy
+
 A packing with one state of self stress is jammed, and is not without any one of its contacts: the weakest is the one
 hardest to miss. Every solver stands alone here; in `pm.classify_jamming` simplex decides where another gave no proof.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import cache, partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +23,6 @@ from packmech.jamming.contact_selection import backbone_of, select_contacts
 from packmech.jamming.motion_cone import FLOPPY, MotionCone, motion_cone
 from packmech.jamming.programs import largest_smallest_force, load_program, open_all
 from packmech.linalg.linear_programs import LinearProgram
-from packmech.result import markdown_table
 from packmech.validation.work_precision import Answer, WorkPrecision, work_precision
 
 PARTICLES, SEED, PRESSURE = {2: 256, 3: 128}, 1, 1e-8
@@ -178,9 +181,9 @@ def _number(jammed: bool | None, truth: bool) -> float:
     return np.nan if jammed is None else float(jammed is truth)
 
 
-def run(dimension: int, progress: Callable[[str, float], None]) -> tuple[WorkPrecision, str]:
-    """Run the study; return its table and what it shows in words."""
-    table = work_precision(
+def measure(dimension: int) -> WorkPrecision:
+    """Return the table of all methods at all tolerances."""
+    return work_precision(
         {name: partial(trial, dimension, method) for name, method in methods().items()},
         TOLERANCES,
         {JAMMED: 0.0, OPENED: 0.0},
@@ -188,37 +191,13 @@ def run(dimension: int, progress: Callable[[str, float], None]) -> tuple[WorkPre
         title=f"Is it jammed? {PARTICLES[dimension]} {'discs' if dimension == 2 else 'spheres'} in {dimension}D",
         reference_is="one state of self stress, by linear algebra: jammed, and not without any contact",
         repeats=3,
-        progress=progress,
     )
-    return table, describe(table)
 
 
-def describe(table: WorkPrecision) -> str:
-    """Return what the table shows, every figure taken from it."""
-    lines = [
-        "Errors. Jammed packing: of loads the longest motion left over its bound (exactly 0), of the certificate the",
-        "relative error of the smallest force. Less its weakest contact: largest shortening of a contact over the",
-        "largest lengthening in the motion found. Verdicts: right, wrong, or none where no number passed the check.",
-        "CPU seconds for both packings together, median of three. The forces of `pm.classify_jamming` are exact to",
-        "rounding at any tolerance: it projects the program's on those that balance before it checks them.",
-        "",
-    ]
-    rows = []
-    for method in table.methods:
-        for one in table.of(method):
-            cells = []
-            for name in (JAMMED, OPENED):
-                right = one.work.get(f"verdict on {name}", np.nan)
-                cells += [f"{one.errors.get(name, np.nan):.1e}", {1.0: "right", 0.0: "WRONG"}.get(right, "none")]
-            rows.append((method, f"{one.setting:.0e}", *cells, f"{one.seconds:.3f}"))
-    headings = ("method", "tolerance", f"error, {JAMMED}", "verdict", f"error, {OPENED}", "verdict", "CPU s")
-    lines.append(markdown_table(headings, rows))
-    for method in table.methods:
-        trials = table.of(method)
-        good = [one for one in trials if not one.failed]
-        largest = max((one.errors[JAMMED] for one in good), default=np.nan)
-        lines.append(
-            f"{method}: right at {len(good)} of {len(trials)} tolerances, there off by at most {largest:.0e} on the "
-            f"jammed packing, {min(one.seconds for one in trials):.3f} to {max(one.seconds for one in trials):.3f} s."
-        )
-    return "\n".join(lines)
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    for dimension in (2, 3):
+        table = measure(dimension)
+        (folder / f"jamming_{dimension}d.csv").write_text(table.to_csv())
+        (folder / f"jamming_{dimension}d.md").write_text(table.to_markdown())
+        table.save_figure(folder / f"jamming_{dimension}d.png")
