@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from hard_cases.case import HardCase
-from packmech.generate.lattices import open_contact, random_strain, resize_particle, strain_packing
+from hard_cases.defects import open_contact, random_strain, resize_particle, strain_packing
 from packmech.jamming.classify import METHODS
 from packmech.jamming.contact_selection import MINIMUM_GAP_TOLERANCE, OVERLAPS
 
