@@ -57,6 +57,8 @@ def main(
         except ValueError as reason:
             # too few levels, or a mean that is not positive
             print(f"{name}: {reason}")
+    for ax in axes.flat[len(names) :]:
+        ax.set_visible(False)
     axes[0, 0].legend()
     figure.savefig(out / f"{scene}{'-sizes' if len(scalings) > 1 else f'-{particles[0]}'}.png", dpi=150)
 

@@ -41,11 +41,13 @@ def main(*, starts: int = 100, out: Path = Path(__file__).parent, workers: int |
     found = pm.run_ensemble(search, grid, out / "members" / "stability", workers=workers)
     pm.write_table(found, out / "stability-found.csv")
     good = found.take(np.flatnonzero(found["fits"] == 1))
-    one, other = (good.where(kind=kind)["packing_fraction"] for kind in grid["kind"])
-    apart = np.abs(one[:, None] - other)
-    scenes, pairs = [], np.unravel_index(np.argmin(apart), apart.shape)
-    for kind, k in zip(grid["kind"], pairs, strict=True):
-        scenes.append(pm.Scene(good.where(kind=kind).packing(int(k)), (pm.Repulsion(),)))
+    parts = [good.where(kind=kind) for kind in grid["kind"]]
+    scenes = [[pm.Scene(one.packing(k), (pm.Repulsion(),)) for k in range(len(one))] for one in parts]
+    apart = np.abs(parts[0]["packing_fraction"][:, None] - parts[1]["packing_fraction"])
+    # of the locally stable ones near a mechanically stable one, that which moves farthest without a cost
+    free = [np.count_nonzero(energy_change(one, lowest_mode(one), AMPLITUDES) == 0.0) for one in scenes[1]]
+    other = int(np.argmax(np.where(apart.min(axis=0) < 0.01, free, -1)))
+    scenes = [scenes[0][int(apart[:, other].argmin())], scenes[1][other]]
     figure, axes = plt.subplots(1, 3, figsize=(12.6, 4.4), layout="constrained")
     columns, angle = [AMPLITUDES], np.linspace(0.0, 2.0 * np.pi, 61)
     for number, (ax, scene) in enumerate(zip(axes, scenes, strict=False)):
@@ -63,6 +65,7 @@ def main(*, starts: int = 100, out: Path = Path(__file__).parent, workers: int |
         ax.set_title(f"{grid['kind'][number]}, packing fraction {pm.packing_fraction(packing):.4f}", fontsize=9)
     axes[2].set(xscale="log", xlabel="amplitude along the lowest mode [diameter]", ylabel="energy a particle")
     axes[2].set_yscale("symlog", linthresh=1e-13, linscale=0.5)
+    axes[2].set_ylim(-1e-14, 1e-1)
     figure.savefig(out / "stability.png", dpi=150)
     head = "amplitude,mechanical forward,mechanical backward,local forward,local backward"
     np.savetxt(out / "stability.csv", np.column_stack(columns), "%.17g", delimiter=",", header=head, comments="")
