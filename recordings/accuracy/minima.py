@@ -70,7 +70,7 @@ def main(
     grid = [{"method": list(methods), "particles": particles, "jammed": True, "seed": range(jammed)}]
     if starts > jammed:
         grid.append(grid[0] | {"jammed": False, "seed": range(jammed, starts)})
-    found = pm.run_ensemble(end, grid, out / "members" / "minima", workers=workers)
+    found = pm.run_ensemble(end, grid, out / "members" / "minima", workers=workers).of(grid)
     lines = [
         "method,starts,failed,same minimum,+-,energy per particle,jamming packing fraction,median force evaluations"
     ]

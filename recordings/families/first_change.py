@@ -50,14 +50,11 @@ def main(
 ) -> None:
     """Follow the packings, write the table, draw the figure and print the power laws."""
     grid = {"particles": particles, "pressures": [sorted(pressures, reverse=True)], "seed": range(packings)}
-    found = pm.run_ensemble(follow, grid, out / "members" / "first-change", workers=workers)
-    rows = []
-    for k, (count, seed) in enumerate(zip(found["particles"], found["seed"], strict=True)):
-        rows += [(count, seed, *row) for row in zip(*found.arrays(k).values(), strict=True)]
-    table = np.array(rows)
-    head = ",".join(("particles", "seed", *NAMES))
-    np.savetxt(out / "first-change.csv", table, "%.17g", delimiter=",", header=head, comments="")
-    count, _, pressure, strain, *_ = table[np.isfinite(table[:, 3])].T
+    found = pm.run_ensemble(follow, grid, out / "members" / "first-change", workers=workers).of(grid)
+    rows = found.rows()
+    pm.write_table(rows, out / "first-change.csv")
+    there = np.isfinite(rows["strain"])
+    count, pressure, strain = (rows[name][there] for name in ("particles", "pressure", "strain"))
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
     for number in particles:
         levels = np.unique(pressure[count == number])

@@ -47,9 +47,8 @@ def main(
     """Shear the packings, write the tables and draw the figure."""
     what = f"{particles}" if aspect == 1.0 else f"ellipses-{aspect:g}-{particles}"
     grid = {"particles": particles, "aspect": aspect, "strain": strain, "step": step, "seed": range(packings)}
-    found = pm.run_ensemble(walk, grid, out / "members" / "map", workers=workers).where(strain=strain, step=step)
+    found = pm.run_ensemble(walk, grid, out / "members" / "map", workers=workers).of(grid)
     figure, ax = plt.subplots(figsize=(7.2, 5.4), layout="constrained")
-    found = found.where(particles=particles, aspect=aspect)
     for k, seed in enumerate(found["seed"]):
         arrays = found.arrays(k)
         for way, style in (("up", "-"), ("down", ":")):

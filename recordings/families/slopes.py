@@ -42,7 +42,7 @@ def main(*, packings: int = 10, kinds: int = 5, out: Path = Path(__file__).paren
     """Compare the slopes of each kind, write the table and print the largest differences."""
     names = ("particles", "aspect", "strain")
     grid = [dict(zip(names, kind, strict=True)) | {"seed": range(packings)} for kind in KINDS[:kinds]]
-    found = pm.run_ensemble(compare, grid, out / "members" / "slopes", workers=workers)
+    found = pm.run_ensemble(compare, grid, out / "members" / "slopes", workers=workers).of(grid)
     pm.write_table(found, out / "slopes.csv")
     for particles, aspect, _ in KINDS[:kinds]:
         part = found.where(particles=particles, aspect=aspect)

@@ -48,11 +48,9 @@ def main(
 ) -> None:
     """Shear the packings, write the table and draw a panel for each."""
     grid = {"particles": particles, "distances": [distances], "decades": [decades], "seed": range(packings)}
-    found = pm.run_ensemble(follow, grid, out / "members" / "stress", workers=workers)
+    found = pm.run_ensemble(follow, grid, out / "members" / "stress", workers=workers).of(grid)
+    pm.write_table(found.rows(), out / f"stress-{particles}.csv")
     tables = [np.column_stack([*found.arrays(k).values()]) for k in range(len(found))]
-    rows = np.concatenate([np.insert(one, 0, seed, axis=1) for one, seed in zip(tables, found["seed"], strict=True)])
-    head = ",".join(("seed", *NAMES))
-    np.savetxt(out / f"stress-{particles}.csv", rows, "%.17g", delimiter=",", header=head, comments="")
     figure, axes = plt.subplots(1, packings, figsize=(4.2 * packings, 4.2), sharey=True, squeeze=False)
     for ax, table in zip(axes.flat, tables, strict=True):
         for number, distance in enumerate(np.unique(table[:, 0])):

@@ -35,7 +35,7 @@ def main(
     """Press the packings, write the table and draw the figure."""
     name = f"friction-{dimension}d"
     grid = {"dimension": dimension, "particles": particles, "coefficient": coefficients, "seed": range(packings)}
-    found = pm.run_ensemble(press, grid, out / "members" / name, workers=workers)
+    found = pm.run_ensemble(press, grid, out / "members" / name, workers=workers).of(grid)
     pm.write_table(found, out / f"{name}.csv")
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     for ax, quantity in zip(axes, ("packing_fraction", "coordination_number"), strict=True):

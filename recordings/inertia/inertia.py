@@ -54,7 +54,8 @@ def main(
 ):
     """Shear the discs, write the table and draw the figure."""
     grid = {"particles": particles, "pressure": pressure, "inertial_number": inertial_numbers, "strain": strain}
-    found = pm.run_ensemble(shear, grid | {"seed": range(packings)}, out / "members" / "inertia", workers=workers)
+    grid["seed"] = range(packings)
+    found = pm.run_ensemble(shear, grid, out / "members" / "inertia", workers=workers).of(grid)
     pm.write_table(found, out / "inertia.csv")
     x, along = found["inertial_number"], np.linspace(0.0, 1.05 * max(inertial_numbers), 50)
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")

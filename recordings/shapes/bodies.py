@@ -68,7 +68,7 @@ def main(
     """Jam the packings, write the table and draw the figure."""
     common = {"particles": particles, "pressure": pressure, "scatter": scatter, "seed": range(packings)}
     grid = [common | {"beads": beads, "shape": shapes} for beads, shapes in SHAPES.items()]
-    found = pm.run_ensemble(jam, grid, out / "members" / "bodies-2d", workers=workers)
+    found = pm.run_ensemble(jam, grid, out / "members" / "bodies-2d", workers=workers).of(grid)
     pm.write_table(found, out / "bodies-2d.csv")
     figure, axes = plt.subplots(2, 2, figsize=(9.0, 6.4), sharex="col", layout="constrained")
     for column, (beads, words) in enumerate(((2, "smaller over larger radius"), (3, "angle of trimers [degrees]"))):

@@ -51,7 +51,8 @@ def main(
     """Jam the packings, write the table and draw the figure."""
     name = f"jammed-{dimension}d"
     grid = {"dimension": dimension, "particles": particles, "aspect": aspects, "pressure": pressure}
-    found = pm.run_ensemble(jam, grid | {"seed": range(packings)}, out / "members" / name, workers=workers)
+    grid["seed"] = range(packings)
+    found = pm.run_ensemble(jam, grid, out / "members" / name, workers=workers).of(grid)
     pm.write_table(found, out / f"{name}.csv")
     figure, axes = plt.subplots(1, 3, figsize=(12.6, 4.0), layout="constrained")
     for ax, quantity in zip(axes, ("jamming_packing_fraction", "coordination_number"), strict=False):

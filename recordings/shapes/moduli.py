@@ -24,11 +24,12 @@ def shear(particles: int, aspect: float, distances: list[float], seed: int) -> d
     start = pm.random_packing(particles, dimension=2, shapes=pm.Ellipses(aspect), **given)
     scene = pm.Scene(start, (pm.Repulsion(),))
     scene = scene.replace(packing=pm.jam(scene, pressure=1e-6, strain="free").packing)
-    rows = np.full((3, len(distances)), np.nan)
+    rows = np.full((4, len(distances)), np.nan)
+    rows[0] = distances
     for k, run_ in enumerate(pm.compress(scene, distances, strain="free", check=False)):
         moduli = pm.elastic_moduli(scene.replace(packing=run_.packing))
-        rows[:, k] = run_.report["pressure"], moduli.voigt.shear_modulus, moduli.bulk_modulus
-    return dict(zip(("pressure", "shear_modulus", "bulk_modulus"), rows, strict=True))
+        rows[1:, k] = run_.report["pressure"], moduli.voigt.shear_modulus, moduli.bulk_modulus
+    return dict(zip(("distance", "pressure", "shear_modulus", "bulk_modulus"), rows, strict=True))
 
 
 def crossover(distance: np.ndarray, modulus_st: np.ndarray) -> float:
@@ -58,23 +59,17 @@ def main(
 ) -> None:
     """Follow the packings, write the table and draw the figure."""
     grid = {"particles": particles, "aspect": aspects, "distances": [distances], "seed": range(packings)}
-    found = pm.run_ensemble(shear, grid, out / "members" / "moduli-2d", workers=workers)
-    rows = []
+    found = pm.run_ensemble(shear, grid, out / "members" / "moduli-2d", workers=workers).of(grid)
+    pm.write_table(found.rows(), out / "moduli-2d.csv")
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.8, 4.4), width_ratios=(3, 2), layout="constrained")
     for number, aspect in enumerate(aspects):
-        part = found.where(aspect=aspect)
-        values = [part.arrays(k) for k in range(len(part))]
-        for seed, one in zip(part["seed"], values, strict=True):
-            rows += [(particles, aspect, seed, *row) for row in zip(distances, *one.values(), strict=True)]
-        modulus_st = np.array([one["shear_modulus"] for one in values])
+        modulus_st = found.where(aspect=aspect).rows()["shear_modulus"].reshape(-1, len(distances))
         modulus_st = modulus_st[np.isfinite(modulus_st).all(axis=1)]
         left.plot(distances, modulus_st.mean(axis=0), ".-", color=f"C{number}", label=f"aspect {aspect:g}")
         if len(modulus_st) > 1:
             place = crossover(np.array(distances), modulus_st)
             error = place * crossover_error(np.array(distances), modulus_st)
             right.errorbar(aspect - 1.0, place, error, fmt="o", color=f"C{number}", capsize=2.0)
-    head = "particles,aspect,seed,distance,pressure,shear_modulus,bulk_modulus"
-    np.savetxt(out / "moduli-2d.csv", rows, delimiter=",", header=head, comments="")
     left.set(xscale="log", yscale="log", xlabel="packing fraction above jamming", ylabel="shear modulus")
     left.legend()
     right.set(xscale="log", yscale="log", xlabel="aspect - 1", ylabel="where the exponent passes 3/4")

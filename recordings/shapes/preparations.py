@@ -14,13 +14,13 @@ from cyclopts import run
 import packmech as pm
 
 AMPLITUDES = {"quenched": (0.0,), "sheared": (0.05, 0.1), "tapped": (0.1, 0.2), "annealed": (0.05,)}
-NAMES = ("packing_fraction", "jamming_packing_fraction", "coordination_number", "nematic_order", "local_order")
+NAMES = ("cycle", "packing_fraction", "jamming_packing_fraction", "coordination_number", "nematic_order", "local_order")
 NAMES += ("global_order", "states_of_self_stress", "displacement")
 ASPECT, JAM = 1.5, {"pressure": 1e-6, "strain": "isotropic"}
 
 
 def measured(found: pm.Run, displacement: float = np.nan) -> tuple[float, ...]:
-    """Return the numbers of a packing, in the order of the names."""
+    """Return the numbers of a packing, in the order of the names after the cycle."""
     bonds, report = pm.bond_orientational_order(found.packing, 6), found.report
     z = 2.0 * report["contacts"] / (found.packing.particles - report["rattlers"])
     fractions = report["packing_fraction"], report.get("jamming_packing_fraction", np.nan)
@@ -36,7 +36,7 @@ def prepare(preparation: str, particles: int, amplitude: float, cycles: list[int
         discs = discs.replace(packing=pm.jam(discs, **JAM).packing)
         way = np.linspace(1.0, ASPECT, round((ASPECT - 1.0) / amplitude) + 1)[1:].tolist()
         found = pm.anneal_shape(discs, way, seed=seed, pressure=JAM["pressure"])[-1]
-        return dict(zip(NAMES, np.array([measured(found)] * len(cycles)).T, strict=True))
+        return dict(zip(NAMES, np.array([(one, *measured(found)) for one in cycles]).T, strict=True))
     start = pm.random_packing(particles, packing_fraction=0.6, shapes=pm.Ellipses(ASPECT), **given)
     scene = pm.Scene(start, (pm.Repulsion(),))
     found = pm.jam(scene, **JAM)
@@ -57,7 +57,7 @@ def prepare(preparation: str, particles: int, amplitude: float, cycles: list[int
             last = pm.cyclic_shear(scene, amplitude, count - done, step=amplitude / 2.0, pressure=1e-3)[-1]
             scene, displacement = scene.replace(packing=last.packing), last.report.get("displacement", np.nan)
             found = pm.jam(scene, **JAM)
-        rows.append(measured(found, displacement))
+        rows.append((count, *measured(found, displacement)))
         done = count
     return dict(zip(NAMES, np.array(rows).T, strict=True))
 
@@ -73,25 +73,19 @@ def main(
     """Prepare the packings, write the table and draw the figure."""
     common = {"particles": particles, "cycles": [cycles], "seed": range(packings)}
     grid = [common | {"preparation": name, "amplitude": values} for name, values in AMPLITUDES.items()]
-    found, rows = pm.run_ensemble(prepare, grid, out / "members" / "preparations", workers=workers), []
+    found = pm.run_ensemble(prepare, grid, out / "members" / "preparations", workers=workers).of(grid)
+    pm.write_table(found.rows(), out / "preparations.csv")
     panels = ("jamming_packing_fraction", "coordination_number", "nematic_order", "local_order")
     figure, axes = plt.subplots(2, 2, figsize=(10.0, 7.2), layout="constrained")
     for preparation, amplitudes in AMPLITUDES.items():
         for amplitude in amplitudes:
-            part = found.where(preparation=preparation, amplitude=amplitude)
-            columns = [part.arrays(k) for k in range(len(part))]
-            for seed, one in zip(part["seed"], columns, strict=True):
-                numbers = zip(cycles, *(one[name] for name in NAMES), strict=True)
-                rows += [f"{preparation},{amplitude},{seed}," + ",".join(map(str, row)) for row in numbers]
+            table = found.where(preparation=preparation, amplitude=amplitude).rows()
             for ax, name in zip(axes.flat, panels, strict=True):
-                value_rc = np.array([one[name] for one in columns])
+                value_rc = table[name].reshape(-1, len(cycles))
                 error_c = value_rc.std(axis=0) / np.sqrt(max(1, packings - 1))
                 label = f"{preparation}, {amplitude:g}"
                 ax.errorbar(cycles, value_rc.mean(axis=0), error_c, marker="o", capsize=2.0, label=label)
                 ax.set(xscale="log", xlabel="cycles or taps", ylabel=name.replace("_", " "))
-    (out / "preparations.csv").write_text(
-        "\n".join([",".join(("preparation,amplitude,seed,cycles", *NAMES)), *rows, ""])
-    )
     axes[0, 0].legend()
     figure.savefig(out / "preparations.png", dpi=150)
 

@@ -38,7 +38,7 @@ def search(kind: str, seed: int) -> dict[str, pm.Packing | str | float]:
 def main(*, starts: int = 100, out: Path = Path(__file__).parent, workers: int | None = None) -> None:
     """Search, choose two packings of nearly the same packing fraction, write tables, draw the figure."""
     grid = {"kind": ["mechanically stable", "locally stable"], "seed": range(starts)}
-    found = pm.run_ensemble(search, grid, out / "members" / "stability", workers=workers)
+    found = pm.run_ensemble(search, grid, out / "members" / "stability", workers=workers).of(grid)
     pm.write_table(found, out / "stability-found.csv")
     good = found.take(np.flatnonzero(found["fits"] == 1))
     parts = [good.where(kind=kind) for kind in grid["kind"]]

@@ -88,7 +88,7 @@ def main(
 ) -> None:
     """Lower the floor of each silo and write its profiles."""
     grid = {"width": width, "height": height, "friction": friction, "seed": range(packings)}
-    found = pm.run_ensemble(lower, grid, out / "members" / "silo", workers=workers)
+    found = pm.run_ensemble(lower, grid, out / "members" / "silo", workers=workers).of(grid)
     for k, seed in enumerate(found["seed"]):
         path = out / f"silo-w{width:g}-h{height:g}-mu{friction:g}-seed{seed}.csv"
         table = np.column_stack([*found.arrays(k).values()])

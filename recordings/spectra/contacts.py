@@ -12,6 +12,7 @@ from cyclopts import run
 
 import packmech as pm
 
+HERE = Path(__file__).parent
 # mean field: gaps ~ h^-.41269; forces ~ f^.17462 on bucklers, which have d + 1 contacts, ~ f^.42311 on others
 BUCKLERS, OTHERS, GAPS = 0.17462, 0.42311, -0.41269
 SMALL_FORCE, SMALL_GAP, CLOSED = 0.1, 1e-2, 1e-10
@@ -45,16 +46,11 @@ def touch(dimension: int, particles: int, seed: int) -> dict[str, Any]:
 
 
 def main(
-    *,
-    dimension: int = 2,
-    particles: int = 256,
-    packings: int = 10,
-    out: Path = Path(__file__).parent,
-    workers: int | None = None,
+    *, dimension: int = 2, particles: int = 256, packings: int = 10, out: Path = HERE, workers: int | None = None
 ) -> None:
     """Find the hard packings, write the table, draw the figure and print the exponents."""
     name, grid = f"contacts-{dimension}d", {"dimension": dimension, "particles": particles, "seed": range(packings)}
-    found = pm.run_ensemble(touch, grid, out / "members" / name, workers=workers)
+    found = pm.run_ensemble(touch, grid, out / "members" / name, workers=workers).of(grid)
     pm.write_table(found, out / f"{name}.csv")
     kept = [found.arrays(k) for k in np.flatnonzero(found["contacts"] > 0)]
     figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.4), layout="constrained")

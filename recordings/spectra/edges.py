@@ -39,20 +39,19 @@ def main(
 ) -> None:
     """Follow the packings, write the table and draw the figure."""
     grid = {"particles": particles, "distances": [sorted(distances)], "seed": range(packings)}
-    found = pm.run_ensemble(follow, grid, out / "members" / "edges-2d", workers=workers)
-    tables = [np.column_stack([*found.arrays(k).values()]) for k in range(len(found))]
-    rows = np.concatenate([np.insert(one, 0, seed, axis=1) for one, seed in zip(tables, found["seed"], strict=True)])
-    head = ",".join(("seed", *NAMES))
-    np.savetxt(out / "edges-2d.csv", rows, "%.17g", delimiter=",", header=head, comments="")
-    rows = rows[np.isfinite(rows[:, 2])]
-    x = np.unique(rows[:, 1])
-    edges = [rows[rows[:, 1] == one, 2] for one in x]
+    found = pm.run_ensemble(follow, grid, out / "members" / "edges-2d", workers=workers).of(grid)
+    rows = found.rows()
+    pm.write_table(rows, out / "edges-2d.csv")
+    some = np.isfinite(rows["plateau_edge"])
+    distance, edge, excess = (rows[name][some] for name in ("distance", "plateau_edge", "excess_coordination"))
+    x = np.unique(distance)
+    edges = [edge[distance == one] for one in x]
     mean, error = np.array([(one.mean(), one.std() / np.sqrt(max(1, len(one) - 1))) for one in edges]).T
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     left.errorbar(x, mean, error, fmt="o", capsize=2.0)
     left.plot(x, mean[-1] * np.sqrt(x / x[-1]), ":", label="slope 1/2")
     left.legend()
-    right.plot(rows[:, 5], rows[:, 2], ".")
+    right.plot(excess, edge, ".")
     left.set(xscale="log", yscale="log", xlabel="packing fraction above jamming", ylabel=r"$\omega^*$")
     right.set(xscale="log", yscale="log", xlabel=r"contacts in excess, $z - z_{iso}$", ylabel=r"$\omega^*$")
     figure.suptitle(f"{packings} packings of N = {particles}")

@@ -41,7 +41,7 @@ def main(
 ) -> None:
     """Find the modes, write the table of packings and draw the figure."""
     grid = {"particles": particles, "aspect": aspects, "distance": distance, "seed": range(packings)}
-    found = pm.run_ensemble(vibrate, grid, out / "members" / "states-2d", workers=workers)
+    found = pm.run_ensemble(vibrate, grid, out / "members" / "states-2d", workers=workers).of(grid)
     pm.write_table(found, out / "states-2d.csv")
     center, names = np.sqrt(EDGES[1:] * EDGES[:-1]), ("frequency_m", "rotation_m", "participation_m")
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.2), layout="constrained")

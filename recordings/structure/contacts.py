@@ -11,6 +11,8 @@ from cyclopts import run
 
 import packmech as pm
 
+HERE = Path(__file__).parent
+
 
 def count_contacts(particles: int, seed: int) -> dict[str, np.ndarray]:
     """Return how many discs of a packing have 0, 1, ... 6 contacts; rattlers have none, and theirs do not count."""
@@ -24,12 +26,10 @@ def count_contacts(particles: int, seed: int) -> dict[str, np.ndarray]:
     return {"count_z": count_z}
 
 
-def main(
-    *, particles: int = 128, packings: int = 20, out: Path = Path(__file__).parent, workers: int | None = None
-) -> None:
+def main(*, particles: int = 128, packings: int = 20, out: Path = HERE, workers: int | None = None) -> None:
     """Count the contacts, write the table and draw the figure."""
     grid = {"particles": particles, "seed": range(packings)}
-    found = pm.run_ensemble(count_contacts, grid, out / "members" / "contacts", workers=workers)
+    found = pm.run_ensemble(count_contacts, grid, out / "members" / "contacts", workers=workers).of(grid)
     count_z = np.trim_zeros(sum(found.arrays(k)["count_z"] for k in range(len(found))), "b")
     share_z, number = count_z / count_z.sum(), np.arange(len(count_z))
     table = np.column_stack([number, count_z, share_z])

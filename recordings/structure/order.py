@@ -47,7 +47,7 @@ def main(
     common = {"pressure": pressure, "seed": range(packings)}
     grid = [common | {"kind": "discs", "particles": particles, "disorder": ratios}]
     grid.append(common | {"kind": ["ellipses", "dimers"], "particles": shaped, "disorder": aspects})
-    found = pm.run_ensemble(jam, grid, out / "members" / "order", workers=workers)
+    found = pm.run_ensemble(jam, grid, out / "members" / "order", workers=workers).of(grid)
     pm.write_table(found, out / "order.csv")
     figure, ax = plt.subplots(figsize=(5.4, 4.4), layout="constrained")
     for color, kind in enumerate(("discs", "ellipses", "dimers")):

@@ -43,7 +43,7 @@ def main(
 ) -> None:
     """Make the packing, write the spectrum and draw the figure; lengths are mean diameters."""
     grid = {"particles": particles, "pressure": pressure, "seed": seed}
-    packing = pm.run_ensemble(quench, grid, out / "members" / "spectrum", workers=workers).packing(0)
+    packing = pm.run_ensemble(quench, grid, out / "members" / "spectrum", workers=workers).of(grid).packing(0)
     scale = 1.0 / float(packing.diameter_n.mean())
     packing = pm.Packing(packing.position_nd * scale, packing.radius_n * scale, packing.box.scaled(scale))
     index = pm.wave_indices(packing.box, 12.0, half=True)
