@@ -173,6 +173,7 @@ _PUBLIC = {
     "read_ensemble": "packmech.ensemble.table",
     "resume_ensemble": "packmech.ensemble.run",
     "run_ensemble": "packmech.ensemble.run",
+    "small_value_exponent": "packmech.ensemble.statistics",
     # mechanics
     "mandel_tensor": "packmech.linalg.mandel",
     "mandel_vector": "packmech.linalg.mandel",

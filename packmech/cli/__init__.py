@@ -24,19 +24,7 @@ VERBS = {
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
     "scenes": "List the scenes that ship inside the package.",
     "effects": "Say which call honors which effect of a scene.",
-    "accuracy": "Measure what accuracy costs in time: tables and figures.",
-    "scaling": "Follow packings over pressure or the distance to jamming: how they soften; resumes.",
-    "inertia": "Shear discs with friction: stress over the inertial number, at constant pressure and volume; resumes.",
-    "silo": "Lower the floor of a silo of discs with friction: stress over depth, and Janssen's law; resumes.",
-    "friction": "Press packings with more and more friction: packing fraction and coordination; resumes what it finds.",
-    "shapes": "Jam ellipses, spheroids or rigid bodies, follow shear moduli, or compare kinds of stability; resumes.",
-    "structure": "Measure order and correlation lengths against disorder, or the spectral density; resumes.",
-    "families": "Shear packings at zero pressure along their families, or up to the first change of contacts; resumes.",
     "ensemble": "Run a scene or a function over seeds and parameters, here or on a cluster; resumes what it finds.",
-    "spectra": "Find vibrational states near jamming, their plateau's end, or hard packings' forces; resumes.",
-    "cement": "Turn contacts into rigid links and follow the moduli; resumes what it finds.",
-    "preset": "Hold the reference model against its package's tables; exit code 1 if a row fails.",
-    "hard-cases": "Measure every hard case against its bound; exit code 1 if one is outside.",
 }
 
 

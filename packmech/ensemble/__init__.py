@@ -10,6 +10,5 @@ process of its own under limits, `run` hands them to an executor or runs them he
 came of them.
 
 `callers` is what calls that make many runs share: all members finished, failures that pass on, scenes kept once beside
-the members. `shear_series` and `cementing_curve` are two of them, `cementing_tables` writes and draws the latter; the
-studies of packmech.validation are others.
+the members. `shear_series`, `cementing_curve` and `jamming_scaling` are these.
 """

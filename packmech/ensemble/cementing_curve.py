@@ -281,13 +281,6 @@ def weighted_mean(value_pok: NDArray[np.float64], weight_pok: NDArray[np.float64
     return WeightedMean(mean, error, np.asarray((weight_pok > 0.0).sum(axis=(0, 1))))
 
 
-def error_of_mean(value_po: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the mean of the finite values and its standard error, packings independent."""
-    finite = np.isfinite(value_po)
-    found = weighted_mean(value_po[..., None], finite[..., None].astype(float))
-    return float(found.mean_k[0]), float(found.error_k[0])
-
-
 def gathered(particles: int, trials: Sequence[Trials]) -> CementingCurve:
     """Return the curve of packings of one size from their trials."""
     longest = max((one.cemented_k for one in trials), key=len)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive_array, real
+from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive, positive_array, real
 from packmech.ensemble.table import Ensemble
 from packmech.linalg.line import Line, fit_line
 
@@ -290,6 +290,52 @@ def _missed(line: Line) -> Line:
     """Return a line whose errors hold what it misses the points by beyond theirs."""
     wider = math.sqrt(max(1.0, line.chi_square))
     return line._replace(slope_error=line.slope_error * wider, height_error=line.height_error * wider)
+
+
+def small_value_exponent(values: Sequence[NDArray[np.float64]], largest: float) -> tuple[float, float, int]:
+    """Return e of a density ~ x^e below `largest`, its error, and the number of values that take part.
+
+    The maximum of the likelihood, n / sum of log(largest / x) - 1 (Hill); the error is found by leaving out packings,
+    and nan where one has all of the values.
+
+    Parameters
+    ----------
+    values
+        Those of each packing, positive.
+    largest
+        Up to which the density is taken to be a power law.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument that is wrong.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> parts = [rng.random(1000) ** (1 / 1.4) for _ in range(20)]  # density ~ x^0.4
+    >>> exponent, error, count = small_value_exponent(parts, 1.0)
+    >>> abs(exponent - 0.4) < 3.0 * error < 0.1, count
+    (True, 20000)
+
+    """
+    end = positive("largest", largest)
+    parts = [finite_array(f"values[{k}]", one, shape=(None,), what="value", empty=True) for k, one in enumerate(values)]
+    for k, one in enumerate(parts):
+        if (one <= 0.0).any():
+            raise ValueError(f"values[{k}] must be positive, got {one.min():g}")
+    logs = [np.log(end / one[one < end]) for one in parts]
+    count = np.array([len(one) for one in logs], dtype=float)
+    total = np.array([one.sum() for one in logs])
+    if count.sum() == 0:
+        return math.nan, math.nan, 0
+    exponent = count.sum() / total.sum() - 1.0
+    error = math.nan
+    # without any packing some values must be left
+    if len(logs) > 1 and (count < count.sum()).all():
+        left = (count.sum() - count) / (total.sum() - total) - 1.0
+        error = math.sqrt((len(left) - 1) * float(((left - left.mean()) ** 2).mean()))
+    return float(exponent), error, int(count.sum())
 
 
 def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.int64]]]:

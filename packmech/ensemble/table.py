@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from packmech.check import brief, integer
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
-from packmech.ensemble.members import Member
+from packmech.ensemble.members import Grid, Member, members_of
 from packmech.files.packings import PathLike, read_packing
 from packmech.observables import Column, Table
 from packmech.packing import Packing
@@ -83,6 +83,34 @@ class Ensemble:
         about = {"kind": "Ensemble", **self.counts()}
         return Table(dict(self.columns), {name: _UNITS.get(name, "") for name in self.columns}, about)
 
+    def rows(self) -> Table:
+        """Return the arrays that members left, one below the other: a row for each entry, with the member's parameters.
+
+        For jobs that return columns, as of a packing that is followed over levels. Members without arrays have no rows,
+        and parameters that are lists no column.
+
+        Raises
+        ------
+        ValueError
+            If members left arrays of other names or shapes.
+
+        """
+        kept = {row: arrays for row in range(len(self)) if (arrays := self.arrays(row))}
+        names = list(next(iter(kept.values()), ()))
+        for row, arrays in kept.items():
+            if list(arrays) != names or len({one.shape for one in arrays.values()}) > 1 or arrays[names[0]].ndim != 1:
+                raise ValueError(
+                    f"members must have left columns {', '.join(names)} of one length each, got "
+                    f"{ {name: one.shape for name, one in arrays.items()} } of {self.members[row].parameters}"
+                )
+        count = [len(arrays[names[0]]) for arrays in kept.values()]
+        single = [
+            name for name in self.parameters if not any(isinstance(m.parameters.get(name), list) for m in self.members)
+        ]
+        columns: dict[str, Any] = {name: np.repeat(self.columns[name][list(kept)], count) for name in single}
+        columns |= {name: np.concatenate([arrays[name] for arrays in kept.values()]) for name in names}
+        return Table(columns, {name: _UNITS.get(name, "") for name in columns}, {"kind": "Ensemble", **self.counts()})
+
     def where(self, **parameters: Any) -> Ensemble:
         """Return the members with these values of parameters or results; "__" stands for the dots of a name.
 
@@ -96,6 +124,22 @@ class Ensemble:
         for name, value in parameters.items():
             chosen_m &= self[name.replace("__", ".")] == value
         return self.take(np.flatnonzero(chosen_m))
+
+    def of(self, grid: Grid) -> Ensemble:
+        """Return the members of a grid, in its order; a folder keeps those of other grids, too.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no grid (see `pm.run_ensemble`), or names a member that is not here.
+
+        """
+        place = {one.id: row for row, one in enumerate(self.members)}
+        wanted = members_of(grid)
+        for one in wanted:
+            if one.id not in place:
+                raise ValueError(f"grid must name members of the ensemble, got {one.parameters}")
+        return self.take([place[one.id] for one in wanted])
 
     def take(self, rows: NDArray[np.int64] | Sequence[int]) -> Ensemble:
         """Return the members of these rows."""

@@ -1,1 +1,1 @@
-"""What packmech measures of itself: hard cases, accuracy against time, and the reference model."""
+"""Accuracy against time on a problem of one's own, and the reference model."""

@@ -392,7 +392,12 @@ def _trial(
 
 def draw_work_precision(table: WorkPrecision, path: Path) -> None:
     """Write the figure: one column for each quantity; above error against setting, below seconds against error."""
-    quantities = table.quantities
+    # what is undefined throughout has no place on axes of logarithms
+    quantities = [
+        name
+        for name in table.quantities
+        if any(math.isfinite(trial.errors.get(name, math.nan)) for trial in table.trials)
+    ]
     if not quantities:
         raise ValueError("table must have at least one measured error to be drawn, got none")
     width = max(3.9 * len(quantities) + 0.4, 7.2)
@@ -439,7 +444,7 @@ def _zero_level(table: WorkPrecision, quantity: str) -> float:
 def _draw_method(
     table: WorkPrecision, method: str, quantity: str, zero: float, color: str, marker: str, above: Any, below: Any
 ) -> None:
-    trials = [trial for trial in table.of(method) if quantity in trial.errors]
+    trials = [trial for trial in table.of(method) if math.isfinite(trial.errors.get(quantity, math.nan))]
     good = [trial for trial in trials if not trial.failed]
     failed = [trial for trial in trials if trial.failed]
     common = {"color": color, "marker": marker, "markersize": 5.0, "linewidth": 1.2}

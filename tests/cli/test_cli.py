@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.cli import execute, main
+from packmech.cli import main
 from packmech.cli.output import Watch
 
 JSON_FIELDS = {
@@ -236,13 +236,6 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("analyze", "nan.txt"), "position_nd must be finite"),
         (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
         (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
-        (
-            ("accuracy", "guess"),
-            "packmech: study must be one of 'minimizers', 'constraint_bases', 'exact_hessian', 'reaffixing', "
-            "'jamming_2d', 'jamming_3d', 'gap_tolerance', 'shear_time_step', 'integrators', 'effect_costs', "
-            "'contact_distance', 'minima', got",
-        ),
-        (("hard-cases", "no such case"), "packmech: name must be part of the name of a hard case"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(tmp_path, arguments, message):
@@ -262,16 +255,6 @@ def test_a_run_that_does_not_converge_is_exit_code_1_and_says_so(tmp_path):
     assert done.returncode == 1
     assert pm.Outcome.NOT_JAMMED.value in " ".join(done.stderr.split())
     assert (tmp_path / "end.npz").exists()
-
-
-def test_a_hard_case_out_of_bounds_is_exit_code_1(monkeypatch, capsys):
-    from packmech.cli import hard_cases as verb
-    from packmech.validation import hard_cases
-
-    bad = hard_cases.HardCase("two and two", "counting", "2 + 2 - 3", 0.5, "arithmetic", lambda: 2 + 2 - 3)
-    monkeypatch.setattr(verb, "catalogue", lambda: (bad,))
-    assert execute(["hard-cases"]) == 1
-    assert "OUT OF BOUNDS" in capsys.readouterr().out
 
 
 @pytest.fixture
@@ -344,26 +327,6 @@ def test_wrong_words_on_the_command_line_are_one_line_and_exit_code_2(tmp_path):
     assert packmech(folder=tmp_path).returncode == 2
 
 
-def test_hard_cases_within_bounds_are_exit_code_0_and_print_bound_and_measured(tmp_path):
-    done = packmech("hard-cases", "flat box", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"ok\s+nearly flat box.*0\s+0", done.stdout)
-
-
-def test_a_study_writes_table_and_figure(monkeypatch, tmp_path, capsys):
-    from packmech.cli import accuracy as verb
-    from packmech.validation.work_precision import work_precision
-
-    def halves(progress, folder, workers):
-        return work_precision(lambda step: 1.0 + step, (0.5, 0.25), 1.0, progress=progress), "It halves."
-
-    monkeypatch.setattr(verb, "studies", lambda: {"halves": halves})
-    assert execute(["accuracy", "--out", str(tmp_path / "out")]) == 0
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["halves.csv", "halves.md", "halves.png"]
-    assert "It halves." in capsys.readouterr().out
-    assert "It halves." in (tmp_path / "out" / "halves.md").read_text()
-
-
 def test_ctrl_c_stays_ignored_where_it_was():
     from packmech.jit.interrupts import safe_interrupts
 
@@ -403,46 +366,3 @@ def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
     loaded = set(done.stdout.split())
     assert "packmech.protocols.jam" in loaded, done.stderr
     assert not loaded & {"cvxpy", "rerun", "matplotlib", "clarabel", "highspy", "gsd", "gymnasium", "pyarrow"}
-
-
-@pytest.mark.parametrize("aspect", ["1", "1.5"])
-def test_families_resume_and_are_drawn(tmp_path, capsys, aspect):
-    words = ["families", "map", "--packings", "1", "--applied-strain", "0.03", "--step", "0.01", "--aspect", aspect]
-    words += ["--out", str(tmp_path), "--workers", "0"]
-    assert execute(words) == 0
-    (table,) = tmp_path.glob("map-*-up.csv")
-    (kept,) = (tmp_path / "members" / "map" / "workspace").glob("*/arrays.npz")
-    first, made = table.read_bytes(), kept.stat().st_mtime_ns
-    # what is there is not made again; another strain is another walk
-    assert execute(words) == 0 and table.read_bytes() == first and kept.stat().st_mtime_ns == made
-    words[words.index("0.03")] = "0.02"
-    assert execute(words) == 0 and table.read_bytes() != first
-    (figure,) = tmp_path.glob("map-*.png")
-    assert figure.stat().st_size > 10_000 and "pieces" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="step must be left out for first-change"):
-        execute(["families", "first-change", "--step", "0.1", "--out", str(tmp_path)])
-
-
-def test_scaling_writes_a_table_and_a_figure(tmp_path, capsys):
-    (tmp_path / "small.toml").write_text(
-        '[packing]\nkind = "random"\nparticles = 40\ndimension = 2\npacking_fraction = 0.87\nseed = 1\n'
-        'sizes = { kind = "bidisperse", ratio = 1.4 }\n\n[[effects]]\nkind = "repulsion"\n'
-    )
-    words = [str(tmp_path / "small.toml"), "--packings", "1", "--levels", "0.1", "0.03", "1e-2", "--out"]
-    assert execute(["scaling", *words, str(tmp_path / "found")]) == 0
-    lines = (tmp_path / "found" / "scaling.csv").read_text().splitlines()
-    assert lines[0].startswith("pressure,distance,")
-    assert [float(one.split(",")[0]) for one in lines[1:]] == [0.1, 0.03, 0.01]
-    assert (tmp_path / "found" / "scaling.png").stat().st_size > 10_000
-    assert "excess coordination" in capsys.readouterr().out
-    # 40 are there already
-    assert execute(["scaling", *words, str(tmp_path / "found"), "--particles", "40", "64"]) == 0
-    assert (tmp_path / "found" / "scaling-40.csv").read_text().splitlines() == lines
-    assert (tmp_path / "found" / "scaling-64.png").stat().st_size > 10_000
-    assert "N = 40, 64 together" in capsys.readouterr().out
-    assert (
-        (tmp_path / "found" / "scaling-sizes.csv").read_text().startswith("quantity,largest_distance,exponent,error,")
-    )
-    assert (tmp_path / "found" / "scaling-sizes.png").stat().st_size > 10_000
-    with pytest.raises(ValueError, match="packings must be an integer at least 1"):
-        execute(["scaling", words[0], "--packings", "0"])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.cli import execute
 from packmech.ensemble.cementing_curve import weighted_mean
 
 SMALL = {"particles": [16], "packings": 2, "dimension": 2, "sizes": pm.Bidisperse(ratio=1.4)}
@@ -78,18 +77,6 @@ def test_a_folder_of_former_results_is_refused(tmp_path):
         pm.cementing_curve(tmp_path, orders=1, **SMALL)
 
 
-def test_the_command_writes_curve_thresholds_words_and_figure_and_resumes(tmp_path):
-    words = ["cement", "--out", str(tmp_path), "--particles", "16", "--packings", "2", "--orders", "1"]
-    words += ["--workers", "0"]
-    assert execute(words) == 0
-    names = {"curve.csv", "thresholds.csv", "cementing.md", "cementing.png", "members"}
-    assert {path.name for path in tmp_path.iterdir()} == names
-    first = (tmp_path / "curve.csv").read_text()
-    assert execute(words) == 0
-    assert (tmp_path / "curve.csv").read_text() == first
-    assert len((tmp_path / "thresholds.csv").read_text().splitlines()) == 3
-
-
 def test_curves_of_ones_own_packings_are_resumed_and_not_confused(tmp_path):
     scenes = [monomers(1), monomers(2), monomers(2, 48)]
     settings = {"orders": 2, "seed": 5, "step": 0.2}
@@ -109,24 +96,3 @@ def test_curves_of_ones_own_packings_are_resumed_and_not_confused(tmp_path):
         pm.cementing_curve(scenes=[scenes[0], loose], orders=1)
     with pytest.raises(ValueError, match=r"scenes\[0\].effects must hold nothing"):
         pm.cementing_curve(scenes=[scenes[0].replace(effects=(pm.Repulsion(), pm.Friction()))], orders=1)
-
-
-def test_the_command_takes_packings_and_scene_files_and_names_the_file_that_is_not_jammed(tmp_path):
-    scene = monomers(1)
-    pm.write_packing(scene.packing, tmp_path / "hertz.npz", law=pm.Hertz())
-    pm.write_scene(scene, tmp_path / "hertz.toml")
-    words = ["--out", str(tmp_path / "out"), "--orders", "1", "--step", "0.3", "--order", "aggregate", "--workers", "0"]
-    files = [str(tmp_path / name) for name in ("hertz.npz", "hertz.toml")]
-    assert execute(["cement", *files, *words]) == 0
-    first, second = (tmp_path / "out" / "thresholds.csv").read_text().splitlines()[1:]
-    assert first.startswith("32,0,0,") and second.startswith("32,1,0,")
-    head, start = (line.split(",") for line in (tmp_path / "out" / "curve.csv").read_text().splitlines()[:2])
-    found, expected = dict(zip(head, start, strict=True)), pm.cement(scene, step=2.0)
-    assert float(found["K Hill"]) == pytest.approx(expected.hill(0).bulk_modulus, rel=1e-8)
-    assert float(found["anisotropy"]) == pytest.approx(expected.anisotropy(0), rel=1e-8)
-    loose = pm.random_packing(16, dimension=2, packing_fraction=0.3, seed=1)
-    pm.write_packing(loose, tmp_path / "loose.npz")
-    with pytest.raises(ValueError, match=r"loose.npz: scene.packing must be jammed"):
-        execute(["cement", files[0], str(tmp_path / "loose.npz"), "--out", str(tmp_path / "none")])
-    with pytest.raises(ValueError, match=r"^particles must be left out where files name the packings, got \[64\]"):
-        execute(["cement", files[0], "--particles", "64"])

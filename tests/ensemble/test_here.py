@@ -1,5 +1,6 @@
 """Members that run in the process that calls: any callable, the same bits, nothing lost."""
 
+import functools
 import json
 import os
 import signal
@@ -131,3 +132,26 @@ def test_a_closure_that_computes_something_else_is_another_job(tmp_path):
         ValueError, match="folder must hold members of the same job, or be new, got .* another function"
     ):
         times(3)
+
+
+def test_columns_of_members_stand_one_below_the_other_with_their_parameters(tmp_path):
+    def follow(seed, levels):
+        return {"level": levels, "value": [seed * one for one in levels]} if seed else {"value": 0.0}
+
+    found = pm.run_ensemble(follow, {"seed": range(3), "levels": [[1.0, 2.5]]}, tmp_path / "out", workers=0)
+    rows = found.rows()
+    assert list(rows.columns) == ["seed", "level", "value"]
+    assert rows["seed"].tolist() == [1, 1, 2, 2] and rows["value"].tolist() == [1.0, 2.5, 2.0, 5.0]
+    assert len(found.where(seed=0).rows()) == 0
+    uneven = pm.run_ensemble(lambda seed: {"one": [1, 2], "two": [3]}, {"seed": 0}, tmp_path / "uneven", workers=0)
+    with pytest.raises(ValueError, match="members must have left columns one, two of one length each"):
+        uneven.rows()
+
+
+def test_members_of_a_grid_are_those_alone_and_in_its_order(tmp_path):
+    run = functools.partial(pm.run_ensemble, lambda seed, scale: seed * scale, folder=tmp_path / "out", workers=0)
+    run(grid={"seed": range(4), "scale": [1.0, 2.0]})
+    asked = {"seed": [3, 1], "scale": 2.0}
+    assert run(grid=asked).of(asked)["value"].tolist() == [6.0, 2.0]
+    with pytest.raises(ValueError, match="grid must name members of the ensemble, got .*'seed': 9"):
+        run(grid=asked).of({"seed": 9, "scale": 1.0})

@@ -68,3 +68,11 @@ def test_groups_are_those_of_equal_parameters_and_failures_do_not_count(tmp_path
     np.testing.assert_allclose(found.value_g[:2], [5.0 / 3.0, 10.0 / 3.0])
     with pytest.raises(ValueError, match="a text"):
         group_statistics(made, "word")
+
+
+def test_a_power_law_is_found_below_the_largest_value_with_its_error():
+    rng = np.random.default_rng(2)
+    parts = [np.concatenate([rng.random(500) ** (1.0 / 0.6), 1.0 + rng.random(100)]) for _ in range(40)]
+    exponent, error, count = pm.small_value_exponent(parts, 1.0)
+    assert count == 20_000
+    assert exponent == pytest.approx(-0.4, abs=4.0 * error) and error == pytest.approx(0.6 / np.sqrt(count), rel=0.4)

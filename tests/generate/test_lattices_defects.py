@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from hard_cases.defects import open_contact, random_strain, resize_particle, strain_packing
 
 import packmech as pm
-from packmech.generate.lattices import open_contact, random_strain, resize_particle, strain_packing
 
 DISCS = [
     ("triangular", 1),

@@ -11,10 +11,10 @@ import highspy
 import numpy as np
 import pytest
 import scipy.sparse
+from hard_cases.defects import random_strain, strain_packing
 
 import packmech as pm
 from packmech.generate import LATTICE_NAMES
-from packmech.generate.lattices import random_strain, strain_packing
 
 # name: collectively and strictly jammed in every cell but the small ones, and the cells that are tried
 JAMMED = {

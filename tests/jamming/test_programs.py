@@ -4,9 +4,9 @@ import pathlib
 
 import numpy as np
 import pytest
+from hard_cases.defects import open_contact
 
 import packmech as pm
-from packmech.generate.lattices import open_contact
 from packmech.jamming import certificates
 from packmech.jamming.certificates import certify, closes_nothing, force_error, kept_open, yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from hard_cases.jamming import three_in_a_hole
 from scipy.optimize import linprog
 
 import packmech as pm
@@ -18,7 +19,6 @@ from packmech.jamming.contact_selection import check_rest
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import open_all
 from packmech.jamming.verdict import verdict_numbers
-from packmech.validation.hard_cases.jamming import three_in_a_hole
 from packmech.view.report import examine, result_rows
 
 YES, NO, OPEN = "jammed", "not jammed", "ambiguous"

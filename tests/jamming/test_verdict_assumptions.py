@@ -1,10 +1,10 @@
 """Facts about what a verdict says of its assumptions: bounds of loads, rest of crystals, thin forces."""
 
 import pytest
+from hard_cases.defects import open_contact
 
 import packmech as pm
 from packmech.generate import reinforced_kagome_packing
-from packmech.generate.lattices import open_contact
 from packmech.jamming.verdict import verdict_numbers
 
 YES, NO, UNKNOWN = "jammed", "not jammed", "ambiguous"

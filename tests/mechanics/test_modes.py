@@ -267,3 +267,14 @@ def test_where_no_mode_is_left_there_are_no_states_and_nothing_is_divided_by_zer
 def test_modes_of_a_packing_that_is_not_at_rest_say_so():
     scene = pm.Scene(pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=3), (pm.Repulsion(),))
     assert pm.normal_modes(scene, 5).force_residual == pm.elastic_moduli(scene).force_residual > 0.1
+
+
+def test_the_plateau_of_states_ends_where_the_density_falls_to_half():
+    """Uniform from .1 to 1 and nothing below: averaged over a quarter to both sides, half is reached near the step."""
+    edge = np.geomspace(1e-3, 2.0, 200)
+    count = np.round(1e6 * np.diff(np.clip(edge, 0.1, 1.0))).astype(np.int64)
+    states = pm.StateDensity(edge, count, int(count.sum()), 0.0)
+    assert states.plateau == pytest.approx(1.0 / 0.9, rel=1e-3)
+    assert states.plateau_edge == pytest.approx(0.1, rel=0.05)
+    both = pm.StateDensity.merged([states, states])
+    assert both.modes == 2 * states.modes and both.plateau_edge == states.plateau_edge

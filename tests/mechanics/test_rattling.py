@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from hard_cases.jamming import three_in_a_hole
 
 import packmech as pm
 from packmech.linalg import linear_programs
 from packmech.mechanics import rattling
 from packmech.result import Outcome, Solve
-from packmech.validation.hard_cases.jamming import three_in_a_hole
 
 
 def test_beads_that_turn_about_the_one_held_rattle_and_are_named(linked):

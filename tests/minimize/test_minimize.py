@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.integrate import BDF
 
 import packmech as pm
 from packmech.minimize.program import build_program
@@ -433,3 +434,23 @@ def test_bad_arguments_are_named(arguments, error, words):
 def test_a_packing_is_not_a_scene():
     with pytest.raises(TypeError, match="scene must be a Scene"):
         pm.quench(random_scene().packing, force_tolerance=1e-8)
+
+
+def test_the_path_of_steepest_descent_ends_where_a_stiff_method_with_the_exact_hessian_does():
+    packing = pm.random_packing(12, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.95, seed=2)
+    scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
+
+    def at(place_x):
+        return scene.replace(packing=packing.replace(position_nd=place_x.reshape(packing.position_nd.shape)))
+
+    path = BDF(
+        lambda time, place_x: pm.forces(at(place_x)).ravel(),
+        *(0.0, packing.position_nd.ravel(), np.inf),
+        **{"rtol": 1e-7, "atol": 1e-7},
+        jac=lambda time, place_x: -pm.hessian(at(place_x), "none").toarray(),
+    )
+    while np.abs(pm.forces(at(path.y))).max() > 1e-9:
+        path.step()
+        assert path.status == "running"
+    end = pm.quench(scene, force_tolerance=1e-8, method=pm.SteepestDescent(1e-8)).packing.position_nd
+    assert np.abs(path.y - end.ravel()).max() < 1e-4

@@ -180,6 +180,12 @@ def test_the_figure_is_written_even_with_failures_and_exact_zeros(tmp_path):
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_figure_is_written_where_a_quantity_is_undefined_throughout(tmp_path):
+    table = work_precision(lambda setting: {"one": setting, "other": math.nan}, HALVINGS, {"one": 0.0, "other": 0.0})
+    table.save_figure(tmp_path / "some.png")
+    assert (tmp_path / "some.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from validation.native_tables import elastic_pair_forces, judge_natively, native_tensors, table_rows
 
 import packmech as pm
 from packmech.dynamics.pair_forces import PairForces, pair_forces
 from packmech.rheology.drives import follow
 from packmech.validation import particle_shear as ps
-from packmech.validation.particle_shear.scenarios import elastic_pair_forces, judge_natively, native_tensors, table_rows
 
 PAIRS = [name for name in ps.SCENARIOS if not name.startswith(("assembly", "crosslinked"))]
 ASSEMBLIES = [name for name in ps.SCENARIOS if name not in PAIRS]
