@@ -91,6 +91,16 @@ def integer_array(
     return finite_array(name, given, shape=shape, what=what, empty=True).astype(np.int64)
 
 
+def particle_mask(name: str, value: Any, particles: int) -> NDArray[np.bool_]:
+    """Return True or False for each particle, as it is given; TypeError or ValueError otherwise."""
+    mask = np.asarray(value)
+    if mask.dtype != bool:
+        raise TypeError(f"{name} must be True or False for each particle, got {value!r:.60}")
+    if mask.shape != (particles,):
+        raise ValueError(f"{name} must have shape ({particles},), got {mask.shape}")
+    return mask
+
+
 def brief(value: object) -> str:
     """Return a value in one short line, for messages."""
     text = " ".join(repr(value).split())

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -111,6 +111,8 @@ class Honors:
         Pairs of columns of which it honors each, but refuses both in one scene.
     link_tolerance
         Largest error of a link's length that it takes, over the larger of that and the mean diameter [1].
+    remarks
+        By columns that it refuses: why it does, or what else to do.
 
     """
 
@@ -122,6 +124,7 @@ class Honors:
     shaped: str = ""
     apart: tuple[tuple[str, str], ...] = ()
     link_tolerance: float = LINK_TOLERANCE
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
@@ -165,9 +168,10 @@ class Honors:
             column = next((each for each in columns_of(one) if self._refuses(one, each)), None)
             if column is not None:
                 kind = type(one).__qualname__
+                remark = f" ({self.remarks[column]})" if column in self.remarks else ""
                 raise ValueError(
-                    f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}: leave it "
-                    f"out with scene.without(pm.{kind}), or use {self.instead(column)}"
+                    f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}{remark}: "
+                    f"leave it out with scene.without(pm.{kind}), or use {self.instead(column)}"
                 )
         self._check_beside(name, getattr(subject, "effects", ()))
         packing = getattr(subject, "packing", subject)
@@ -203,6 +207,7 @@ def declare(
     shaped: str = "",
     apart: str = "",
     link_tolerance: float = LINK_TOLERANCE,
+    remarks: Mapping[str, str] | None = None,
 ) -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
@@ -212,7 +217,7 @@ def declare(
         The public name.
     columns
         Names of `COLUMNS` that it honors, with spaces between.
-    at_rest, packing_only, rough, shaped, link_tolerance
+    at_rest, packing_only, rough, shaped, link_tolerance, remarks
         As in `Honors`.
     apart
         What it honors, but not both at once: "friction+links friction+shapes"; friction with walls goes without saying.
@@ -224,7 +229,9 @@ def declare(
     unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(call, named, at_rest, packing_only, rough, shaped, pairs, link_tolerance)
+    CALLS[call] = Honors(
+        call, named, at_rest, packing_only, rough, shaped, pairs, link_tolerance, remarks or {}
+    )  # fmt: skip
     return CALLS[call]
 
 
@@ -237,6 +244,7 @@ def honors(
     shaped: str = "",
     apart: str = "",
     link_tolerance: float = LINK_TOLERANCE,
+    remarks: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
@@ -244,7 +252,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough, shaped, apart, link_tolerance
+    columns, at_rest, packing_only, rough, shaped, apart, link_tolerance, remarks
         As in `declare`.
 
     """
@@ -262,6 +270,7 @@ def honors(
             shaped=shaped,
             apart=apart,
             link_tolerance=link_tolerance,
+            remarks=remarks,
         )
 
         @functools.wraps(function)

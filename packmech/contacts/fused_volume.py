@@ -12,6 +12,7 @@ from packmech.contacts.excluded import rigid_clusters
 from packmech.jit.compiled import device, kernel
 from packmech.links import image_offsets
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 # relative overlaps below this are rounding: the lens is too small for any digit of the sum
 _TOUCHING = 1e-12
@@ -467,3 +468,37 @@ def union_moments(
     second = np.array([[moment[4], moment[5], moment[6]], [moment[5], moment[7], moment[8]], moment[[6, 8, 9]]])
     second = second / volume - np.outer(center, center)
     return volume, center[:d], second[:d, :d]
+
+
+def body_moments(shapes: Beads) -> NDArray[np.float64]:
+    """Return the (N, d, d) second moments of rigid bodies of unit radius over mass, in their own frames [length^2]."""
+    n, d, square = len(shapes), shapes.dimension, shapes.gyration_nk**2
+    found = np.zeros((n, d, d))
+    if d == 3:
+        # moments of inertia are sums of two of these
+        found[:, (0, 1, 2), (0, 1, 2)] = 0.5 * square.sum(axis=1, keepdims=True) - square
+        return found
+    bead = np.hstack([shapes.offset_bd, shapes.size_b[:, None]])
+    known: dict[bytes, NDArray[np.float64]] = {}
+    for k in range(n):
+        own = bead[shapes.start_n[k] : shapes.start_n[k + 1]]
+        key = own.tobytes()
+        if key not in known:
+            second = union_moments(own[:, :2], own[:, 2])[2]
+            known[key] = second / np.trace(second)
+        found[k] = known[key]
+    return np.asarray(found * square[:, :, None])
+
+
+def second_moments(packing: Packing) -> NDArray[np.float64]:
+    """Return the (N, d, d) second moments of all particles about their centers, over mass, as they lie [length^2]."""
+    shapes, radius, d = packing.shapes, packing.radius_n, packing.dimension
+    if isinstance(shapes, Beads):
+        frame = shapes.frames()
+        return np.asarray(frame @ body_moments(shapes) @ frame.transpose(0, 2, 1)) * radius[:, None, None] ** 2
+    share = 0.25 if d == 2 else 0.2
+    if shapes is None:
+        return share * radius[:, None, None] ** 2 * np.eye(d)
+    along, across = (one[:, None, None] ** 2 for one in shapes.semi_axes(radius))
+    director = shapes.director_nd
+    return np.asarray(share * ((along - across) * director[:, :, None] * director[:, None, :] + across * np.eye(d)))

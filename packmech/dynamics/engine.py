@@ -53,7 +53,7 @@ from packmech.dynamics.shape_pairs import (
 from packmech.dynamics.stability import step_condition
 from packmech.dynamics.threads import ThreadRecord, run_together
 from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, TOO_FAST, WHOLE_STEP, Acting, State, take_steps
-from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity
+from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity, refuse_tangential_bonds
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.passes.kernels import RUNNING
@@ -661,15 +661,10 @@ def _refuse_shapes(scene: Scene) -> None:
     shapes = scene.packing.shapes
     if shapes is None:
         return
+    refuse_tangential_bonds(scene.effects, shapes)
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
-        if isinstance(one, Bonds) and len(one) and (one.tangential_stiffness or one.tangential_damping):
-            raise ValueError(
-                f"scene.effects[{k}] must have tangential_stiffness=0.0 and tangential_damping=0.0 for "
-                f"{type(shapes).__name__}, on whose centers bonds act, got {one.tangential_stiffness:g} and "
-                f"{one.tangential_damping:g}"
-            )
         if own_walls:
             raise ValueError(
                 f"scene.effects must hold no {kind} for {type(shapes).__name__}, which it "

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import finite_array, positive
+from packmech.check import finite_array, particle_mask, positive
 from packmech.dynamics.friction import stiffening
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
 from packmech.packing import Packing
@@ -90,13 +90,7 @@ def start_of_motion(packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: An
     n, d = packing.particles, packing.dimension
     velocity = np.zeros((n, d)) if velocity_nd is None else finite_array("velocity_nd", velocity_nd, shape=(n, d))
     spin = None if spin_nk is None else finite_array("spin_nk", spin_nk, shape=(n, 1 if d == 2 else 3))
-    held = None
-    if held_n is not None:
-        held = np.asarray(held_n)
-        if held.dtype != bool:
-            raise TypeError(f"held_n must be True or False for each particle, got {held_n!r:.60}")
-        if held.shape != (n,):
-            raise ValueError(f"held_n must have shape ({n},), got {held.shape}")
+    held = None if held_n is None else particle_mask("held_n", held_n, n)
     return StartOfMotion(velocity, spin, held)
 
 

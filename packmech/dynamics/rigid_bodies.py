@@ -22,7 +22,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.contacts.fused_volume import union_moments
+from packmech.contacts.fused_volume import body_moments
 from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import Contact, Slip, measure_spring, reset_stretch, spring_in_plane, spring_in_space
 from packmech.effects import pair_elastic, pair_energy, pair_first
@@ -63,36 +63,17 @@ def body_rows(beads: BeadRows, shapes: Beads) -> BodyRows:
     turn[:, : shapes.orientation_nq.shape[1]] = shapes.orientation_nq
     axis = np.tile(np.arange(3), (n, 1))
     spread = np.zeros((n, 3, 3))
+    spread[:, :d, :d] = body_moments(shapes) * beads.radius_n[:, None, None] ** 2
     square = shapes.gyration_nk**2
-    if d == 2:
-        spread[:, :2, :2] = _spread_in_plane(shapes) * beads.radius_n[:, None, None] ** 2
-    else:
+    if d == 3:
         share = square.mean(axis=1, keepdims=True) / square
         order = np.argsort(share, axis=1, kind="stable")
         least, middle, most = (np.take_along_axis(share, order[:, k, None], axis=1)[:, 0] for k in range(3))
         near = (most - middle < middle - least)[:, None]
         axis = np.hstack([order[:, 1:2], np.where(near, order[:, ::-2], order[:, ::2])])
-        # moments of inertia are sums of two of these
-        half = (0.5 * square.sum(axis=1, keepdims=True) - square) * beads.radius_n[:, None] ** 2
-        spread[:, (0, 1, 2), (0, 1, 2)] = half
     found = BodyRows(beads, turn, share, axis, spread)
     place_bodies(found)
     return found
-
-
-def _spread_in_plane(shapes: Beads) -> NDArray[np.float64]:
-    """Return the (N, 2, 2) second moments of the unions of discs, over mass, that sum to the squares of gyration."""
-    bead = np.hstack([shapes.offset_bd, shapes.size_b[:, None]])
-    known: dict[bytes, NDArray[np.float64]] = {}
-    found = np.empty((len(shapes), 2, 2))
-    for n in range(len(shapes)):
-        own = bead[shapes.start_n[n] : shapes.start_n[n + 1]]
-        key = own.tobytes()
-        if key not in known:
-            second = union_moments(own[:, :2], own[:, 2])[2]
-            known[key] = second / np.trace(second)
-        found[n] = known[key]
-    return np.asarray(found * shapes.gyration_nk[:, :, None] ** 2)
 
 
 @device

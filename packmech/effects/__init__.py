@@ -14,7 +14,7 @@ from packmech.effects.body import (
     body_second,
     spin_drag,
 )
-from packmech.effects.bonds import Bonds
+from packmech.effects.bonds import Bonds, refuse_tangential_bonds
 from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
@@ -117,6 +117,7 @@ __all__ = [
     "pair_second",
     "refuse_free_fall",
     "refuse_single",
+    "refuse_tangential_bonds",
     "refuse_unknown_to_shapes",
     "registered_effects",
     "registered_laws",

@@ -136,6 +136,19 @@ class Bonds:
         return dataclasses.replace(self, image_bd=np.where((there < here)[:, None], other, self.image_bd))
 
 
+def refuse_tangential_bonds(effects: tuple[Any, ...], shapes: Any) -> None:
+    """Refuse tangential springs and dashpots of bonds between particles with shapes (None: discs and spheres)."""
+    for k, one in enumerate(effects):
+        if shapes is None or not isinstance(one, Bonds) or not len(one):
+            continue
+        if one.tangential_stiffness or one.tangential_damping:
+            raise ValueError(
+                f"scene.effects[{k}] must have tangential_stiffness=0.0 and tangential_damping=0.0 for "
+                f"{type(shapes).__name__}, on whose centers bonds act, got {one.tangential_stiffness:g} and "
+                f"{one.tangential_damping:g}"
+            )
+
+
 def _same(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other)) if isinstance(one, np.ndarray) else bool(one == other)
 

@@ -1,26 +1,32 @@
-"""The complex modulus of a network of springs and dashpots at rest: its linear answer to a small sine of strain.
+"""The complex modulus of a packing at rest: its linear response to a small sine of strain.
 
-Displacements u against the strained box and rotations theta obey m u'' = f and I theta'' = T, with the forces and
-torques of contacts and bonds linear in u, theta, gamma and their rates. For e^{i w t} that is one sparse system,
+Displacements u against the strained box and turns (angles times radii of gyration) are the coordinates q of one
+assembly (`packmech.mechanics.assembly`), and displacement gradients E of the box its strains. Forces of contacts and
+bonds are linear in both and in their rates, so that at e^{i w t} one sparse system remains,
 
-    (K + i w C - w^2 M) q = -(k + i w c) gamma + drag of the turning flow,
+    (K + i w C - w^2 M) q = -(k + i w c) E + drag of the rotating flow,
 
-with K and k from springs and prestress, C and c from dashpots and drag. Nothing is stepped in time here.
+where K and k are assembled from springs, with the forces that they carry at rest, C and c alike from dashpots and drag,
+and every coordinate has the mass of its particle. The rows of stress of the same assembly give the answer. Nothing is
+stepped in time here.
 """
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array, csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
 
-from packmech.check import instance, one_of, positive_array, two_axes
-from packmech.contacts import find_contacts
+from packmech.check import instance, one_of, particle_mask, positive_array, two_axes
+from packmech.contacts import Contacts
+from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.fused_volume import second_moments
+from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.effects import (
     BackgroundDamping,
     Bonds,
@@ -29,223 +35,27 @@ from packmech.effects import (
     law_first,
     law_second,
     pair_first,
-    pair_second,
+    refuse_tangential_bonds,
+    refuse_unknown_to_shapes,
+    single_terms,
+    total_push,
 )
+from packmech.effects.single import places_in_cell
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
+from packmech.links import named_rows
+from packmech.measure.friction import tangential_forces
+from packmech.mechanics.assembly import Assembled, assemble
+from packmech.mechanics.frictional import acting_friction, spin_turns, tangential_elements
+from packmech.mechanics.network import contacts_within, network_among
+from packmech.mechanics.relaxation import general_factors
+from packmech.mechanics.system import closed_terms, single_second
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 MODES = ("shear", "uniaxial", "isotropic")
-# largest net force over the mean contact force at which a scene counts as being at rest
+# largest net force over the mean force at which a scene counts as being at rest
 _REST = 1e-6
-
-
-class PairSprings(NamedTuple):
-    """Contacts and bonds at rest: ends, vectors, du/dr, stiffnesses and dampings along and across."""
-
-    i_c: NDArray[np.int64]
-    j_c: NDArray[np.int64]
-    vector_cd: NDArray[np.float64]
-    first_c: NDArray[np.float64]
-    second_c: NDArray[np.float64]
-    damping_c: NDArray[np.float64]
-    tangential_c: NDArray[np.float64]
-    tangential_damping_c: NDArray[np.float64]
-
-
-def _contacts(scene: Scene, bonds: Bonds | None) -> PairSprings:
-    found = find_contacts(scene.packing)
-    keep = np.ones(len(found), dtype=bool)
-    if bonds is not None:
-        bonded = set(zip(bonds.i_b.tolist(), bonds.j_b.tolist(), map(tuple, bonds.image_bd.tolist()), strict=True))
-        named = zip(found.i_c.tolist(), found.j_c.tolist(), map(tuple, found.image_cd.tolist()), strict=True)
-        keep = np.array([one not in bonded for one in named], dtype=bool)
-    pairs = [one for one in scene.effects if not is_bound(one)]
-    distance, sigma = found.distance_c[keep].tolist(), found.contact_distance_c[keep].tolist()
-    ends = list(zip(distance, sigma, strict=True))
-
-    def over(what: Any) -> NDArray[np.float64]:
-        return np.array([sum((what(one, r, s) for one in pairs), 0.0) for r, s in ends], dtype=np.float64)
-
-    first = over(lambda one, r, s: pair_first(one, r, s, 0.0))
-    friction = next((one for one in scene.effects if isinstance(one, Friction) and one.coefficient > 0.0), None)
-    like = np.ones(len(first))
-    return PairSprings(
-        found.i_c[keep],
-        found.j_c[keep],
-        found.vector_cd[keep],
-        first,
-        over(pair_second),
-        over(lambda one, r, s: pair_first(one, r, s, 1.0)) - first,
-        like * (0.0 if friction is None else friction.stiffness),
-        like * (0.0 if friction is None else friction.damping),
-    )
-
-
-def _bonded(scene: Scene, bonds: Bonds) -> PairSprings:
-    packing = scene.packing
-    vector = packing.position_nd[bonds.j_b] - packing.position_nd[bonds.i_b]
-    vector = vector + bonds.image_bd @ packing.box.lattice_dd.T
-    ends = list(zip(np.linalg.norm(vector, axis=1).tolist(), bonds.rest_length_b.tolist(), strict=True))
-    laws = [bonds.compression if r < rest else bonds.tension for r, rest in ends]
-    like = np.ones(len(bonds))
-    return PairSprings(
-        bonds.i_b,
-        bonds.j_b,
-        vector,
-        np.array([law_first(law, *one) for law, one in zip(laws, ends, strict=True)], dtype=np.float64),
-        np.array([law_second(law, *one) for law, one in zip(laws, ends, strict=True)], dtype=np.float64),
-        like * bonds.damping,
-        like * bonds.tangential_stiffness,
-        like * bonds.tangential_damping,
-    )
-
-
-def find_springs(scene: Scene) -> PairSprings:
-    """Return the contacts and bonds of a scene."""
-    bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
-    touching = _contacts(scene, bonds)
-    if bonds is None:
-        return touching
-    return PairSprings(*(np.concatenate(parts) for parts in zip(touching, _bonded(scene, bonds), strict=True)))
-
-
-class _Rows(NamedTuple):
-    """Linear maps from (u, theta) to relative displacements w (C d rows) and to slips (C d rows)."""
-
-    apart: csr_array
-    slip: csr_array
-
-
-def _rows(springs: PairSprings, radius_n: NDArray[np.float64], spins: int) -> _Rows:
-    count, d = springs.vector_cd.shape
-    n = len(radius_n)
-    size = n * (d + spins)
-    c, a = np.repeat(np.arange(count), d), np.tile(np.arange(d), count)
-    row = c * d + a
-    one = np.ones(count * d)
-    entry = (np.concatenate([row, row]), np.concatenate([springs.j_c[c] * d + a, springs.i_c[c] * d + a]))
-    apart = coo_array((np.concatenate([one, -one]), entry), shape=(count * d, size)).tocsr()
-    distance = np.linalg.norm(springs.vector_cd, axis=1)
-    normal = springs.vector_cd / distance[:, None]
-    across = _across(normal)
-    slip = across @ apart
-    if spins:
-        # a theta x n, component by component; in a plane theta is about z and this is a theta (-n_y, n_x)
-        turn = np.zeros((count, d, spins))
-        if d == 2:
-            turn[:, 0, 0], turn[:, 1, 0] = -normal[:, 1], normal[:, 0]
-        else:
-            for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-                turn[:, x, y], turn[:, x, z] = normal[:, z], -normal[:, y]
-        share = 1.0 / (radius_n[springs.i_c] + radius_n[springs.j_c])
-        row = np.broadcast_to((np.arange(count)[:, None] * d + np.arange(d))[:, :, None], turn.shape)
-        for end in (springs.i_c, springs.j_c):
-            arm = radius_n[end] * share * distance
-            column = np.broadcast_to(n * d + end[:, None, None] * spins + np.arange(spins), turn.shape)
-            part = (-arm[:, None, None] * turn).ravel()
-            slip = slip + coo_array((part, (row.ravel(), column.ravel())), shape=slip.shape).tocsr()
-    return _Rows(apart, csr_array(slip))
-
-
-def _across(normal_cd: NDArray[np.float64]) -> csr_array:
-    """Return the block-diagonal 1 - n n^T."""
-    count, d = normal_cd.shape
-    block = np.eye(d) - normal_cd[:, :, None] * normal_cd[:, None, :]
-    row = np.repeat(np.arange(count * d), d)
-    column = (np.repeat(np.arange(count), d * d) * d + np.tile(np.arange(d), count * d)).ravel()
-    return coo_array((block.ravel(), (row, column)), shape=(count * d, count * d)).tocsr()
-
-
-class LinearSystem(NamedTuple):
-    """K, C, the diagonal of M, the loads of gamma and of its rate, and what gives stresses."""
-
-    stiffness: csr_array
-    damping: csr_array
-    inertia: NDArray[np.float64]
-    spring_load: NDArray[np.float64]
-    dashpot_load: NDArray[np.float64]
-    rows: _Rows
-    normal_cd: NDArray[np.float64]
-    apart_load: NDArray[np.float64]
-    slip_load: NDArray[np.float64]
-
-
-def linear_system(
-    springs: PairSprings,
-    radius_n: NDArray[np.float64],
-    mass_n: NDArray[np.float64],
-    drag: float,
-    direction: NDArray[np.float64],
-    spins: int,
-) -> LinearSystem:
-    """Return the system of all displacements (particle-major), then all rotations."""
-    count, d = springs.vector_cd.shape
-    distance = np.linalg.norm(springs.vector_cd, axis=1)
-    normal = springs.vector_cd / distance[:, None]
-    rows = _rows(springs, radius_n, spins)
-    # what the strain itself does to a spring
-    apart = (springs.vector_cd @ direction.T).ravel()
-    across = _across(normal)
-    slip = across @ apart
-    c, a = np.repeat(np.arange(count), d), np.arange(count * d)
-    along = coo_array((normal.ravel(), (c, a)), shape=(count, count * d)).tocsr()
-    stretch, stretch_load = along @ rows.apart, along @ apart
-    bent, bent_load = across @ rows.apart, across @ apart
-    geometric = np.repeat(springs.first_c / distance, d)
-    sticky, rubbing = np.repeat(springs.tangential_c, d), np.repeat(springs.tangential_damping_c, d)
-    parts = ((stretch, stretch_load, springs.second_c), (bent, bent_load, geometric), (rows.slip, slip, sticky))
-    stiffness = sum((m.T @ (diags_array(k) @ m) for m, _, k in parts), csr_array((rows.apart.shape[1],) * 2))
-    spring_load = sum((m.T @ (k * load) for m, load, k in parts), np.zeros(rows.apart.shape[1]))
-    dashpots = ((stretch, stretch_load, springs.damping_c), (rows.slip, slip, rubbing))
-    inertia = np.repeat(mass_n, d)
-    dashpot_load = sum((m.T @ (k * load) for m, load, k in dashpots), np.zeros(rows.apart.shape[1]))
-    if spins:
-        turning = np.repeat((0.5 if d == 2 else 0.4) * mass_n * radius_n**2, spins)
-        inertia = np.concatenate([inertia, turning])
-        skew = direction - direction.T
-        spin = 0.5 * np.array([skew[1, 0]] if d == 2 else [skew[2, 1], skew[0, 2], skew[1, 0]])
-        dashpot_load[len(radius_n) * d :] -= drag * turning * np.tile(spin, len(radius_n))
-    damping = sum((m.T @ (diags_array(k) @ m) for m, _, k in dashpots), diags_array(drag * inertia).tocsr())
-    return LinearSystem(
-        csr_array(stiffness), csr_array(damping), inertia, spring_load, dashpot_load, rows, normal, apart, slip
-    )
-
-
-def solve_at(
-    system: LinearSystem, omega: float, moves: NDArray[np.bool_], turns: NDArray[np.bool_]
-) -> tuple[NDArray[np.complex128], float]:
-    """Return the amplitudes of displacements and rotations over that of gamma, and the relative error of the solve."""
-    free = np.flatnonzero(np.concatenate([moves, turns]))
-    matrix = system.stiffness + 1j * omega * system.damping - diags_array(omega**2 * system.inertia)
-    matrix = csc_array(csr_array(matrix)[free][:, free])
-    load = -(system.spring_load + 1j * omega * system.dashpot_load)[free]
-    answer = np.zeros(len(system.inertia), dtype=np.complex128)
-    if not len(free):
-        return answer, 0.0
-    factor = splu(matrix)
-    found = factor.solve(load)
-    found += factor.solve(load - matrix @ found)
-    size = float(np.abs(load).max())
-    error = float(np.abs(load - matrix @ found).max()) / size if size > 0.0 else 0.0
-    answer[free] = found
-    return answer, error
-
-
-def stress_amplitude(
-    system: LinearSystem, springs: PairSprings, answer: NDArray[np.complex128], omega: float
-) -> NDArray[np.complex128]:
-    """Return V times the amplitude of force times branch vector, over that of gamma."""
-    shape = springs.vector_cd.shape
-    apart = (system.rows.apart @ answer + system.apart_load).reshape(shape)
-    slip = (system.rows.slip @ answer + system.slip_load).reshape(shape)
-    normal, distance = system.normal_cd, np.linalg.norm(springs.vector_cd, axis=1)
-    stretch = (apart * normal).sum(axis=1)
-    force = ((springs.second_c + 1j * omega * springs.damping_c) * stretch)[:, None] * normal
-    force += (springs.first_c / distance)[:, None] * (apart - stretch[:, None] * normal)
-    force += (springs.tangential_c + 1j * omega * springs.tangential_damping_c)[:, None] * slip
-    pull = springs.first_c[:, None] * normal
-    return np.asarray(np.einsum("ca,cb->ab", force, springs.vector_cd) + np.einsum("ca,cb->ab", pull, apart))
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,16 +70,18 @@ class ComplexModulus:
         (F,) complex moduli G' + i G'' of the component of the stress that answers to the strain (for "isotropic" the
         mean of the diagonal) [energy/length^d].
     stress_fdd
-        (F, d, d) complex amplitudes of the overall (symmetric) stress over that of gamma [energy/length^d].
+        (F, d, d) complex amplitudes of the overall (symmetric) stress over that of gamma, with what the inertia of
+        turning shapes adds [energy/length^d].
     contact_stress_fdd
         (F, d, d) the same of forces times branch vectors alone, which torques leave unsymmetric.
     displacement_fnd, rotation_fnk
         (F, N, d) and (F, N, 1 or 3) complex amplitudes over that of gamma, of displacements against the box and of
-        rotations; no rotations (k = 0) where particles do not turn.
+        rotations; no rotations (k = 0) where nothing turns particles, and none of spheroids about their own axes.
     residual
         Largest error of the solved systems over the size of their right sides [1].
     rest
-        Largest net force at rest over the mean contact force [1].
+        Largest net force at rest, or torque over the radius of gyration, over the mean force of contacts and weights
+        [1].
     seconds
         CPU time.
 
@@ -297,6 +109,7 @@ class ComplexModulus:
 
 
 def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.float64]:
+    """Return the displacement gradient of a unit of strain."""
     one_of("mode", mode, MODES)
     a, b = two_axes("axes", axes, dimension=dimension, different=mode == "shear")
     matrix = np.zeros((dimension, dimension))
@@ -309,7 +122,114 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
     return matrix
 
 
-@honors("repulsion damping friction bonds drag", shaped="pm.oscillatory_shear")
+@dataclass(frozen=True, eq=False)
+class _Response:
+    """Springs and dashpots, assembled, with what the strain of the box and its rate do to the coordinates."""
+
+    elastic: Assembled
+    viscous: Assembled
+    elastic_load_nq: NDArray[np.float64]
+    viscous_load_nq: NDArray[np.float64]
+    mass_nq: NDArray[np.float64]
+    drag: float
+    direction_dd: NDArray[np.float64]
+    free_nq: NDArray[np.bool_]
+
+    @functools.cached_property
+    def _matrices(self) -> tuple[sp.csr_array, sp.csr_array, sp.dia_array]:
+        """Stiffness, damping and masses of the coordinates that can move."""
+        free_f, mass_f = self.free_nq.ravel(), self.mass_nq.ravel()
+        damping = self.viscous.matrix(free_f, self.drag * mass_f)
+        return self.elastic.matrix(free_f), damping, sp.diags_array(mass_f[free_f])
+
+    def solve(self, omega: float) -> tuple[NDArray[np.complex128], float]:
+        """Return (N, q) amplitudes, and the largest error of their equations over the largest load."""
+        answer = np.zeros(self.free_nq.shape, dtype=complex)
+        if not self.free_nq.any():
+            return answer, 0.0
+        stiffness, damping, mass = self._matrices
+        matrix = stiffness + 1j * omega * damping - omega**2 * mass
+        load = -(self.elastic_load_nq + 1j * omega * self.viscous_load_nq)[self.free_nq]
+        factor = general_factors(matrix)
+        found = factor.solve(load)
+        found += factor.solve(load - matrix @ found)
+        answer[self.free_nq] = found
+        size = float(np.abs(load).max())
+        return answer, float(np.abs(load - matrix @ found).max()) / size if size > 0.0 else 0.0
+
+    def virial(self, omega: float, answer_nq: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the amplitude of the sum of forces times branch vectors, these as the particles alone change them."""
+        everything, d = np.ones(answer_nq.size, dtype=bool), len(self.direction_dd)
+        total = np.zeros(d * d, dtype=complex)
+        for one, factor in ((self.elastic, 1.0), (self.viscous, 1j * omega)):
+            total += factor * (one.row(everything) @ answer_nq.ravel() + one.corner_ee @ self.direction_dd.ravel())
+        # forces at rest times the changes of branch vectors, summed by particles
+        return np.asarray(total.reshape(d, d) + self.elastic.slope_nq[:, :d].T @ answer_nq[:, :d])
+
+
+class _Pairs(NamedTuple):
+    """Contacts or bonds at rest: derivatives of their energies, dashpots, and the same across, with forces there."""
+
+    pairs: Contacts | ShapeContacts
+    first_c: NDArray[np.float64]
+    second_c: NDArray[np.float64]
+    damping_c: NDArray[np.float64]
+    tangential_cd: NDArray[np.float64]
+    tangential_stiffness: float
+    tangential_damping: float
+
+    def elements(self, packing: Packing, turning: bool) -> tuple[Elements, Elements]:
+        """Return springs and dashpots; those of discs and spheres act on their surfaces where these turn."""
+        pairs, slack = self.pairs, np.zeros_like(self.first_c)
+        if not turning or isinstance(pairs, ShapeContacts) or packing.shapes is not None:
+            return elements_of(pairs, self.first_c, self.second_c), elements_of(pairs, slack, self.damping_c)
+        across, radius = self.tangential_cd, packing.radius_n
+        springs = tangential_elements(pairs, radius, self.first_c, self.second_c, across, self.tangential_stiffness)
+        dashpots = tangential_elements(pairs, radius, slack, self.damping_c, 0.0 * across, self.tangential_damping)
+        return springs[0], dashpots[0]
+
+
+def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
+    """Return the contacts of a scene that are not bonded."""
+    found = contacts_within(scene.packing, None)
+    if bonds is not None:
+        named = (found.i_c, found.j_c, found.image_cd)
+        found = found.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0)
+    terms, friction = closed_terms(scene, found), acting_friction(scene)
+    acting, sigma = [one for one in scene.effects if not is_bound(one)], found.contact_distance_c
+    damping = [
+        sum(pair_first(one, r, s, 1.0) - pair_first(one, r, s, 0.0) for one in acting)
+        for r, s in zip(np.minimum(found.distance_c, sigma).tolist(), sigma.tolist(), strict=True)
+    ]
+    across, stiffness, rubbing = np.zeros_like(found.vector_cd), 0.0, 0.0
+    if friction is not None and isinstance(found, Contacts):
+        across = tangential_forces(scene, found, -terms.first_c).force_cd
+        stiffness, rubbing = friction.stiffness, friction.damping
+    return _Pairs(found, terms.first_c, terms.second_c, np.array(damping, dtype=float), across, stiffness, rubbing)
+
+
+def _bonded(packing: Packing, bonds: Bonds) -> _Pairs:
+    """Return the bonds of a packing, whose tangential springs are slack at rest."""
+    vector = packing.position_nd[bonds.j_b] - packing.position_nd[bonds.i_b]
+    vector += bonds.image_bd @ packing.box.lattice_dd.T
+    distance, rest = np.sqrt((vector**2).sum(axis=1)), bonds.rest_length_b
+    normal, size = vector / np.where(distance > 0.0, distance, 1.0)[:, None], (packing.particles, packing.dimension)
+    pairs = Contacts(bonds.i_b, bonds.j_b, bonds.image_bd, normal, distance, rest, *size)
+    laws = [(bonds.compression if r < s else bonds.tension, r, s) for r, s in zip(distance, rest, strict=True)]
+    first = np.array([law_first(*one) for one in laws], dtype=float)
+    second = np.array([law_second(*one) for one in laws], dtype=float)
+    damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(vector)
+    return _Pairs(pairs, first, second, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping)
+
+
+@honors(
+    "repulsion damping friction bonds gravity drag shapes",
+    apart="friction+shapes",
+    remarks={
+        "walls": "walls follow no strain of the box",
+        "held": "give those that follow the box as held_n",
+    },
+)
 def complex_modulus(
     scene: Scene,
     frequency_f: ArrayLike,
@@ -321,20 +241,23 @@ def complex_modulus(
     """Return G' + i G'' of a scene at rest for strains so small that nothing opens, closes or slides.
 
     What `oscillatory_shear` tends to for small amplitudes and time steps, solved in the frequency domain: normal and
-    tangential springs and dashpots of contacts and bonds with the prestress they bear, inertia of particles and of
-    their rotations, and background damping. Contacts with friction stick. Tangential springs are slack at rest.
+    tangential springs and dashpots of contacts and bonds with the forces that they carry at rest, inertia of particles
+    and of their rotations, and background damping. Contacts with friction stick, those at the Coulomb limit too; their
+    tangential springs are stretched as `Packing.tangential` says, those of bonds are slack. Weights, and potentials of
+    single particles, act as they do at rest, and on places that do not move with the box: of a pile held_n names the
+    particles that bear it. Ellipses, spheroids and rigid bodies turn as their contacts make them.
 
     Parameters
     ----------
     scene
-        The scene, at rest, without rigid links and walls.
+        The scene, at rest, without rigid links, walls and `FixedParticles`.
     frequency_f
         (F,) periods in a unit of time, positive [1/time].
     mode, axes
         How the box is strained, as in `SteadyStrain`: "shear" along the first and with the gradient along the second of
         the axes, "uniaxial" along the first, "isotropic".
     held_n
-        (N,) True for particles that follow the box.
+        (N,) True for particles that follow the box, whatever pushes them.
 
     Raises
     ------
@@ -357,77 +280,111 @@ def complex_modulus(
     n, d = packing.particles, packing.dimension
     frequency = positive_array("frequency_f", frequency_f, shape=(None,), what="frequency")
     direction = _direction(mode, axes, d)
-    free = _free(held_n, n)
+    moving = np.ones(n, dtype=bool) if held_n is None else ~particle_mask("held_n", held_n, n)
     drag = _drag(scene)
-    springs = find_springs(scene)
-    if not len(springs.i_c):
+    if packing.shapes is not None:
+        refuse_unknown_to_shapes(scene)
+        refuse_tangential_bonds(scene.effects, packing.shapes)
+    bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
+    touching = _touching(scene, bonds)
+    found = [touching] if bonds is None else [touching, _bonded(packing, bonds)]
+    if not any(len(one.pairs) for one in found):
         raise ValueError("scene must have contacts or bonds, got none")
-    rest = _rest(springs, free)
+    turning = any(isinstance(one, Friction | Bonds) for one in scene.effects) and packing.shapes is None
+    turn = spin_turns(packing) if turning else None
+    network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
+    turn, free = network.turn_nkt, network.free_nq & moving[:, None]
+    springs, dashpots = zip(*(one.elements(packing, turning) for one in found), strict=True)
+    single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)
+    elastic = assemble(springs, turn, d, single_nqq=single, basis_edd=gradients)
+    viscous = assemble(dashpots, turn, d, basis_edd=gradients)
+    rest = _rest(scene, springs, elastic.slope_nq, free)
     if rest > _REST:
         raise ValueError(f"scene must be at rest, got a net force of {rest:.2g} mean contact forces")
-    turns = any(isinstance(one, Friction | Bonds) for one in scene.effects)
-    spins = 0 if not turns else 1 if d == 2 else 3
+    strain = direction.ravel()
+    elastic_load, viscous_load = elastic.column_nqe @ strain, viscous.column_nqe @ strain
+    if single is not None:
+        # potentials stay where they are while the box takes the particles along
+        elastic_load += np.einsum("nab,nb->na", single[:, :, :d], places_in_cell(packing)[:, :d] @ direction.T)
+    mass = np.broadcast_to(packing.mass_n[:, None], free.shape)
+    viscous_load -= drag * mass * _flow(direction, turn)
+    response = _Response(elastic, viscous, elastic_load, viscous_load, mass, drag, direction, free)
+    omega = 2.0 * np.pi * frequency
     with single_thread():
-        system = linear_system(springs, packing.radius_n, packing.mass_n, drag, direction, spins)
-        solved = [solve_at(system, 2.0 * np.pi * one, np.repeat(free, d), np.repeat(free, spins)) for one in frequency]
-        sums: NDArray[np.complex128] = np.array(
-            [stress_amplitude(system, springs, q, 2.0 * np.pi * f) for (q, _), f in zip(solved, frequency, strict=True)]
-        )
-    # per volume; the volume itself grows by the trace
-    contact: NDArray[np.complex128] = (sums - np.trace(direction) * _rest_stress(springs)) / packing.box.volume
+        answers, errors = zip(*(response.solve(one) for one in omega), strict=True)
+        virial: NDArray[np.complex128] = np.array([response.virial(*one) for one in zip(omega, answers, strict=True)])
+    # branch vectors go with the box, forces at rest or not, and the volume grows by the trace
+    at_rest = sum((one.pull_cx[:, :d].T @ one.vector_cd for one in springs), np.zeros((d, d)))
+    contact = (virial + at_rest @ direction.T - np.trace(direction) * at_rest) / packing.box.volume
     overall: NDArray[np.complex128] = 0.5 * (contact + np.swapaxes(contact, 1, 2))
+    motion = np.array(answers)
+    rotation = np.einsum("fnk,nkt->fnt", motion[..., d:], turn)
+    if packing.shapes is not None:
+        overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
     if mode == "isotropic":
         modulus = np.trace(overall, axis1=1, axis2=2) / d
     else:
         modulus = overall[:, axes[0], axes[1] if mode == "shear" else axes[0]]
-    answer = np.array([q for q, _ in solved])
     return ComplexModulus(
         frequency_f=frequency,
         modulus_f=np.ascontiguousarray(modulus),
         stress_fdd=overall,
         contact_stress_fdd=contact,
-        displacement_fnd=answer[:, : n * d].reshape(len(frequency), n, d),
-        rotation_fnk=answer[:, n * d :].reshape(len(frequency), n, spins),
-        residual=max(error for _, error in solved),
+        displacement_fnd=np.ascontiguousarray(motion[..., :d]),
+        rotation_fnk=rotation,
+        residual=max(errors),
         rest=rest,
         seconds=time.process_time() - began,
     )
 
 
-def _free(held_n: ArrayLike | None, particles: int) -> NDArray[np.bool_]:
-    if held_n is None:
-        return np.ones(particles, dtype=bool)
-    held = np.asarray(held_n)
-    if held.dtype != bool:
-        raise TypeError(f"held_n must be True or False for each particle, got {held_n!r}")
-    if held.shape != (particles,):
-        raise ValueError(f"held_n must have shape ({particles},), got {held.shape}")
-    return ~held
-
-
 def _drag(scene: Scene) -> float:
+    """Return the rate of the drag, and refuse forces on single particles that are no drag and have no energy."""
     drag = 0.0
     for one in scene.effects:
+        kind = type(one)
         if isinstance(one, BackgroundDamping):
             drag += one.rate
-        elif hasattr(type(one), "body_force"):
-            raise ValueError(f"scene must not hold {type(one).__name__}: its linear answer is not known here")
+        elif not hasattr(kind, "body_energy") and (hasattr(kind, "body_force") or hasattr(kind, "spin_drag")):
+            raise ValueError(f"scene must not hold {kind.__name__}: its linear answer is not known here")
     return drag
 
 
-def _rest(springs: PairSprings, free: NDArray[np.bool_]) -> float:
-    force = springs.vector_cd * (springs.first_c / np.linalg.norm(springs.vector_cd, axis=1))[:, None]
-    net = np.zeros((len(free), force.shape[1]))
-    np.add.at(net, springs.i_c, force)
-    np.add.at(net, springs.j_c, -force)
-    if not free.any():
-        return 0.0
+def _rotations(dimension: int) -> NDArray[np.float64]:
+    """Return the (t, d, d) displacement gradients of rotations about the axes, about z in a plane."""
+    cross = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1)
+    return cross if dimension == 3 else cross[2:, :2, :2]
+
+
+def _flow(direction: NDArray[np.float64], turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, q) coordinates of particles that turn with the flow at half its vorticity, and move with it."""
+    d, (n, turns, t) = len(direction), turn_nkt.shape
+    spin = 0.5 * np.einsum("tab,ab->t", _rotations(d), direction)[:t]
+    flow, square = np.zeros((n, d + turns)), (turn_nkt**2).sum(axis=2)
+    flow[:, d:] = turn_nkt @ spin / np.where(square > 0.0, square, 1.0)
+    return flow
+
+
+def _inertia_of_turns(packing: Packing, turned_fnt: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the (F, d, d) symmetric sums over the matter of turning particles of acceleration times arm."""
+    moment = packing.mass_n[:, None, None] * second_moments(packing)
+    found = np.einsum("fnt,tab,nbc->fac", turned_fnt, _rotations(packing.dimension), moment, optimize=True)
+    return np.asarray(0.5 * (found + np.swapaxes(found, 1, 2)))
+
+
+def _rest(
+    scene: Scene, springs: tuple[Elements, ...], slope_nq: NDArray[np.float64], free_nq: NDArray[np.bool_]
+) -> float:
+    """Return the largest net force, or torque over the radius of gyration, over the mean force at rest."""
+    d, single = scene.packing.dimension, single_terms(scene.effects, scene.packing)
+    net = slope_nq.copy()
+    net[:, :d] -= single.force_nd
+    net *= free_nq
+    force = np.concatenate([np.sqrt((one.pull_cx[:, :d] ** 2).sum(axis=1)) for one in springs])
+    pushed, pushes = total_push(single, ~free_nq[:, 0])
     # springs that are slack are so only to rounding
-    tiny = 1e-9 * float((springs.second_c * np.linalg.norm(springs.vector_cd, axis=1)).max())
-    scale = max(float(np.abs(springs.first_c).mean()), tiny)
-    return float(np.sqrt((net[free] ** 2).sum(axis=1)).max()) / scale if scale > 0.0 else 0.0
-
-
-def _rest_stress(springs: PairSprings) -> NDArray[np.float64]:
-    pull = springs.first_c / np.linalg.norm(springs.vector_cd, axis=1)
-    return np.asarray(np.einsum("c,ca,cb->ab", pull, springs.vector_cd, springs.vector_cd))
+    stretched = [np.einsum("cab,cb->ca", one.stiffness_cxx[:, :d, :d], one.vector_cd) for one in springs]
+    tiny = 1e-9 * float(np.sqrt((np.concatenate(stretched) ** 2).sum(axis=1)).max())
+    scale = max((float(force.sum()) + pushed) / (len(force) + pushes), tiny)
+    largest = max(float((part**2).sum(axis=1).max(initial=0.0)) for part in (net[:, :d], net[:, d:])) ** 0.5
+    return largest / scale if scale > 0.0 else 0.0

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
+from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, pair_rows
 from packmech.effects import ContactTerms, Friction
 from packmech.honors import honors
@@ -86,45 +87,66 @@ def _cross_matrix(vector_c3: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
 
 
-def contact_blocks(
-    forces: ContactForces,
+def tangential_elements(
+    pairs: Contacts,
+    radius_n: NDArray[np.float64],
     first_c: NDArray[np.float64],
     second_c: NDArray[np.float64],
-    kind: str,
-    sliding_c: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return derivatives of contacts by du and two rotations: of force and torques on i and j, and of what passes mu N.
+    tangential_cd: NDArray[np.float64],
+    stiffness: float,
+    coefficient: float = 0.0,
+    sliding_c: NDArray[np.bool_] | None = None,
+    kind: str = "exact",
+) -> tuple[Elements, NDArray[np.float64]]:
+    """Return pairs with tangential springs as elements, and (C, d + 2 k) derivatives of what passes mu N.
 
-    The first are (C, d + 2 k, d + 2 k); the others, (C, d + 2 k), are those of the force of a spring that sticks, along
-    the tangential force, less those of the limit.
+    Contacts with friction, bonds, and with rates in place of displacements dashpots. The derivatives are those of the
+    force of a spring that sticks, along the tangential force, less those of the limit.
 
     Parameters
     ----------
-    forces
-        The contacts with their forces.
+    pairs
+        The pairs; `contact_distance_c` has no part in it.
+    radius_n
+        (N,) radii of the particles, which share the distance of a pair as arms [length].
     first_c, second_c
         (C,) derivatives of the pair energies [force], [force/length].
+    tangential_cd
+        (C, d) tangential forces on particle i [force].
+    stiffness
+        Of the tangential springs [force/length].
+    coefficient
+        Coulomb's, where contacts slide [1].
+    sliding_c
+        (C,) which contacts slide; none unless given.
     kind
         "exact", or "unstressed": what forces add where contacts turn is left out.
-    sliding_c
-        (C,) which contacts slide.
+
+    Raises
+    ------
+    ValueError
+        If centers coincide.
 
     """
-    contacts, scene = forces.contacts, forces.scene
-    friction = acting_friction(scene)
-    coefficient, stiffness = (0.0, 0.0) if friction is None else (friction.coefficient, friction.stiffness)
-    count, d = len(contacts), contacts.dimension
+    stuck = np.flatnonzero(pairs.distance_c == 0.0)
+    if len(stuck):
+        c = stuck[0]
+        raise ValueError(
+            "packing must have no coincident centers where second derivatives are asked for, "
+            f"got particles {pairs.i_c[c]} and {pairs.j_c[c]} at one place"
+        )
+    count, d = len(pairs), pairs.dimension
     # all in space; a plane takes its part at the end
     n, tangential = np.zeros((count, 3)), np.zeros((count, 3))
-    n[:, :d], tangential[:, :d] = contacts.normal_cd, forces.tangential_cd
+    n[:, :d], tangential[:, :d] = pairs.normal_cd, tangential_cd
     size = np.sqrt((tangential**2).sum(axis=1))
     ahead = tangential / np.where(size > 0.0, size, 1.0)[:, None]
-    along = np.where(sliding_c[:, None], ahead, 0.0)
+    along = np.zeros_like(ahead) if sliding_c is None else np.where(sliding_c[:, None], ahead, 0.0)
     # without forces contacts turn for nothing
     pull, push = (tangential, first_c) if kind == "exact" else (0.0 * tangential, 0.0 * first_c)
-    r, sigma = contacts.distance_c, contacts.contact_distance_c
-    radius = scene.packing.radius_n
-    share = np.stack([radius[contacts.i_c], radius[contacts.j_c]], axis=1) / sigma[:, None]
+    r = pairs.distance_c
+    share = np.stack([radius_n[pairs.i_c], radius_n[pairs.j_c]], axis=1)
+    share /= share.sum(axis=1, keepdims=True)
     arm = share * r[:, None]
     across = np.eye(3) - n[:, :, None] * n[:, None, :]
     turn = _cross_matrix(n)
@@ -143,15 +165,18 @@ def contact_blocks(
     change[:, :, :3] -= n[:, :, None] * (pull / r[:, None])[:, None, :]
     force = n[:, :, None] * (second_c[:, None] * stretch)[:, None, :] + push[:, None, None] * direction + change
     bent = turn @ change - _cross_matrix(pull) @ direction
+    # what acts on i pulls along the vector to j; torques turn against their coordinates
     torque = [
-        arm[:, k, None, None] * bent + share[:, k, None, None] * spin[:, :, None] * stretch[:, None] for k in range(2)
+        -(arm[:, k, None, None] * bent + share[:, k, None, None] * spin[:, :, None] * stretch[:, None])
+        for k in range(2)
     ]
     whole = np.concatenate([force, *torque], axis=1)
+    slopes = np.concatenate([push[:, None] * n + pull, -arm[:, :1] * spin, -arm[:, 1:] * spin], axis=1)
     beyond = stiffness * np.einsum("ca,cab->cb", ahead, slip) - limit[:, None] * stretch
-    if d == 3:
-        return np.asarray(whole), beyond
-    plane = np.array([0, 1, 5, 8])
-    return np.asarray(whole[:, plane[:, None], plane]), beyond[:, plane]
+    if d == 2:
+        plane = np.array([0, 1, 5, 8])
+        whole, slopes, beyond = whole[:, plane[:, None], plane], slopes[:, plane], beyond[:, plane]
+    return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, slopes, whole, symmetric=False), beyond
 
 
 def spin_turns(packing: Packing) -> NDArray[np.float64]:
@@ -191,46 +216,28 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     )
 
 
-def frictional_elements(
-    found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
-) -> tuple[Elements, NDArray[np.float64]]:
-    """Return the contacts as elements, and the (C, X) derivatives of what passes the Coulomb limit (`contact_blocks`).
-
-    Parameters
-    ----------
-    found
-        The contacts.
-    kind
-        "exact", or "unstressed".
-    sliding_c
-        (C,) which contacts slide.
-
-    """
-    forces, contacts = found.forces, found.forces.contacts
-    stuck = np.flatnonzero(contacts.distance_c == 0.0)
-    if len(stuck):
-        c = stuck[0]
-        raise ValueError(
-            "packing must have no coincident centers where second derivatives are asked for, "
-            f"got particles {contacts.i_c[c]} and {contacts.j_c[c]} at one place"
-        )
-    block, beyond = contact_blocks(forces, found.terms.first_c, found.terms.second_c, kind, sliding_c)
-    pull = np.concatenate([forces.force_cd, *(-torque for torque in forces.torque_ck)], axis=1)
-    # what acts on i pulls along the vector to j; torques turn against their coordinates
-    block[:, contacts.dimension :] *= -1.0
-    among = found.network.contacts
-    pull *= kind == "exact"
-    return Elements(among.i_c, among.j_c, contacts.vector_cd, pull, block, symmetric=False), beyond
-
-
 def frictional_system(
     scene: Scene, found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
-    elements, beyond = frictional_elements(found, kind, sliding_c)
-    network, single = found.network, single_second(scene, found.network, kind)
+    network, terms, friction = found.network, found.terms, acting_friction(scene)
+    coefficient, stiffness = (0.0, 0.0) if friction is None else (friction.coefficient, friction.stiffness)
+    contacts = network.contacts
+    assert isinstance(contacts, Contacts)
+    elements, beyond = tangential_elements(
+        contacts,
+        network.packing.radius_n,
+        terms.first_c,
+        terms.second_c,
+        found.forces.tangential_cd,
+        stiffness,
+        coefficient,
+        sliding_c,
+        kind,
+    )
+    single = single_second(scene, network, kind)
     assembled = assemble([elements], network.turn_nkt, network.dimension, single_nqq=single)
-    return System(network, found.terms, (elements,), assembled), beyond
+    return System(network, terms, (elements,), assembled), beyond
 
 
 class SlidingResponse(NamedTuple):
