@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, one_of, positive
+from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.effects import Friction
 from packmech.honors import honors
@@ -27,14 +27,12 @@ from packmech.linalg.mandel import (
 from packmech.measure.contact_forces import force_residual
 from packmech.measure.stress import stress_tensor
 from packmech.mechanics.frictional import (
-    AT_LIMIT,
     acting_friction,
     check_frictional,
     find_sliding,
     frictional_network,
     frictional_system,
 )
-from packmech.mechanics.hessian import KINDS
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
 from packmech.mechanics.relaxation import Relaxation, relax
 from packmech.mechanics.system import System, bordered, system_of
@@ -459,7 +457,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 def elastic_moduli(
     scene: Scene,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
     contacts_at_limit: str | ArrayLike = "stick",
@@ -478,7 +476,7 @@ def elastic_moduli(
     work (Hill's second-order work), which is enough for stability and not needed for it. A coefficient of 0 is no
     friction.
 
-    Ellipses and spheroids turn while they relax: a strain moves their centers and turns nobody by itself.
+    Ellipses and spheroids turn while they relax: a strain moves their centers and by itself turns none.
 
     Parameters
     ----------
@@ -580,7 +578,7 @@ class _RoughResponse(NamedTuple):
 
 
 def _rough_response(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
+    scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
 ) -> _RoughResponse:
     """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
     # without links "paper" leaves out nothing
@@ -679,7 +677,7 @@ _CARRIES = 1e-6
 def compliance_matrix(
     scene: Scene,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     method: str = "sparse",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
@@ -742,7 +740,7 @@ def compliance_matrix(
 
 
 def _pseudoinverse(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
+    scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, memory_limit: float
 ) -> NDArray[np.float64]:
     packing = scene.packing
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)

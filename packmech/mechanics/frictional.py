@@ -30,13 +30,13 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of
+from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import Elements, pair_rows
 from packmech.effects import ContactTerms, Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import STRAINS, mandel_basis
+from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.measure.friction import friction_of
 from packmech.mechanics.assembly import assemble
@@ -47,8 +47,8 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 # what contacts at the Coulomb limit do under a small motion
-AT_LIMIT = ("stick", "slip")
-KINDS = ("exact", "unstressed")
+# without links "paper" is "exact"
+_KINDS: tuple[Kind, ...] = ("exact", "unstressed")
 # sets of sliding contacts that are tried for one strain
 _SETS = 200
 # eigenvalues below this fraction of the largest are zero; Arnoldi's method looks this far below zero
@@ -63,7 +63,7 @@ def acting_friction(scene: Scene) -> Friction | None:
 
 
 def check_frictional(
-    scene: Scene, kind: str, contacts_at_limit: str = "stick", gap_tolerance: float | None = None
+    scene: Scene, kind: Kind, contacts_at_limit: str = "stick", gap_tolerance: float | None = None
 ) -> None:
     """Check what calls of frictional packings are given."""
     if scene.packing.links is not None:
@@ -71,7 +71,7 @@ def check_frictional(
             "scene.packing must have no links where contacts have friction, which would turn particles against them, "
             f"got {len(scene.packing.links)}"
         )
-    one_of("kind", kind, KINDS)
+    one_of("kind", kind, _KINDS)
     one_of("contacts_at_limit", contacts_at_limit, AT_LIMIT)
     if gap_tolerance is not None:
         raise ValueError(
@@ -90,7 +90,7 @@ def contact_blocks(
     forces: ContactForces,
     first_c: NDArray[np.float64],
     second_c: NDArray[np.float64],
-    kind: str,
+    kind: Kind,
     sliding_c: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return derivatives of contacts by du and two rotations: of force and torques on i and j, and of what passes mu N.
@@ -192,7 +192,7 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
 
 
 def frictional_elements(
-    found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
+    found: FrictionalNetwork, kind: Kind, sliding_c: NDArray[np.bool_]
 ) -> tuple[Elements, NDArray[np.float64]]:
     """Return the contacts as elements, and the (C, X) derivatives of what passes the Coulomb limit (`contact_blocks`).
 
@@ -224,7 +224,7 @@ def frictional_elements(
 
 
 def frictional_system(
-    scene: Scene, found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
+    scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_c: NDArray[np.bool_]
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
     elements, beyond = frictional_elements(found, kind, sliding_c)
@@ -242,7 +242,7 @@ class SlidingResponse(NamedTuple):
     consistent: bool
 
 
-def find_sliding(scene: Scene, found: FrictionalNetwork, kind: str, strain_e: NDArray[np.float64]) -> SlidingResponse:
+def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: NDArray[np.float64]) -> SlidingResponse:
     """Return the response to a strain in which just those contacts at the limit slide that it loads.
 
     Sets are tried from all that stick on: every contact at the limit changes over that disagrees with the motion, and
@@ -281,8 +281,8 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: str, strain_e: ND
 @honors("repulsion friction", at_rest=True, shaped="pm.hessian")
 def stiffness_matrix(
     scene: Scene,
-    strain: str = "free",
-    kind: str = "exact",
+    strain: BoxStrain = "free",
+    kind: Kind = "exact",
     *,
     contacts_at_limit: str = "stick",
     strain_scale: float | None = 1.0,
@@ -414,7 +414,7 @@ def frictional_modes(
     scene: Scene,
     count: int | None = None,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     contacts_at_limit: str = "stick",
     rattlers: str = "remove",
     method: str = "auto",

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import bin_edges, instance, integer, one_of
+from packmech.check import KINDS, BoxStrain, Kind, bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.honors import honors
@@ -131,8 +131,8 @@ def normal_modes(
     scene: Scene,
     count: int | None = None,
     *,
-    strain: str = "none",
-    kind: str = "exact",
+    strain: BoxStrain = "none",
+    kind: Kind = "exact",
     volume_curvature: str = "det",
     strain_scale: float | None = None,
     rattlers: str = "remove",
@@ -502,7 +502,7 @@ def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
 ) -> StateDensity:
@@ -548,7 +548,7 @@ def density_of_states(
         count = np.histogram(frequency, edge)[0]
         return StateDensity(edge, count.astype(np.int64), source.available, time.process_time() - start)
     instance("source", source, Scene)
-    one_of("kind", kind, ("exact", "paper", "unstressed"))
+    one_of("kind", kind, KINDS)
     dimension = source.packing.dimension
     system = system_of(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
     links, (index, _, axis, root) = system.links, _moving(system.network, source.packing.mass_n)

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive
+from packmech.check import STRAINS, BoxStrain, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
@@ -15,7 +15,7 @@ from packmech.contacts.elements import PairGeometry, distance_rows
 from packmech.contacts.rattlers import check_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
-from packmech.linalg.mandel import STRAINS, mandel_basis, strain_directions
+from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.packing import Packing
 
 # largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
@@ -55,7 +55,7 @@ def strain_columns(contacts: PairGeometry) -> NDArray[np.float64]:
 @honors("links shapes", packing_only=True)
 def rigidity_matrix(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     contacts: Contacts | ShapeContacts | None = None,
@@ -121,7 +121,7 @@ def rigidity_matrix(
 @honors("links", packing_only=True)
 def change_of_basis(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     memory_limit: float = MEMORY_LIMIT,
@@ -178,7 +178,7 @@ def change_of_basis(
 @honors("links", packing_only=True, shaped="pm.rigidity_matrix")
 def constrained_rigidity_matrix(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     contacts: Contacts | None = None,
@@ -228,7 +228,7 @@ def constrained_rigidity_matrix(
 @honors("links", packing_only=True, shaped="pm.rigidity_matrix")
 def n_matrix(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     contacts: Contacts | None = None,

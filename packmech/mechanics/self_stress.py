@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive, real
+from packmech.check import STRAINS, BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
@@ -24,7 +24,7 @@ from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
-from packmech.linalg.mandel import STRAINS, strain_directions
+from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.linked_systems import weighted_rows
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import contacts_of, strain_columns
@@ -149,7 +149,7 @@ class _Problem:
         return sp.csc_array(self.matrix.tocsc()[:, self.kept])
 
 
-def _problem(packing: Packing, strain: str, contacts: Contacts | ShapeContacts) -> _Problem:
+def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeContacts) -> _Problem:
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
     turn = np.zeros((packing.particles, 0, 0))
@@ -229,7 +229,7 @@ def _sparse_right(problem: _Problem, tolerance: float, count: int) -> NDArray[np
 
 def _prepare(
     packing: Packing,
-    strain: str,
+    strain: BoxStrain,
     contacts: Contacts | ShapeContacts | None,
     gap_tolerance: float | None,
     tolerance: float,
@@ -282,7 +282,7 @@ def _null_space(
 @honors("links shapes", packing_only=True)
 def states_of_self_stress(
     packing: Packing,
-    strain: str = "none",
+    strain: BoxStrain = "none",
     *,
     contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
@@ -344,7 +344,7 @@ def states_of_self_stress(
 @honors("links shapes", packing_only=True)
 def floppy_modes(
     packing: Packing,
-    strain: str = "none",
+    strain: BoxStrain = "none",
     *,
     contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.check import Kind
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, elements_of
@@ -120,7 +121,7 @@ class System:
 
 
 def system_of(
-    scene: Scene, kind: str = "exact", *, gap_tolerance: float | None = None, rattlers: str = "remove"
+    scene: Scene, kind: Kind = "exact", *, gap_tolerance: float | None = None, rattlers: str = "remove"
 ) -> System:
     """Return the second derivatives of a scene whose forces derive from an energy.
 
@@ -152,7 +153,7 @@ def system_of(
 def assembled_system(
     scene: Scene,
     network: Network,
-    kind: str = "exact",
+    kind: Kind = "exact",
 ) -> System:
     """Return the second derivatives of a scene's energy on a network."""
     one = network.contacts
@@ -171,7 +172,7 @@ def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTer
     return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
 
 
-def single_second(scene: Scene, network: Network, kind: str = "exact") -> NDArray[np.float64] | None:
+def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArray[np.float64] | None:
     """Return the (N', q, q) second derivatives of what acts on single particles; None where nothing does.
 
     Those of effects that give none come from differences of their forces, which err by the square of a millionth of the

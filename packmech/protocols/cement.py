@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of, positive, real
+from packmech.check import Kind, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import elements_of
 from packmech.effects import ContactTerms
@@ -233,7 +233,7 @@ class Backbone:
 LINK_STIFFNESS = (1.0, 1e2, 1e4)
 
 
-def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbone:
+def backbone_of(scene: Scene, kind: Kind, gap_tolerance: float | None) -> Backbone:
     """Return the factored backbone of a packing.
 
     Raises
@@ -315,7 +315,7 @@ def _inverted(whole: NDArray[np.float64], strains: int) -> tuple[NDArray[np.floa
     return vector[:, firm] / np.sqrt(value[firm]), zero
 
 
-def _stiffened(scene: Scene, held: Network, terms: ContactTerms, kind: str, stiffness: float) -> System:
+def _stiffened(scene: Scene, held: Network, terms: ContactTerms, kind: Kind, stiffness: float) -> System:
     """Return the system of the Hessian, links in it as stiff springs: what they hold later is not changed."""
     links = held.links
     system = assembled_system(scene, held, kind)
@@ -451,7 +451,7 @@ class HeldCompliance:
         return product
 
 
-KINDS = ("unstressed", "exact")
+KINDS: tuple[Kind, ...] = ("unstressed", "exact")
 
 
 @dataclass(frozen=True, eq=False)
@@ -508,7 +508,7 @@ class Cementing:
     self_stress: int
     bearing: int
     freeze: str
-    kind: str
+    kind: Kind
     smallest_new: float
     largest_old: float
     seconds: float
@@ -600,7 +600,7 @@ def cement(
     order: str | Sequence[int] | NDArray[np.int64] = "random",
     step: float = 0.05,
     freeze: str = "angles",
-    kind: str = "unstressed",
+    kind: Kind = "unstressed",
     gap_tolerance: float | None = None,
 ) -> Cementing:
     """Return the moduli of a packing while random contacts become rigid links, up to complete rigidity.
@@ -773,7 +773,7 @@ def step_end(number: int, last: int, step: float, particles: int) -> int:
 
 
 def cement_backbone(
-    backbone: Backbone, sequence_l: NDArray[np.int64], step: float, freeze: str, kind: str, began: float | None = None
+    backbone: Backbone, sequence_l: NDArray[np.int64], step: float, freeze: str, kind: Kind, began: float | None = None
 ) -> Cementing:
     """Return the moduli while the contacts of a backbone are cemented in this order; see `cement`."""
     began = time.process_time() if began is None else began
