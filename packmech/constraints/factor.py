@@ -121,6 +121,9 @@ class ConstraintFactor:
         if not self.system.distance_r.all():
             link_vectors(packing)
 
+    def __len__(self) -> int:
+        return 0 if self.links is None else len(self.links)
+
     def at(self, packing: Packing) -> ConstraintFactor:
         """Return the same links factored where another packing of the same particles is."""
         return ConstraintFactor(packing, self.links, self.system)

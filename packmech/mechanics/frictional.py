@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.contacts.elements import Elements, pair_rows
+from packmech.contacts.elements import Elements, check_centers, pair_rows
 from packmech.effects import ContactTerms, Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -207,13 +207,7 @@ def frictional_elements(
 
     """
     forces, contacts = found.forces, found.forces.contacts
-    stuck = np.flatnonzero(contacts.distance_c == 0.0)
-    if len(stuck):
-        c = stuck[0]
-        raise ValueError(
-            "packing must have no coincident centers where second derivatives are asked for, "
-            f"got particles {contacts.i_c[c]} and {contacts.j_c[c]} at one place"
-        )
+    check_centers(contacts, np.ones(len(contacts)))
     block, beyond = contact_blocks(forces, found.terms.first_c, found.terms.second_c, kind, sliding_c)
     pull = np.concatenate([forces.force_cd, *(-torque for torque in forces.torque_ck)], axis=1)
     # what acts on i pulls along the vector to j; torques turn against their coordinates

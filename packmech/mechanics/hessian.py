@@ -20,7 +20,6 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.effects import acts_on_single, held_particles
 from packmech.honors import STRAINED, honors
-from packmech.linalg.factor import NotDefinite, factorize
 from packmech.linalg.mandel import isochoric_basis, mandel_vector, strain_directions
 from packmech.mechanics.linked_systems import (
     link_motions,
@@ -28,7 +27,6 @@ from packmech.mechanics.linked_systems import (
     negative_motions,
     rows_on,
     soft_shift,
-    weighted_rows,
 )
 from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
@@ -129,7 +127,7 @@ def hessian(
     instance("scene", scene, Scene)
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
-    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep")
+    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=strain != "none")
     everything, free = np.ones(system.network.free_f.size, dtype=bool), system.network.free_f
     position = system.matrix(everything)
     if (system.network.free_nq != system.network.there_nq).any():
@@ -146,8 +144,7 @@ def hessian(
 def _width(scene: Scene) -> int:
     """Return the number of coordinates of a particle."""
     packing = scene.packing
-    turns = 0 if packing.shapes is None else packing.shapes.turn_basis(packing.radius_n).shape[1]
-    return packing.dimension + turns
+    return packing.dimension + int(packing.turn_nkt.shape[1])
 
 
 @honors(
@@ -335,14 +332,8 @@ def is_stable(scene: Scene, *, strain: BoxStrain, gap_tolerance: float | None = 
     if strain != "none":
         corner = admitted.T @ (system.corner + system.volume_curvature) @ admitted
         matrix = bordered(matrix, system.column(pinned) @ admitted / scale, corner / scale**2)
-    if links is None:
-        if matrix.shape[0] and not np.abs(matrix.diagonal()).max() > 0:
-            return False
-        try:
-            factorize(matrix, kind="definite")
-        except NotDefinite:
-            return False
-        return True
-    rows = weighted_rows(links, np.ones(pinned.size), admitted, scale)
-    linked = linked_system(matrix, sp.csr_array(rows[:, np.concatenate([pinned, np.ones(admitted.shape[1], bool)])]))
-    return negative_motions(linked, (1.0 if free_turns else -1.0) * soft_shift(matrix), d) == 0
+    rows = rows_on(links, network.free_f, np.ones(network.free_f.sum()), admitted, scale)
+    moves = np.concatenate([pinned[network.free_f], np.ones(admitted.shape[1], dtype=bool)])
+    # zero modes are none of a stable packing, but for the turns of linked particles
+    allowed = 1.0 if free_turns and len(links) else -1.0
+    return negative_motions(linked_system(matrix, sp.csr_array(rows[:, moves])), allowed * soft_shift(matrix), d) == 0

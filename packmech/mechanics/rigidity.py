@@ -18,8 +18,6 @@ from packmech.honors import honors
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.packing import Packing
 
-# largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
-
 
 def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float | None) -> Contacts:
     """Return the given contacts after checking that they fit the packing, or else those within the gap tolerance."""
@@ -30,10 +28,15 @@ def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: floa
     return contacts
 
 
-def _shape_contacts_of(
+def any_contacts_of(
     packing: Packing, contacts: Contacts | ShapeContacts | None, gap_tolerance: float | None
-) -> ShapeContacts:
-    """Return the same of a packing with shapes."""
+) -> Contacts | ShapeContacts:
+    """Return the same of a packing with shapes or without."""
+    instance("packing", packing, Packing)
+    if packing.shapes is None:
+        if isinstance(contacts, ShapeContacts):
+            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
+        return contacts_of(packing, contacts, gap_tolerance)
     if contacts is None:
         return find_shape_contacts(packing, gap_tolerance=gap_tolerance)
     if not isinstance(contacts, ShapeContacts):
@@ -99,16 +102,8 @@ def rigidity_matrix(
 
     """
     one_of("strain", strain, STRAINS)
-    found: Contacts | ShapeContacts
-    turn = None
-    if isinstance(packing, Packing) and packing.shapes is not None:
-        found = _shape_contacts_of(packing, contacts, gap_tolerance)
-        turn = packing.shapes.turn_basis(packing.radius_n)
-    else:
-        if isinstance(contacts, ShapeContacts):
-            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
-        found = contacts_of(packing, contacts, gap_tolerance)
-    position, columns = distance_rows(found, turn), strain_columns(found)
+    found = any_contacts_of(packing, contacts, gap_tolerance)
+    position, columns = distance_rows(found, packing.turn_nkt), strain_columns(found)
     if strain == "none":
         return position
     if strain != "free":

@@ -171,3 +171,32 @@ def test_the_hessian_of_chains_on_a_floor_is_the_second_difference_of_the_energy
     every = pm.normal_modes(scene, rattlers="keep").eigenvalue_m
     # the translations along the floor cost nothing, and are left out
     assert np.abs(every - np.delete(value, np.argsort(np.abs(value))[: dimension - 1])).max() < 1e-12 * value[-1]
+
+
+def test_a_disc_that_is_linked_to_a_held_one_swings_as_a_pendulum():
+    """Of frequency squared g / length, however it hangs; a translation that the link forbids is no motion of it."""
+    length, pull = 1.5, 0.7
+    for angle in (0.0, 0.4):
+        below = [1.0 + length * np.sin(angle), 2.0 - length * np.cos(angle)]
+        links = pm.Links([0], [1], [[0, 0]], [length])
+        packing = pm.Packing([[1.0, 2.0], below], [0.5, 0.5], pm.Box.cubic(10.0, 2), links)
+        # hung along the pull
+        weight = pm.Gravity(pull * np.sin(angle), -pull * np.cos(angle))
+        scene = pm.Scene(packing, (SPRING, pm.FixedParticles((0,)), weight))
+        modes = pm.normal_modes(scene)
+        assert modes.eigenvalue_m == pytest.approx([pull / length], rel=1e-12) and modes.translations == 0
+        assert pm.density_of_states(scene, [0.0, 0.5, 1.0]).count_b.tolist() == [0, 1]
+        assert modes.force_residual < 1e-14
+
+
+def test_links_to_held_particles_leave_the_modes_of_the_dynamical_matrix():
+    links = pm.Links([0], [1], [[0, 0]], [1.5])
+    place = [[1.0, 2.0], [2.5, 2.0], [3.4, 2.0], [2.95, 2.8]]
+    packing = pm.Packing(place, [0.5] * 4, pm.Box.cubic(10.0, 2), links, mass_n=[1.0, 2.0, 3.0, 1.5])
+    scene = pm.Scene(packing, (SPRING, pm.FixedParticles((0,))))
+    value = np.linalg.eigvalsh(pm.dynamical_matrix(scene, kind="unstressed").toarray())
+    for method in ("dense", "shift-invert"):
+        modes = pm.normal_modes(scene, 3, kind="unstressed", rattlers="keep", method=method)
+        # the one translation that the link admits costs nothing here
+        assert modes.translations == 1 and modes.residual < 1e-13 and modes.missed == 0
+        assert np.r_[0.0, modes.eigenvalue_m] == pytest.approx(value[:4], abs=1e-12)

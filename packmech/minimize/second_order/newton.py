@@ -265,7 +265,9 @@ def _second(
 ) -> Assembled:
     """Return the second derivatives of contacts and of what acts on single particles."""
     still = np.zeros((contacts.particles, 0, 0))
-    return assemble([elements_of(contacts, first_c, second_c)], still, contacts.dimension, single_nqq=single_ndd)
+    d = contacts.dimension
+    elements = [elements_of(contacts, first_c, second_c)]
+    return assemble(elements, still, d, single_nqq=single_ndd, basis_edd=np.zeros((0, d, d)))
 
 
 def _unstable_directions(landscape: _Landscape, state: _State) -> int:
