@@ -137,6 +137,20 @@ def test_a_link_bears_the_weight_above_it_and_its_stress_is_that_weight_times_it
     assert stress[1, 1] * 16.0 == pytest.approx(-weight, rel=1e-12) and abs(stress[0]).max() < 1e-15
 
 
+def test_a_link_bears_the_tangential_force_of_a_contact_beside_it():
+    """A linked pair that another disc pushes across its link's end by a tangential spring along the link."""
+    links = pm.Links([0], [1], [[0, 0]], [1.2])
+    spring = pm.TangentialDisplacements([1], [2], [[0, 0]], [[0.01]])
+    place = [[1.0, 2.0], [2.2, 2.0], [2.2, 2.9]]
+    packing = pm.Packing(place, [0.5] * 3, pm.Box.cubic(6.0, 2), links, tangential=spring)
+    rough = pm.Scene(packing, (SPRING, pm.Friction(0.9, stiffness=0.8)))
+    force = pm.forces(rough)[1]
+    assert abs(force[0]) == pytest.approx(0.8 * 0.01, rel=1e-12)
+    # half of it accelerates each end
+    assert pm.link_tension(rough)[0] == pytest.approx(0.5 * force[0], rel=1e-12)
+    assert pm.link_tension(rough.without(pm.Friction).replace(packing=packing.replace(tangential=None)))[0] == 0.0
+
+
 def test_a_dimer_on_a_floor_bobs_slides_and_falls_over():
     scene, weight = standing_dimer()
     mass = np.pi / 4.0
