@@ -5,10 +5,20 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# what the box may do, and what second derivatives hold of the forces: the words of all calls
+BoxStrain = Literal["none", "isotropic", "isochoric", "free"]
+Kind = Literal["exact", "paper", "unstressed"]
+STRAINS: tuple[BoxStrain, ...] = get_args(BoxStrain)
+KINDS: tuple[Kind, ...] = get_args(Kind)
+# what contacts at the Coulomb limit do under a small motion
+AtLimit = Literal["stick", "slip"]
+AT_LIMIT: tuple[AtLimit, ...] = get_args(AtLimit)
+Word = TypeVar("Word", bound=str)
 
 
 def _shape_text(shape: Sequence[int | None]) -> str:
@@ -164,12 +174,13 @@ def two_axes(name: str, value: Any, *, dimension: int = 3, different: bool = Tru
     return first, second
 
 
-def one_of(name: str, value: Any, choices: Collection[str]) -> str:
+def one_of(name: str, value: Any, choices: Collection[Word]) -> Word:
     """Return the value after checking that it is one of the named choices."""
-    if not isinstance(value, str) or value not in choices:
-        listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}, got {brief(value)}")
-    return value
+    for choice in choices:
+        if isinstance(value, str) and value == choice:
+            return choice
+    listed = ", ".join(repr(choice) for choice in choices)
+    raise ValueError(f"{name} must be one of {listed}, got {brief(value)}")
 
 
 def instance(name: str, value: Any, kind: type, article: str = "a") -> None:

@@ -319,6 +319,14 @@ class Packing:
                 found["links"] = Links(links.i_l, links.j_l, moved, links.length_l, links.shape_l)
         return found
 
+    @functools.cached_property
+    def turn_nkt(self) -> NDArray[np.float64]:
+        """The (N, K, t) rotations that one length of each coordinate of turns makes; K = 0 for discs and spheres.
+
+        Of discs and spheres among other shapes they are zero: there are no such coordinates.
+        """
+        return np.zeros((self.particles, 0, 0)) if self.shapes is None else self.shapes.turn_basis(self.radius_n)
+
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
         given = self.given_mass_n

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
-from packmech.check import instance, integer, one_of, positive, real, two_axes
+from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     SIGNED,
     Repulsion,
@@ -285,7 +285,7 @@ class JamDrive:
     """
 
     pressure: float | None = None
-    strain: str = "free"
+    strain: BoxStrain = "free"
     method: Any = None
 
     def __post_init__(self) -> None:

@@ -620,6 +620,7 @@ BAD = {
     "r_b": [None, "r", 3.0, [], [0.0, NAN], [[0.0]], np.zeros(5), np.arange(5.0)[::-1]],
     "value_b": [None, "v", 3.0, [], [1.0], np.full(5, INF), np.zeros((5, 1)), [[1.0], [1.0, 2.0]]],
     "noise_b": ["n", 3.0, [], [1.0], np.full(5, NAN), np.full(5, -1), np.zeros((5, 1))],
+    "small_value_exponent.values": [None, 3, ["a"], [[0.0]], [[-1.0]], [[NAN]]],
     "fit_sizes.scalings": [None, "s", 3, [], scalings()[:1], scalings()[:1] * 2, ["s", "t"], scalings()[0]],
     "count_b": [None, "c", 3.0, [], [1.0], np.full(5, NAN), np.full(5, -1), np.zeros((5, 1))],
     "r_min": [NAN, INF, "1", None, True],
@@ -812,6 +813,7 @@ def good(name, folder):
             "scenes": [scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3))],
             "pressures": [2e-3],
         },
+        "small_value_exponent": {"values": [[0.1, 0.2], [0.3]], "largest": 1.0},
         "fit_sizes": {"scalings": scalings(), "name": "pressure"},
         "TangentialDisplacements": {"i_c": [0], "j_c": [1], "image_cd": [[0, 0]], "displacement_ck": [[0.1]]},
         "sweep_pressure": {

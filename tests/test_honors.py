@@ -286,8 +286,8 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         tangential=pm.TangentialDisplacements(contacts.i_c, contacts.j_c, contacts.image_cd, springs)
     )
     # what pressing does with friction takes its time: tests/protocols/test_press.py
-    # what touches walls has no friction
-    left_out = {"jam", "wall_contacts"}
+    # what touches walls has no friction, and there are no links here: tests/mechanics/test_link_modes.py
+    left_out = {"jam", "wall_contacts", "link_tension"}
     honoring = [name for name in RESTING if CALLS[name].answer("friction") == HONORED and name not in left_out]
     assert {"contact_forces", "elastic_moduli", "frictional_modes", "stiffness_matrix", "torques"} <= set(honoring)
     for call in honoring:
@@ -316,7 +316,8 @@ def test_effects_on_single_particles_change_every_call_at_rest_that_honors_them(
         "walls": ((floor,), (pm.Walls(1, -99.0, 99.0),)),
         "held": ((pm.FixedParticles((3,)),), (pm.FixedParticles(()),)),
     }[column]
-    honoring = [name for name in IN_A_FIXED_BOX if CALLS[name].answer(column) == HONORED]
+    # there are no links here: tests/mechanics/test_link_modes.py
+    honoring = [name for name in IN_A_FIXED_BOX if CALLS[name].answer(column) == HONORED and name != "link_tension"]
     assert {"energy", "forces", "hessian", "normal_modes", "quench"} <= set(honoring)
     # contacts between particles have no part in what single ones are pushed by, weights no curvature, held no energy
     unchanged = {"stress_tensor", "pressure", "contact_forces", "torques", "force_distribution", "force_chains"} | {

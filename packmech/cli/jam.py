@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 from cyclopts import Parameter
 
+from packmech.check import BoxStrain
 from packmech.cli.output import SCENE, Files, Json, Load, Modes, Out, Seed, Switch, check_modes
 from packmech.cli.run import Pictures, Wanted, carry_out
 from packmech.files.modules import load_modules
@@ -50,6 +51,6 @@ def jam(
     drive = replace(
         drive,
         pressure=drive.pressure if pressure is None else pressure,
-        strain=drive.strain if strain is None else strain,
+        strain=drive.strain if strain is None else cast(BoxStrain, strain),
     )
     return carry_out(Wanted(scene, read.replace(drive=drive), seed, files, Pictures(), check_modes(modes)))

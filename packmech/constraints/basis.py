@@ -12,9 +12,9 @@ import scipy.linalg as sl
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive, real
+from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains, cluster_block
-from packmech.constraints.jacobian import FORMS, STRAINS, position_rows, scale_of_strain, strain_rows
+from packmech.constraints.jacobian import FORMS, LINK_STRAINS, position_rows, scale_of_strain, strain_rows
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
@@ -358,7 +358,7 @@ def _strain_motions(
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def constraint_basis(
     packing: Packing,
-    strain: str = "none",
+    strain: BoxStrain = "none",
     *,
     method: str = "householder",
     form: str = "exact",
@@ -405,7 +405,7 @@ def constraint_basis(
 
     """
     instance("packing", packing, Packing)
-    one_of("strain", strain, STRAINS)
+    one_of("strain", strain, LINK_STRAINS)
     one_of("method", method, METHODS)
     one_of("form", form, FORMS)
     tolerance = real("rank_tolerance", rank_tolerance, above=0.0, below=1.0)

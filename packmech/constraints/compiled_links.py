@@ -246,7 +246,7 @@ def _choose_project_rows(links: Any, axes: Any, row: Any, space: Any) -> Any:
 
 
 def refresh(links: CompiledLinks | None, row: NDArray[np.float64], space: Any) -> None:
-    """Refill the system where the rows are, moving nobody."""
+    """Refill the system where the rows are, without moving them."""
     if links is not None:
         refill(links.system, row, space.frame.lattice_dd)
 

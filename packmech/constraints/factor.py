@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import BoxStrain
 from packmech.constraints.jacobian import link_pairs, link_vectors
 from packmech.constraints.link_system import (
     DAMPED,
@@ -120,6 +121,9 @@ class ConstraintFactor:
         if not self.system.distance_r.all():
             link_vectors(packing)
 
+    def __len__(self) -> int:
+        return 0 if self.links is None else len(self.links)
+
     def at(self, packing: Packing) -> ConstraintFactor:
         """Return the same links factored where another packing of the same particles is."""
         return ConstraintFactor(packing, self.links, self.system)
@@ -224,7 +228,7 @@ class ConstraintFactor:
             position_nd=self.project_positions(packing.position_nd, lattice, max(TIGHT, rounding), NEWTON)[0]
         )
 
-    def strains(self, scale: float, strain: str) -> Strains:
+    def strains(self, scale: float, strain: BoxStrain) -> Strains:
         """Return what `project_strained` needs for "free" or "isochoric" strains times a scale."""
         assert self.system is not None and self.links is not None
         d = self.packing.dimension

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive
+from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.contacts import Contacts
 from packmech.contacts.network import pair_contacts
 from packmech.honors import ANY_LENGTH, honors
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import scipy.sparse as sp
 
 # what the box may do: a fixed volume is a constraint of its own
-STRAINS = ("none", "isochoric", "free")
+LINK_STRAINS: tuple[BoxStrain, ...] = ("none", "isochoric", "free")
 FORMS = ("exact", "paper")
 
 
@@ -96,7 +96,7 @@ def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def constraint_jacobian(
     packing: Packing,
-    strain: str = "none",
+    strain: BoxStrain = "none",
     *,
     form: str = "exact",
     strain_scale: float | None = 1.0,
@@ -138,7 +138,7 @@ def constraint_jacobian(
     import scipy.sparse as sp
 
     instance("packing", packing, Packing)
-    one_of("strain", strain, STRAINS)
+    one_of("strain", strain, LINK_STRAINS)
     one_of("form", form, FORMS)
     scale = scale_of_strain(packing, strain_scale)
     position = position_rows(packing, form)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, one_of, positive
+from packmech.check import BoxStrain, finite_array, instance, integer, one_of, positive
 from packmech.constraints.basis import METHODS as BASES
 from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
 from packmech.constraints.factor import ConstraintFactor, Strains
@@ -90,7 +90,9 @@ class _Last(threading.local):
         self._key: tuple[Any, ...] = ()
         self._made: tuple[ConstraintFactor, Strains | None] | None = None
 
-    def factor(self, packing: Packing, strain: str, scale: float) -> tuple[ConstraintFactor, Strains | None] | None:
+    def factor(
+        self, packing: Packing, strain: BoxStrain, scale: float
+    ) -> tuple[ConstraintFactor, Strains | None] | None:
         """Return the factored links and what strains need of them; None where links nearly depend on each other."""
         key = (strain, scale)
         if self._packing() is not packing or self._key != key:
@@ -142,7 +144,7 @@ def project_force(
     force_nd: ArrayLike,
     strain_force: ArrayLike | None = None,
     *,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     method: str = "clusters",
     strain_scale: float | None = 1.0,
 ) -> ConstrainedForce:

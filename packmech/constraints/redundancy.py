@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive, real
+from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
-from packmech.constraints.jacobian import STRAINS, link_vectors, position_rows, strain_rows
+from packmech.constraints.jacobian import LINK_STRAINS, link_vectors, position_rows, strain_rows
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
@@ -286,7 +286,7 @@ def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> f
 
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def independent_links(
-    packing: Packing, *, strain: str = "none", tolerance: float = 1e-9, rank_tolerance: float = SINE
+    packing: Packing, *, strain: BoxStrain = "none", tolerance: float = 1e-9, rank_tolerance: float = SINE
 ) -> IndependentLinks:
     """Return the packing without links that others already imply, and the links that are degenerate.
 
@@ -324,7 +324,7 @@ def independent_links(
 
     """
     instance("packing", packing, Packing)
-    one_of("strain", strain, STRAINS)
+    one_of("strain", strain, LINK_STRAINS)
     positive("tolerance", tolerance)
     real("rank_tolerance", rank_tolerance, above=0.0, below=1.0)
     started = time.process_time()

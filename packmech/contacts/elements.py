@@ -109,6 +109,16 @@ def elements_of(pairs: PairGeometry, first_c: NDArray[np.float64], second_c: NDA
         If a pair with a force has coincident centers: its energy has no second derivative there.
 
     """
+    check_centers(pairs, first_c)
+    slope = pairs.slope_cx
+    stiffness = second_c[:, None, None] * (slope[:, :, None] * slope[:, None, :])
+    if first_c.any():
+        stiffness += first_c[:, None, None] * pairs.curvature_cxx
+    return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, first_c[:, None] * slope, stiffness)
+
+
+def check_centers(pairs: PairGeometry, first_c: NDArray[np.float64]) -> None:
+    """Refuse pairs with a force whose centers coincide, where second derivatives are asked for."""
     stuck = (pairs.distance_c == 0.0) & (first_c != 0.0)
     if stuck.any():
         c = int(np.argmax(stuck))
@@ -116,11 +126,6 @@ def elements_of(pairs: PairGeometry, first_c: NDArray[np.float64], second_c: NDA
             "packing must have no coincident centers where second derivatives are asked for, "
             f"got particles {pairs.i_c[c]} and {pairs.j_c[c]} at one place"
         )
-    slope = pairs.slope_cx
-    stiffness = second_c[:, None, None] * (slope[:, :, None] * slope[:, None, :])
-    if first_c.any():
-        stiffness += first_c[:, None, None] * pairs.curvature_cxx
-    return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, first_c[:, None] * slope, stiffness)
 
 
 def distance_rows(pairs: PairGeometry, turn_nkt: NDArray[np.float64] | None = None) -> sp.csr_array:

@@ -273,6 +273,10 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, 
     return shape_contacts(packing, Candidates(*(part[touching] for part in pairs)), second=True)
 
 
-def touching_pairs(packing: Packing) -> Contacts | ShapeContacts:
-    """Return the touching pairs of a packing with shapes or without."""
-    return find_contacts(packing) if packing.shapes is None else find_shape_contacts(packing)
+def touching_pairs(
+    packing: Packing, gap_tolerance: float | None = 0.0, *, second: bool = False
+) -> Contacts | ShapeContacts:
+    """Return the touching pairs of a packing with shapes or without, arguments as of `find_shape_contacts`."""
+    if packing.shapes is None:
+        return find_contacts(packing, gap_tolerance=gap_tolerance)
+    return find_shape_contacts(packing, gap_tolerance=gap_tolerance, second=second)

@@ -287,7 +287,7 @@ def _is_outside(axes, body, frame, height):
 
 @device
 def _frame(batch, b, doing, control_k):
-    """Take a frame of one packing, or what was left of it; return how it fares.
+    """Take a frame of one packing, or what was left of it; return its status.
 
     That is RUNNING or how it failed, and whether its particles must be wrapped.
     """

@@ -282,8 +282,8 @@ class Engine:
         def run(thread: ThreadRecord | None) -> tuple[int, int]:
             space = self.space
             if thread is not None and space.flow is not None:
-                # room to reckon in is each thread's own
-                space = space._replace(flow=own_room(space.flow))
+                # each thread has scratch arrays of its own
+                space = space._replace(flow=with_scratch(space.flow))
             status, taken = take_steps(
                 self.acting,
                 self.axes,
@@ -616,8 +616,8 @@ def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow
     return Flow(profile, direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
 
 
-def own_room(flow: Flow) -> Flow:
-    """Return the record with matrices of its own to reckon in."""
+def with_scratch(flow: Flow) -> Flow:
+    """Return the record with scratch matrices of its own."""
     return flow._replace(step_dd=np.eye(3), back_dd=np.eye(3), work_dd=np.eye(3))
 
 

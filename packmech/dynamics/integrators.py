@@ -62,7 +62,7 @@ def checked_method(method: Any) -> Method:
 
 
 class StartOfMotion(NamedTuple):
-    """(N, d) velocities, (N, 1 or 3) spins, and (N,) who is held; None where nothing turns or is held."""
+    """(N, d) velocities, (N, 1 or 3) spins, and the (N,) mask of held ones; None where nothing turns or is held."""
 
     velocity_nd: NDArray[np.float64]
     spin_nk: NDArray[np.float64] | None

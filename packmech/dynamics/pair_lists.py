@@ -448,7 +448,7 @@ def largest_contact(sizes):
 
 @inlined
 def is_stale(flow, number, reach, moved):
-    """Whether everybody may have moved too far for the lists, by at most this much in this step.
+    """Return whether lists may be stale, after a step in which particles moved by at most this much.
 
     `reach` is the largest contact distance, `number` that of the lists.
     """

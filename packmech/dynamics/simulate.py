@@ -174,7 +174,7 @@ def resume(
 ) -> Simulation:
     """Return a simulation that goes on from its checkpoint, with the bits of one that was never stopped.
 
-    Everything but the scene is in the file: time step, method, applied strain, who is held, what is kept on the way,
+    Everything but the scene is in the file: time step, method, applied strain, held particles, what is kept on the way,
     and all that was kept so far. Checkpoints go on being written to it.
 
     Parameters

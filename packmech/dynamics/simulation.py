@@ -442,7 +442,7 @@ class SimulationSettings:
     held_n: NDArray[np.bool_] | None = None
     trace_every: int | None = None
     trace_positions: bool = False
-    # hash of what it starts with: velocities, spins, who is held, temperature and seed
+    # hash of what it starts with: velocities, spins, held particles, temperature and seed
     start: str = ""
 
     def to_table(self) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def with_dashpot(scene: Scene) -> tuple[Scene, float]:
 
 
 class Spans:
-    """A scene on its way through time, in a box whose rate of strain is chosen anew for every span of steps.
+    """A scene on its way through time, in a box whose rate of strain is chosen again for every span of steps.
 
     Attributes
     ----------

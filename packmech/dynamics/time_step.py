@@ -89,7 +89,7 @@ def _drift_in_still_box(axes, state, low, high, dt, early, ahead):
 
 
 @inlined
-def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
+def _drift_along_x(axes, state, low, high, shear_step, dt, early, ahead):
     """Drift in a simple shear that carries x along y and leaves all else alone."""
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
     largest = 0.0
@@ -98,12 +98,12 @@ def _drift_along_x(axes, state, low, high, uncapped_force, dt, early, ahead):
         u, v = body[i, 4], body[i, 5]
         p, q = u + kick * push[i, 0], v + kick * push[i, 1]
         mx, my = dt * p, dt * q
-        body[i, 0] += uncapped_force * body[i, 1] + mx
+        body[i, 0] += shear_step * body[i, 1] + mx
         body[i, 1] += my
-        half[i, 0] = p - uncapped_force * q
+        half[i, 0] = p - shear_step * q
         half[i, 1] = q
         t = extrapolated(state.last, state, ahead, i, 1, kick, q, v)
-        body[i, 4] = extrapolated(state.last, state, ahead, i, 0, kick, p, u) - uncapped_force * t
+        body[i, 4] = extrapolated(state.last, state, ahead, i, 0, kick, p, u) - shear_step * t
         body[i, 5] = t
         square = mx * mx + my * my
         if len(axes) == 3:

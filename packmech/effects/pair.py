@@ -190,7 +190,7 @@ def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) ->
 @compiled_form(pair_elastic)
 def _pair_elastic(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = hook_of(effect, "pair_first")
-    # infinity times zero being no number, a compiler would have to reckon the zero out
+    # infinity times zero is not a number: a compiler cannot leave a term out because its factor is zero
     if function is None or getattr(effect.instance_class, "damps_only", False):
         return lambda effect, distance, contact_distance: 0.0
     return lambda effect, distance, contact_distance: function(effect, distance, contact_distance, 0.0)

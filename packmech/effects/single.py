@@ -1,4 +1,4 @@
-"""What acts on the single particles of a packing at rest: energies, forces and second derivatives, and who is held."""
+"""What acts on the single particles of a packing at rest: energies, forces, second derivatives; held particles."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def held_velocity(effects: tuple[Any, ...], particles: int, dimension: int) -> N
 
 
 def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_] | None:
-    """Return (N,) who is held; None where nobody is.
+    """Return the (N,) mask of held particles; None where none is held.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The folder of an ensemble: what lies where, and how it is written so that nothing is ever half there."""
+"""The folder of an ensemble: what lies where, and how it is written: all writes are atomic."""
 
 from __future__ import annotations
 

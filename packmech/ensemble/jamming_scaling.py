@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from packmech.check import function, instance, one_of, positive
+from packmech.check import BoxStrain, function, instance, one_of, positive
 from packmech.effects import pair_energy
 from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
 from packmech.honors import declare
@@ -150,7 +150,7 @@ class JammingScaling:
 
     particles: int
     dimension: int
-    strain: str
+    strain: BoxStrain
     control: str
     level_p: NDArray[np.float64]
     value_sp: Mapping[str, NDArray[np.float64]]
@@ -486,7 +486,7 @@ def jamming_scaling(
     pressures: Iterable[float] | None = None,
     *,
     distances: Iterable[float] | None = None,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     method: JamMethod | None = None,
     states: bool = False,
     time_limit: float | None = None,

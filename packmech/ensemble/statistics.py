@@ -320,6 +320,8 @@ def small_value_exponent(values: Sequence[NDArray[np.float64]], largest: float) 
 
     """
     end = positive("largest", largest)
+    if isinstance(values, str) or not isinstance(values, Sequence):
+        raise TypeError(f"values must be a sequence of arrays, one for each packing, got {values!r:.60}")
     parts = [finite_array(f"values[{k}]", one, shape=(None,), what="value", empty=True) for k, one in enumerate(values)]
     for k, one in enumerate(parts):
         if (one <= 0.0).any():

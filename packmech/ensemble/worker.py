@@ -393,7 +393,7 @@ class _Compiling(event.Listener):  # type: ignore[misc]
 
 
 def main() -> None:
-    """Run members as they are asked for, until nobody asks."""
+    """Run members as they are asked for, until none is."""
     # what jobs print goes where errors go
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)

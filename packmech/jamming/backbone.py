@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import BoxStrain
 from packmech.contacts import Contacts
 from packmech.jamming.certificates import Finding, attempts, closes_hardly, kept_open
 from packmech.jamming.contact_selection import backbone_of
@@ -55,7 +56,7 @@ class Judged:
 def judge_network(
     packing: Packing,
     contacts: Contacts,
-    strain: str,
+    strain: BoxStrain,
     decide: Callable[[MotionCone], Finding],
     part: Callable[[MotionCone, Finding, Contacts], Contacts | None],
     backbone: tuple[Contacts, NDArray[np.int64]] | None = None,
@@ -120,7 +121,7 @@ def _not_known(finding: Finding) -> Finding:
 def _judge_once(
     packing: Packing,
     contacts: Contacts,
-    strain: str,
+    strain: BoxStrain,
     decide: Callable[[MotionCone], Finding],
     backbone: tuple[Contacts, NDArray[np.int64]] | None = None,
 ) -> Judged:
@@ -138,7 +139,7 @@ def _judge_once(
 
 
 def with_more(
-    packing: Packing, fewer: Judged, backbone: tuple[Contacts, NDArray[np.int64]], strain: str
+    packing: Packing, fewer: Judged, backbone: tuple[Contacts, NDArray[np.int64]], strain: BoxStrain
 ) -> Judged | None:
     """Return what follows for the backbone with contacts added, where it is strictly jammed without them; or None.
 

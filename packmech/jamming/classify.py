@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of, real
+from packmech.check import BoxStrain, instance, integer, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.rattlers import check_given
 from packmech.honors import honors
@@ -91,7 +91,11 @@ def by_level(selection: ContactSelection, judge: Callable[..., Judged]) -> Calla
 
 
 def judged_by_fewest(
-    packing: Packing, selection: ContactSelection, rest: RestCheck | None, within: Callable[[int], Judged], strain: str
+    packing: Packing,
+    selection: ContactSelection,
+    rest: RestCheck | None,
+    within: Callable[[int], Judged],
+    strain: BoxStrain,
 ) -> Judged | None:
     """Return the findings at the gap tolerance where those at a tenth of it, asked first, imply them; or None.
 
@@ -204,7 +208,7 @@ def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]
 
 
 METHODS = ("certificate", "loads")
-STRAINS = ("free", "isochoric")
+STRICT_STRAINS: tuple[BoxStrain, ...] = ("free", "isochoric")
 BOUNDS = ("ball", "box")
 
 
@@ -214,7 +218,7 @@ def classify_jamming(
     *,
     method: str = "certificate",
     solver: str = "clarabel",
-    strain: str = "free",
+    strain: BoxStrain = "free",
     gap_tolerance: float | None = None,
     contacts: Contacts | None = None,
     rest_tolerance: float = 1e-5,
@@ -304,7 +308,7 @@ def classify_jamming(
         scene = None if scene is None else scene.replace(packing=packing)
     one_of("method", method, METHODS)
     one_of("solver", solver, SOLVERS)
-    one_of("strain", strain, STRAINS)
+    one_of("strain", strain, STRICT_STRAINS)
     one_of("bound", bound, BOUNDS)
     if gap_tolerance is not None:
         gap_tolerance = real("gap_tolerance", gap_tolerance, above=-0.1, below=1.0)
@@ -389,7 +393,7 @@ def _local(judged: Judged, selection: ContactSelection, rest: RestCheck | None) 
     return NOT_JAMMED, EMPTY
 
 
-def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: str, gap_tolerance: float) -> bool:
+def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: BoxStrain, gap_tolerance: float) -> bool:
     """Return whether the Hessian is positive, in packings with links on the backbone as it was judged."""
     if scene.packing.links is None:
         return is_stable(scene, strain=strain, gap_tolerance=gap_tolerance)

@@ -234,7 +234,7 @@ class _Pairs:
 
     def measure(self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the gaps."""
-        # copies: to the compiler a packing's arrays, which nobody may write to, are of another type
+        # copies: to the compiler a packing's arrays, which are read-only, are of another type
         position_nd, lattice_dd = position_nd.copy(), lattice_dd.copy()
         _measure(position_nd, lattice_dd, *self.list, self.vector_cd, self.distance_c, self.normal_cd)
         return self.distance_c - self.sigma_c

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from packmech.check import BoxStrain
 from packmech.constraints.motion_rules import LinkRules, RuleKeeper, link_rules
 from packmech.contacts import Contacts
 from packmech.linalg.factor import eigenvalues_below, factorize
@@ -333,7 +334,7 @@ def motion_cone(
     packing: Packing,
     contacts: Contacts,
     *,
-    strain: str,
+    strain: BoxStrain,
     kept_n: NDArray[np.int64] | None = None,
 ) -> MotionCone:
     """Return the cone of motions that the contacts, and links if there are any, admit.

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import finite_array, function, instance, integer, one_of, positive
+from packmech.check import BoxStrain, finite_array, function, instance, integer, one_of, positive
 from packmech.constraints.jacobian import link_pairs
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
@@ -106,7 +106,7 @@ class Rules:
 
     """
 
-    strain: str
+    strain: BoxStrain
     start_volume: float
     scale: float
     overlap_tolerance: float
@@ -264,7 +264,6 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
 
 
 UNJAMMED, BLOCKED, UNFINISHED, INTERRUPTED = "unjammed", "blocked", "unfinished", "interrupted"
-STRAINS = ("free", "isochoric")
 # a step that cannot be taken is halved so often before the motion counts as blocked, but not below so many roots of the
 # overlap tolerance: a motion that is blocked at second order makes overlaps as small as the square of the step
 _HALVINGS, _ROOTS = 8, 10.0
@@ -393,7 +392,7 @@ def play_motion(
     amplitude: float = 0.5,
     steps: int = 50,
     strain_dd: ArrayLike | None = None,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     overlap_tolerance: float = 1e-9,
     progress: Any = None,
 ) -> PlayedMotion:
@@ -453,7 +452,7 @@ def play_motion(
     no_own_images("packing", packing)
     amplitude = positive("amplitude", amplitude)
     steps = integer("steps", steps, at_least=1)
-    one_of("strain", strain, STRAINS)
+    one_of("strain", strain, ("free", "isochoric"))
     overlap_tolerance = positive("overlap_tolerance", overlap_tolerance)
     if progress is not None:
         function("progress", progress)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import BoxStrain
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import Harmonic, Repulsion, contact_terms
 from packmech.jamming.backbone import EMPTY
@@ -36,7 +37,7 @@ _BALANCED = 1e-3
 
 
 def classify_shaped(
-    packing: Packing, scene: Scene | None, *, strain: str, gap_tolerance: float | None, rest_tolerance: float
+    packing: Packing, scene: Scene | None, *, strain: BoxStrain, gap_tolerance: float | None, rest_tolerance: float
 ) -> Verdict:
     """Return the verdict on a packing with shapes that turn; arguments as of `classify_jamming`."""
     began = time.process_time()
@@ -87,7 +88,7 @@ def _carrying(network: Network, scene: Scene) -> Network:
     return replace(network, contacts=one.select(force > _CARRYING * float(force.mean())))
 
 
-def _answer(scene: Scene, network: Network, strain: str, rest: RestCheck, gap_tolerance: float | None) -> Answer:
+def _answer(scene: Scene, network: Network, strain: BoxStrain, rest: RestCheck, gap_tolerance: float | None) -> Answer:
     """Return the answer to one question, and what it rests on."""
     if not len(network.contacts):
         return Answer(NOT_JAMMED, EMPTY, False, 0, 0, 0)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import BoxStrain
 from packmech.constraints.motion_rules import follow_links
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts
@@ -139,7 +140,7 @@ class Verdict:
     rest: RestCheck | None
     method: str
     solver: str
-    strain: str
+    strain: BoxStrain
     seconds: float
     cluster_n: NDArray[np.int64] | None = None
     bound: str | None = None

@@ -12,14 +12,10 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, integer
+from packmech.check import BoxStrain, finite_array, integer
 
 _AXIS = {"x": 0, "y": 1, "z": 2}
 _SHEARS = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
-
-
-# what the box may do
-STRAINS = ("none", "isotropic", "isochoric", "free")
 
 
 def strain_components(dimension: int) -> int:
@@ -74,7 +70,7 @@ def isochoric_basis(dimension: int) -> NDArray[np.float64]:
     return basis
 
 
-def strain_directions(dimension: int, strain: str) -> NDArray[np.float64]:
+def strain_directions(dimension: int, strain: BoxStrain) -> NDArray[np.float64]:
     """Return an (s, k) orthonormal basis of the strains that the box may make, k = 0 for "none"."""
     if strain == "isochoric":
         return isochoric_basis(dimension)

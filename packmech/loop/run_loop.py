@@ -225,7 +225,7 @@ class RunLoop:
         return time.monotonic() - self._written > _WRITE_EVERY
 
     def _write(self, save: Callable[[], None], *, warn: bool = False) -> OSError | None:
-        """Write a checkpoint; return what went wrong, and warn of it where nobody will raise it."""
+        """Write a checkpoint; return what went wrong, and warn of it where it will not be raised."""
         self._written = time.monotonic()
         try:
             with held_interrupts():

@@ -25,7 +25,7 @@ from packmech.scene import Scene
 class ShapeForces:
     """Touching pairs of shapes, and the energies and derivatives of their laws.
 
-    With those of what acts on single particles, and who is held; None where neither is.
+    With those of what acts on single particles, and the mask of held particles; None where neither is.
     """
 
     contacts: ShapeContacts

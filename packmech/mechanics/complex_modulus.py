@@ -26,7 +26,7 @@ from packmech.check import instance, one_of, particle_mask, positive_array, two_
 from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, elements_of
 from packmech.contacts.fused_volume import second_moments
-from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     BackgroundDamping,
     Bonds,
@@ -47,7 +47,7 @@ from packmech.links import named_rows
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.frictional import acting_friction, spin_turns, tangential_elements
-from packmech.mechanics.network import contacts_within, network_among
+from packmech.mechanics.network import network_among
 from packmech.mechanics.relaxation import general_factors
 from packmech.mechanics.system import closed_terms, single_second
 from packmech.packing import Packing
@@ -191,7 +191,7 @@ class _Pairs(NamedTuple):
 
 def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
     """Return the contacts of a scene that are not bonded."""
-    found = contacts_within(scene.packing, None)
+    found = touching_pairs(scene.packing, None, second=True)
     if bonds is not None:
         named = (found.i_c, found.j_c, found.image_cd)
         found = found.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0)

@@ -10,12 +10,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, one_of, positive
+from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.effects import Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.factor import factorize
 from packmech.linalg.mandel import (
     isochoric_basis,
     mandel_basis,
@@ -27,14 +26,12 @@ from packmech.linalg.mandel import (
 from packmech.measure.contact_forces import force_residual
 from packmech.measure.stress import stress_tensor
 from packmech.mechanics.frictional import (
-    AT_LIMIT,
     acting_friction,
     check_frictional,
     find_sliding,
     frictional_network,
     frictional_system,
 )
-from packmech.mechanics.hessian import KINDS
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
 from packmech.mechanics.relaxation import Relaxation, relax
 from packmech.mechanics.system import System, bordered, system_of
@@ -435,12 +432,11 @@ def _unsolved(system: System, relaxation: Relaxation) -> int:
     pinned, links = system.network.pinned_f, system.links
     whole = bordered(system.matrix(pinned), system.column(pinned), system.corner)
     shift = soft_shift(whole)
-    if links is None:
-        negative = factorize(whole + sp.diags_array(shift), kind="symmetric").inertia.negative
-    else:
+    rows = sp.csr_array((0, whole.shape[0]))
+    if len(links):
         gradient, stretch = links.independent_rows()
         rows = sp.csr_array(sp.hstack([gradient[:, pinned], sp.csr_array(stretch)], format="csr"))
-        negative = negative_motions(linked_system(whole, rows), shift, system.network.dimension)
+    negative = negative_motions(linked_system(whole, rows), shift, system.network.dimension)
     return max(negative - relaxation.negative, 1)
 
 
@@ -459,7 +455,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 def elastic_moduli(
     scene: Scene,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
     contacts_at_limit: str | ArrayLike = "stick",
@@ -478,7 +474,7 @@ def elastic_moduli(
     work (Hill's second-order work), which is enough for stability and not needed for it. A coefficient of 0 is no
     friction.
 
-    Ellipses and spheroids turn while they relax: a strain moves their centers and turns nobody by itself.
+    Ellipses and spheroids turn while they relax: a strain moves their centers and by itself turns none.
 
     Parameters
     ----------
@@ -551,10 +547,9 @@ def elastic_moduli(
             # without a set that agrees with its motion there is no answer at rest, as along a negative direction
             unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
         residual = force_residual(scene)
-        if not rough and scene.packing.links is None:
-            one = system.network.contacts
-            along = (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1)
-            _refuse_bearing_rattlers(scene, residual, float(system.terms.first_c @ along))
+        one = system.network.contacts
+        along = (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1)
+        _refuse_bearing_rattlers(scene, residual, float(system.terms.first_c @ along))
         return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, residual, start)
 
 
@@ -580,7 +575,7 @@ class _RoughResponse(NamedTuple):
 
 
 def _rough_response(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
+    scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
 ) -> _RoughResponse:
     """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
     # without links "paper" leaves out nothing
@@ -608,7 +603,7 @@ def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> No
 
     `virial` is the sum of du/dr r over the contacts that are kept.
     """
-    whole = float(np.trace(stress_tensor(scene))) * scene.packing.box.volume
+    whole = float(np.trace(stress_tensor(scene, parts="contacts"))) * scene.packing.box.volume
     if residual <= _AT_REST and abs(whole - virial) > _BORNE * abs(whole):
         raise ValueError(
             f"scene must have rattlers that bear no pressure, got rattlers that bear {1.0 - virial / whole:.2g} of it, "
@@ -626,8 +621,7 @@ def _moduli(
     start: float,
 ) -> Moduli:
     """Return the record of a relaxed stiffness; `unsolved` strains are unstable for want of a relaxation."""
-    strains, links = len(system.corner), system.links
-    stiff = np.zeros((0, strains)) if links is None else links.stiff_strains
+    stiff = system.links.stiff_strains
     energy = (system.corner - relaxation.relief_ee) / volume
     if system.assembled.symmetric:
         energy = _across((energy + energy.T) / 2.0, stiff)
@@ -679,7 +673,7 @@ _CARRIES = 1e-6
 def compliance_matrix(
     scene: Scene,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     method: str = "sparse",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
@@ -742,20 +736,20 @@ def compliance_matrix(
 
 
 def _pseudoinverse(
-    scene: Scene, kind: str, rattlers: str, gap_tolerance: float | None, memory_limit: float
+    scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, memory_limit: float
 ) -> NDArray[np.float64]:
     packing = scene.packing
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
     network, links, free = system.network, system.links, system.network.free_f
     size, components = int(free.sum()), len(system.corner)
-    if links is not None and len(links.stiff_strains) == components:
+    if len(links.stiff_strains) == components:
         return np.zeros((components, components))
     if not size:
         return with_infinities(np.zeros((components, components)), np.eye(components))
     check_memory(size + components, size + components, memory_limit)
     full = bordered(system.matrix(), system.column(), system.corner)
     scale = packing.box.volume ** (1.0 / packing.dimension)
-    if links is None:
+    if not len(links):
         basis = np.diag(np.concatenate([np.ones(size), np.full(components, 1.0 / scale)]))
     else:
         mass, strains = np.ones(len(network.index_n)), np.eye(components)

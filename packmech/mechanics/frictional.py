@@ -30,14 +30,14 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of
+from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts import Contacts
-from packmech.contacts.elements import Elements, pair_rows
-from packmech.effects import ContactTerms, Friction
+from packmech.contacts.elements import Elements, check_centers, pair_rows
+from packmech.effects import ContactTerms, Friction, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import STRAINS, mandel_basis
+from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.measure.friction import friction_of
 from packmech.mechanics.assembly import assemble
@@ -48,8 +48,8 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 # what contacts at the Coulomb limit do under a small motion
-AT_LIMIT = ("stick", "slip")
-KINDS = ("exact", "unstressed")
+# without links "paper" is "exact"
+_KINDS: tuple[Kind, ...] = ("exact", "unstressed")
 # sets of sliding contacts that are tried for one strain
 _SETS = 200
 # eigenvalues below this fraction of the largest are zero; Arnoldi's method looks this far below zero
@@ -64,15 +64,17 @@ def acting_friction(scene: Scene) -> Friction | None:
 
 
 def check_frictional(
-    scene: Scene, kind: str, contacts_at_limit: str = "stick", gap_tolerance: float | None = None
+    scene: Scene, kind: Kind, contacts_at_limit: str = "stick", gap_tolerance: float | None = None
 ) -> None:
     """Check what calls of frictional packings are given."""
+    if scene.packing.shapes is not None:
+        refuse_unknown_to_shapes(scene)
     if scene.packing.links is not None:
         raise ValueError(
             "scene.packing must have no links where contacts have friction, which would turn particles against them, "
             f"got {len(scene.packing.links)}"
         )
-    one_of("kind", kind, KINDS)
+    one_of("kind", kind, _KINDS)
     one_of("contacts_at_limit", contacts_at_limit, AT_LIMIT)
     if gap_tolerance is not None:
         raise ValueError(
@@ -96,7 +98,7 @@ def tangential_elements(
     stiffness: float,
     coefficient: float = 0.0,
     sliding_c: NDArray[np.bool_] | None = None,
-    kind: str = "exact",
+    kind: Kind = "exact",
 ) -> tuple[Elements, NDArray[np.float64]]:
     """Return pairs with tangential springs as elements, and (C, d + 2 k) derivatives of what passes mu N.
 
@@ -128,13 +130,7 @@ def tangential_elements(
         If centers coincide.
 
     """
-    stuck = np.flatnonzero(pairs.distance_c == 0.0)
-    if len(stuck):
-        c = stuck[0]
-        raise ValueError(
-            "packing must have no coincident centers where second derivatives are asked for, "
-            f"got particles {pairs.i_c[c]} and {pairs.j_c[c]} at one place"
-        )
+    check_centers(pairs, np.ones(len(pairs)))
     count, d = len(pairs), pairs.dimension
     # all in space; a plane takes its part at the end
     n, tangential = np.zeros((count, 3)), np.zeros((count, 3))
@@ -217,7 +213,7 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
 
 
 def frictional_system(
-    scene: Scene, found: FrictionalNetwork, kind: str, sliding_c: NDArray[np.bool_]
+    scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_c: NDArray[np.bool_]
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
     network, terms, friction = found.network, found.terms, acting_friction(scene)
@@ -249,7 +245,7 @@ class SlidingResponse(NamedTuple):
     consistent: bool
 
 
-def find_sliding(scene: Scene, found: FrictionalNetwork, kind: str, strain_e: NDArray[np.float64]) -> SlidingResponse:
+def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: NDArray[np.float64]) -> SlidingResponse:
     """Return the response to a strain in which just those contacts at the limit slide that it loads.
 
     Sets are tried from all that stick on: every contact at the limit changes over that disagrees with the motion, and
@@ -288,8 +284,8 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: str, strain_e: ND
 @honors("repulsion friction", at_rest=True, shaped="pm.hessian")
 def stiffness_matrix(
     scene: Scene,
-    strain: str = "free",
-    kind: str = "exact",
+    strain: BoxStrain = "free",
+    kind: Kind = "exact",
     *,
     contacts_at_limit: str = "stick",
     strain_scale: float | None = 1.0,
@@ -421,7 +417,7 @@ def frictional_modes(
     scene: Scene,
     count: int | None = None,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     contacts_at_limit: str = "stick",
     rattlers: str = "remove",
     method: str = "auto",

@@ -14,43 +14,40 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, one_of, positive
+from packmech.check import KINDS, STRAINS, BoxStrain, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.effects import acts_on_single, held_particles
 from packmech.honors import STRAINED, honors
-from packmech.linalg.factor import NotDefinite, factorize
-from packmech.linalg.mandel import STRAINS, isochoric_basis, mandel_vector, strain_directions
+from packmech.linalg.mandel import isochoric_basis, mandel_vector, strain_directions
 from packmech.mechanics.linked_systems import (
     link_motions,
     linked_system,
     negative_motions,
     rows_on,
     soft_shift,
-    weighted_rows,
 )
 from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
 
-KINDS = ("exact", "paper", "unstressed")
 CURVATURES = ("det", "trace")
 
 
-def corner_of(system: System, kind: str, strain: str, volume_curvature: str) -> NDArray[np.float64]:
+def corner_of(system: System, kind: Kind, strain: BoxStrain, volume_curvature: str) -> NDArray[np.float64]:
     """Return the (s, s) derivatives by strains, with the curvature of a volume that is held."""
     held = kind == "exact" and strain == "isochoric" and volume_curvature == "det"
     return system.corner + system.volume_curvature if held else system.corner
 
 
-def check_choices(kind: str, strain: str, volume_curvature: str) -> None:
+def check_choices(kind: Kind, strain: BoxStrain, volume_curvature: str) -> None:
     """Check the names of a kind of Hessian, of what the box may do, and of the curvature of its volume."""
     one_of("kind", kind, KINDS)
     one_of("strain", strain, STRAINS)
     one_of("volume_curvature", volume_curvature, CURVATURES)
 
 
-def check_strain_of_box(scene: Scene, strain: str) -> None:
+def check_strain_of_box(scene: Scene, strain: BoxStrain) -> None:
     """Refuse strains of the box where walls, weights or held particles do not follow it."""
     if strain != "none" and acts_on_single(scene.effects):
         raise ValueError(
@@ -67,8 +64,8 @@ def check_strain_of_box(scene: Scene, strain: str) -> None:
 )
 def hessian(
     scene: Scene,
-    strain: str = "free",
-    kind: str = "exact",
+    strain: BoxStrain = "free",
+    kind: Kind = "exact",
     *,
     volume_curvature: str = "det",
     strain_scale: float | None = 1.0,
@@ -130,7 +127,7 @@ def hessian(
     instance("scene", scene, Scene)
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
-    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep")
+    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=strain != "none")
     everything, free = np.ones(system.network.free_f.size, dtype=bool), system.network.free_f
     position = system.matrix(everything)
     if (system.network.free_nq != system.network.there_nq).any():
@@ -147,8 +144,7 @@ def hessian(
 def _width(scene: Scene) -> int:
     """Return the number of coordinates of a particle."""
     packing = scene.packing
-    turns = 0 if packing.shapes is None else packing.shapes.turn_basis(packing.radius_n).shape[1]
-    return packing.dimension + turns
+    return packing.dimension + int(packing.turn_nkt.shape[1])
 
 
 @honors(
@@ -158,8 +154,8 @@ def _width(scene: Scene) -> int:
 )
 def dynamical_matrix(
     scene: Scene,
-    strain: str = "none",
-    kind: str = "exact",
+    strain: BoxStrain = "none",
+    kind: Kind = "exact",
     *,
     volume_curvature: str = "det",
     strain_scale: float | None = None,
@@ -244,8 +240,8 @@ def perturbation_energy(
     displacement_nd: ArrayLike,
     strain_dd: ArrayLike | None = None,
     *,
-    strain: str = "free",
-    kind: str = "exact",
+    strain: BoxStrain = "free",
+    kind: Kind = "exact",
     volume_curvature: str = "det",
     gap_tolerance: float | None = None,
 ) -> float:
@@ -300,7 +296,7 @@ def perturbation_energy(
     return 0.5 * float(motion @ (full @ motion))
 
 
-def is_stable(scene: Scene, *, strain: str, gap_tolerance: float | None = None, free_turns: bool = True) -> bool:
+def is_stable(scene: Scene, *, strain: BoxStrain, gap_tolerance: float | None = None, free_turns: bool = True) -> bool:
     """Return whether the exact Hessian is positive on all motions but the d translations.
 
     Parameters
@@ -336,14 +332,8 @@ def is_stable(scene: Scene, *, strain: str, gap_tolerance: float | None = None, 
     if strain != "none":
         corner = admitted.T @ (system.corner + system.volume_curvature) @ admitted
         matrix = bordered(matrix, system.column(pinned) @ admitted / scale, corner / scale**2)
-    if links is None:
-        if matrix.shape[0] and not np.abs(matrix.diagonal()).max() > 0:
-            return False
-        try:
-            factorize(matrix, kind="definite")
-        except NotDefinite:
-            return False
-        return True
-    rows = weighted_rows(links, np.ones(pinned.size), admitted, scale)
-    linked = linked_system(matrix, sp.csr_array(rows[:, np.concatenate([pinned, np.ones(admitted.shape[1], bool)])]))
-    return negative_motions(linked, (1.0 if free_turns else -1.0) * soft_shift(matrix), d) == 0
+    rows = rows_on(links, network.free_f, np.ones(network.free_f.sum()), admitted, scale)
+    moves = np.concatenate([pinned[network.free_f], np.ones(admitted.shape[1], dtype=bool)])
+    # zero modes are none of a stable packing, but for the turns of linked particles
+    allowed = 1.0 if free_turns and len(links) else -1.0
+    return negative_motions(linked_system(matrix, sp.csr_array(rows[:, moves])), allowed * soft_shift(matrix), d) == 0

@@ -206,6 +206,11 @@ class FreeOperator:
         return eigenvalues_below(self.matrix, bound)
 
 
+def operator_of(matrix: sp.csr_array, rows: sp.csr_array, dimension: int) -> Operator:
+    """Return a sparse matrix on the motions that leave `rows` unchanged: on all where there are none."""
+    return LinkedOperator(matrix, rows, dimension) if rows.shape[0] else FreeOperator(matrix)
+
+
 class LinkedOperator:
     """A sparse matrix P H P on the motions that leave `rows` unchanged, P the projector on them."""
 
@@ -295,26 +300,37 @@ def rows_on(
         As of `weighted_rows`.
 
     """
+    if not len(links):
+        return sp.csr_array((0, len(weight_f) + strain_ek.shape[1]))
     weight = np.ones(len(free_f))
     weight[free_f] = weight_f
     rows = weighted_rows(links, weight, strain_ek, strain_scale)
     if free_f.all():
         return rows
-    return _independent(sp.csr_array(rows[:, np.concatenate([free_f, np.ones(strain_ek.shape[1], dtype=bool)])]))
+    held = np.concatenate([~free_f, np.zeros(strain_ek.shape[1], dtype=bool)])
+    # links to what is held may depend on others now, or be unable to move
+    suspect = np.asarray(abs(rows[:, np.flatnonzero(held)]).sum(axis=1)).ravel() > 0.0
+    return _independent(sp.csr_array(rows[:, np.flatnonzero(~held)]), suspect)
 
 
-def _independent(rows: sp.csr_array) -> sp.csr_array:
-    """Return rows that span what the given ones span, of each group that shares coordinates by itself."""
-    size = np.sqrt(rows.multiply(rows).sum(axis=1))
+def _independent(rows: sp.csr_array, suspect_r: NDArray[np.bool_]) -> sp.csr_array:
+    """Return rows that span what the given ones span; only groups that share coordinates with suspects may depend."""
     _, group = connected_components(rows @ rows.T, directed=False)
-    kept = []
-    for one in np.unique(group[size > 0.0]):
-        own = np.flatnonzero((group == one) & (size > 0.0))
-        block = rows[own].toarray() / size[own, None]
+    looked_at = np.isin(group, group[suspect_r])
+    kept = [np.flatnonzero(~looked_at)]
+    members = np.flatnonzero(looked_at)
+    members = members[np.argsort(group[members], kind="stable")]
+    for own in np.split(members, np.flatnonzero(np.diff(group[members])) + 1):
+        part = rows[own]
+        block = part[:, np.unique(part.indices)].toarray()
+        size = np.sqrt((block**2).sum(axis=1))
+        own, block = own[size > 0.0], block[size > 0.0] / size[size > 0.0, None]
+        if not len(own):
+            continue
         _, upper, order = qr(block.T, mode="economic", pivoting=True)
         pivot = np.abs(np.diag(upper))
         kept.append(own[order[: int(np.count_nonzero(pivot > DEPENDENT * pivot[0]))]])
-    return sp.csr_array(rows[np.sort(np.concatenate([*kept, np.zeros(0, dtype=np.int64)]))])
+    return sp.csr_array(rows[np.sort(np.concatenate(kept))])
 
 
 def link_motions(rows: sp.csr_array) -> NDArray[np.float64]:

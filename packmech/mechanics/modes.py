@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import bin_edges, instance, integer, one_of
+from packmech.check import KINDS, BoxStrain, Kind, bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.honors import honors
@@ -20,7 +20,7 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.measure.contact_forces import force_residual
 from packmech.mechanics.hessian import check_choices, check_strain_of_box, corner_of
-from packmech.mechanics.linked_systems import FreeOperator, LinkedOperator, Operator, link_motions, rows_on
+from packmech.mechanics.linked_systems import Operator, link_motions, operator_of, rows_on
 from packmech.mechanics.network import Network
 from packmech.mechanics.system import bordered, system_of
 from packmech.scene import Scene
@@ -131,8 +131,8 @@ def normal_modes(
     scene: Scene,
     count: int | None = None,
     *,
-    strain: str = "none",
-    kind: str = "exact",
+    strain: BoxStrain = "none",
+    kind: Kind = "exact",
     volume_curvature: str = "det",
     strain_scale: float | None = None,
     rattlers: str = "remove",
@@ -195,7 +195,7 @@ def normal_modes(
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
     with single_thread():
-        system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+        system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=strain != "none")
         network, links, matrix = system.network, system.links, system.matrix()
         index, free_nq, axis, root = _moving(network, mass)
         kept = len(index)
@@ -204,21 +204,19 @@ def normal_modes(
             matrix = bordered(matrix, system.column() @ admitted / scale, corner / scale**2)
         weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        translation = _translations(matrix, root, axis, dimension, network.anchored)
+        rows = rows_on(links, network.free_f, 1.0 / root, admitted, scale)
+        translation = _translations(matrix, rows, root, axis, dimension, network.anchored)
         moving = translation.shape[1]
-        operator: Operator = FreeOperator(matrix)
-        if links is not None:
-            rows = rows_on(links, network.free_f, 1.0 / root, admitted, scale)
-            operator = LinkedOperator(matrix, rows, dimension)
+        operator = operator_of(matrix, rows, dimension)
         available = max(operator.motions - moving, 0) if kept else 0
         wanted = available if count is None else min(count, available)
         method = _choose(method, operator.motions, wanted, count)
         largest = float(abs(matrix).sum(axis=0).max()) if kept else 0.0
         if method == "dense":
             basis = None
-            if links is not None and not network.free_f.all():
+            if len(links) and not network.free_f.all():
                 basis = link_motions(rows)
-            elif links is not None:
+            elif len(links):
                 basis = motion_basis(links, admitted, mass_n=mass[index], strain_scale=scale, memory_limit=_BASIS_BYTES)
                 basis = np.concatenate([basis[: len(root)] * root[:, None], admitted.T @ basis[len(root) :] * scale])
             value, vector = _dense(matrix, basis, translation, largest, wanted)
@@ -275,19 +273,28 @@ def _moving(network: Network, mass_n: NDArray[np.float64]) -> _Moving:
 
 
 def _translations(
-    matrix: sp.csr_array, root: NDArray[np.float64], axis: NDArray[np.int64], dimension: int, anchored: bool
+    matrix: sp.csr_array,
+    rows: sp.csr_array,
+    root: NDArray[np.float64],
+    axis: NDArray[np.int64],
+    dimension: int,
+    anchored: bool,
 ) -> NDArray[np.float64]:
     """Return the uniform translations that cost nothing, as orthonormal columns; root are square roots of masses."""
     translation = np.zeros((matrix.shape[0], dimension))
     for a in range(dimension):
         translation[: len(root)][axis == a, a] = root[axis == a]
     if not len(root):
-        return translation
+        return translation[:, :0]
     translation /= np.sqrt((root[axis == 0] ** 2).sum())
     if not anchored:
         return translation
     cost = np.sqrt(((matrix @ translation) ** 2).sum(axis=0))
-    return translation[:, cost <= _NO_COST * float(abs(matrix).sum(axis=0).max())]
+    free = cost <= _NO_COST * float(abs(matrix).sum(axis=0).max())
+    # one that links forbid is no motion
+    stretch = np.abs(rows @ translation).max(axis=0, initial=0.0)
+    free &= stretch <= _NO_COST * float(abs(rows).max()) if rows.nnz else True
+    return translation[:, free]
 
 
 def _choose(method: str, rows: int, wanted: int, count: int | None) -> str:
@@ -425,7 +432,7 @@ class StateDensity:
     count_b
         (B,) number of modes in each bin, uniform translations left out.
     modes
-        Number of modes that the packing has besides translations, d N' - d.
+        Number of modes that the packing has besides translations that cost nothing.
     seconds
         CPU time.
 
@@ -502,7 +509,7 @@ def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,
     *,
-    kind: str = "exact",
+    kind: Kind = "exact",
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
 ) -> StateDensity:
@@ -548,9 +555,9 @@ def density_of_states(
         count = np.histogram(frequency, edge)[0]
         return StateDensity(edge, count.astype(np.int64), source.available, time.process_time() - start)
     instance("source", source, Scene)
-    one_of("kind", kind, ("exact", "paper", "unstressed"))
+    one_of("kind", kind, KINDS)
     dimension = source.packing.dimension
-    system = system_of(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers)
+    system = system_of(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
     links, (index, _, axis, root) = system.links, _moving(system.network, source.packing.mass_n)
     if not len(index):
         edge = _edges(bins, 0.0, 1.0)
@@ -558,12 +565,10 @@ def density_of_states(
     with single_thread():
         weight = 1.0 / root
         matrix = sp.csr_array(system.matrix().multiply(weight[:, None]).multiply(weight[None, :]))
-        moving = _translations(matrix, root, axis, dimension, system.network.anchored).shape[1]
-        operator: Operator = FreeOperator(matrix)
-        if links is not None:
-            none = np.zeros((dimension * (dimension + 1) // 2, 0))
-            rows = rows_on(links, system.network.free_f, weight, none, 1.0)
-            operator = LinkedOperator(matrix, rows, dimension)
+        none = np.zeros((dimension * (dimension + 1) // 2, 0))
+        rows = rows_on(links, system.network.free_f, weight, none, 1.0)
+        moving = _translations(matrix, rows, root, axis, dimension, system.network.anchored).shape[1]
+        operator = operator_of(matrix, rows, dimension)
         low, high = _ends(operator)
         edge = _edges(bins, low, high)
         # zero modes have eigenvalues of either sign at rounding: an edge at zero counts all of them above it

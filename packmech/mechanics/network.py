@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from packmech.check import one_of
 from packmech.constraints.factor import ConstraintFactor
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import Contacts
 from packmech.contacts.rattlers import rattlers_of, rattling_bodies
-from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.effects import Walls, acts_on_single, held_particles, single_effects, wall_sides
 from packmech.jit.compiled import kernel
@@ -38,7 +38,7 @@ class Network:
     contacts
         Contacts among them.
     links
-        Links among them; None without.
+        Links among them, perhaps none.
     turn_nkt
         (N', K, t) rotations per length of each coordinate of turns: K = 0 where nothing turns.
     there_nq
@@ -53,7 +53,7 @@ class Network:
     parent: Packing
     index_n: NDArray[np.int64]
     contacts: Contacts | ShapeContacts
-    links: ConstraintFactor | None
+    links: ConstraintFactor
     turn_nkt: NDArray[np.float64]
     there_nq: NDArray[np.bool_]
     free_nq: NDArray[np.bool_]
@@ -62,9 +62,7 @@ class Network:
     @functools.cached_property
     def packing(self) -> Packing:
         """The packing of the kept particles alone; of all where every particle rattles, since there is none of none."""
-        if len(self.index_n) in (0, self.parent.particles):
-            return self.parent
-        return self.links.packing if self.links is not None else self.parent.select(self.index_n)
+        return self.links.packing if len(self.index_n) else self.parent
 
     @property
     def shape_contacts(self) -> ShapeContacts:
@@ -130,18 +128,11 @@ def contact_network(
 
     """
     one_of("rattlers", rattlers, RATTLERS)
-    contacts = contacts_within(packing, gap_tolerance, second=second)
+    contacts = touching_pairs(packing, gap_tolerance, second=second)
     kept = np.ones(packing.particles, dtype=bool)
     if rattlers == "remove":
         kept = ~_rattling(packing, contacts, effects)
     return network_among(packing, contacts, kept, effects)
-
-
-def contacts_within(packing: Packing, gap_tolerance: float | None, *, second: bool = True) -> Contacts | ShapeContacts:
-    """Return the touching pairs of discs and spheres, or of shapes."""
-    if packing.shapes is None:
-        return find_contacts(packing, gap_tolerance=gap_tolerance)
-    return find_shape_contacts(packing, gap_tolerance=gap_tolerance, second=second)
 
 
 def network_among(
@@ -165,31 +156,29 @@ def network_among(
         (N, K, t) rotations per length of each coordinate of turns; those of the shapes unless given.
 
     """
-    index, shapes, links = np.flatnonzero(kept_n), packing.shapes, None
-    if turn_nkt is None:
-        turn_nkt = np.zeros((packing.particles, 0, 0)) if shapes is None else shapes.turn_basis(packing.radius_n)
-    turn = turn_nkt[index]
+    index = np.flatnonzero(kept_n)
+    turn = (packing.turn_nkt if turn_nkt is None else turn_nkt)[index]
     there = np.hstack([np.ones((len(index), packing.dimension), dtype=bool), (turn != 0.0).any(axis=2)])
     free, held = there, held_particles(effects, packing.particles)
     if held is not None:
         free = there & ~held[index, None]
     whole = kept_n.all()
-    if packing.links is not None and len(index):
-        left = packing
-        if not whole:
-            left = packing.select(kept_n, packing.links.numbered(np.where(kept_n, np.cumsum(kept_n) - 1, -1)))
-        links = None if left.links is None else ConstraintFactor(left)
+    left = packing
+    if not whole and len(index):
+        number = np.where(kept_n, np.cumsum(kept_n) - 1, -1)
+        left = packing.select(index, None if packing.links is None else packing.links.numbered(number))
     if not whole:
-        contacts = _among(packing, contacts, kept_n)
+        contacts = _among(left, contacts, kept_n)
+    links = ConstraintFactor(left if len(index) else packing.replace(links=None))
     return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects))
 
 
-def _among(packing: Packing, contacts: Contacts | ShapeContacts, kept_n: NDArray[np.bool_]) -> Any:
+def _among(left: Packing, contacts: Contacts | ShapeContacts, kept_n: NDArray[np.bool_]) -> Any:
     """Return the contacts among the particles that are kept, numbered by these."""
     number = np.cumsum(kept_n) - 1
     kept = contacts.select(kept_n[contacts.i_c] & kept_n[contacts.j_c])
     if isinstance(kept, ShapeContacts) and kept_n.any():
-        return kept.numbered(number, packing.select(np.flatnonzero(kept_n)))
+        return kept.numbered(number, left)
     return dataclasses.replace(
         kept, i_c=number[kept.i_c], j_c=number[kept.j_c], particles=int(np.count_nonzero(kept_n))
     )

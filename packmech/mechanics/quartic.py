@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, one_of, real
+from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
 from packmech.contacts.shape_rattlers import free_turns
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import STRAINS
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
 from packmech.mechanics.system import system_of
@@ -85,7 +84,11 @@ class QuarticModes:
 
 @honors("repulsion shapes", at_rest=True)
 def quartic_modes(
-    scene: Scene, *, strain: str = "none", gap_tolerance: float | None = None, rank_tolerance: float = RANK_TOLERANCE
+    scene: Scene,
+    *,
+    strain: BoxStrain = "none",
+    gap_tolerance: float | None = None,
+    rank_tolerance: float = RANK_TOLERANCE,
 ) -> QuarticModes:
     """Return the motions of a packing with shapes that its stiffness does not resist, and how its forces do.
 

@@ -23,7 +23,7 @@ class Relaxation(NamedTuple):
 
     `negative` and `floppy` count negative and zero eigenvalues, of the symmetric part where there is no energy: motions
     whose second-order work is negative or none. `residual` is what stays unbalanced, over the largest force of a
-    contact under a unit strain. Motions are those of all coordinates; none where links prescribe lengths.
+    contact under a unit strain. Motions are those of all coordinates; zeros where there are links.
     """
 
     relief_ee: NDArray[np.float64]
@@ -58,7 +58,7 @@ def relax(system: System) -> Relaxation:
         return Relaxation(np.zeros((strains, strains)), 0, 0, 0.0, np.zeros((pinned.size, strains)))
     matrix, right, push = system.matrix(pinned), -system.column(pinned), system.push
     motion = np.zeros((pinned.size, strains))
-    if system.links is not None:
+    if len(system.links):
         gradient, stretch = system.links.independent_rows()
         linked = linked_system(matrix, gradient[:, pinned])
         found = relax_linked(linked, right, -stretch, push, system.network.dimension)

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive
+from packmech.check import STRAINS, BoxStrain, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
@@ -15,10 +15,8 @@ from packmech.contacts.elements import PairGeometry, distance_rows
 from packmech.contacts.rattlers import check_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.honors import honors
-from packmech.linalg.mandel import STRAINS, mandel_basis, strain_directions
+from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.packing import Packing
-
-# largest relative gap that is rounding of a contact: crystals and exact hard-particle packings touch only to rounding
 
 
 def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float | None) -> Contacts:
@@ -30,10 +28,15 @@ def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: floa
     return contacts
 
 
-def _shape_contacts_of(
+def any_contacts_of(
     packing: Packing, contacts: Contacts | ShapeContacts | None, gap_tolerance: float | None
-) -> ShapeContacts:
-    """Return the same of a packing with shapes."""
+) -> Contacts | ShapeContacts:
+    """Return the same of a packing with shapes or without."""
+    instance("packing", packing, Packing)
+    if packing.shapes is None:
+        if isinstance(contacts, ShapeContacts):
+            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
+        return contacts_of(packing, contacts, gap_tolerance)
     if contacts is None:
         return find_shape_contacts(packing, gap_tolerance=gap_tolerance)
     if not isinstance(contacts, ShapeContacts):
@@ -55,7 +58,7 @@ def strain_columns(contacts: PairGeometry) -> NDArray[np.float64]:
 @honors("links shapes", packing_only=True)
 def rigidity_matrix(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     contacts: Contacts | ShapeContacts | None = None,
@@ -99,16 +102,8 @@ def rigidity_matrix(
 
     """
     one_of("strain", strain, STRAINS)
-    found: Contacts | ShapeContacts
-    turn = None
-    if isinstance(packing, Packing) and packing.shapes is not None:
-        found = _shape_contacts_of(packing, contacts, gap_tolerance)
-        turn = packing.shapes.turn_basis(packing.radius_n)
-    else:
-        if isinstance(contacts, ShapeContacts):
-            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
-        found = contacts_of(packing, contacts, gap_tolerance)
-    position, columns = distance_rows(found, turn), strain_columns(found)
+    found = any_contacts_of(packing, contacts, gap_tolerance)
+    position, columns = distance_rows(found, packing.turn_nkt), strain_columns(found)
     if strain == "none":
         return position
     if strain != "free":
@@ -121,7 +116,7 @@ def rigidity_matrix(
 @honors("links", packing_only=True)
 def change_of_basis(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     memory_limit: float = MEMORY_LIMIT,
@@ -178,7 +173,7 @@ def change_of_basis(
 @honors("links", packing_only=True, shaped="pm.rigidity_matrix")
 def constrained_rigidity_matrix(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     contacts: Contacts | None = None,
@@ -228,7 +223,7 @@ def constrained_rigidity_matrix(
 @honors("links", packing_only=True, shaped="pm.rigidity_matrix")
 def n_matrix(
     packing: Packing,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
     contacts: Contacts | None = None,

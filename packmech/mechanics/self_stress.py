@@ -16,18 +16,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive, real
+from packmech.check import STRAINS, BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
-from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
-from packmech.linalg.mandel import STRAINS, strain_directions
-from packmech.mechanics.linked_systems import weighted_rows
+from packmech.linalg.mandel import strain_directions
+from packmech.mechanics.linked_systems import rows_on
 from packmech.mechanics.modes import signed_columns
-from packmech.mechanics.rigidity import contacts_of, strain_columns
+from packmech.mechanics.rigidity import any_contacts_of, strain_columns
 from packmech.packing import Packing
 
 METHODS = ("auto", "dense", "sparse")
@@ -149,12 +149,10 @@ class _Problem:
         return sp.csc_array(self.matrix.tocsc()[:, self.kept])
 
 
-def _problem(packing: Packing, strain: str, contacts: Contacts | ShapeContacts) -> _Problem:
+def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeContacts) -> _Problem:
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
-    turn = np.zeros((packing.particles, 0, 0))
-    if isinstance(contacts, ShapeContacts):
-        turn = contacts.shapes.turn_basis(packing.radius_n)
+    turn = packing.turn_nkt
     there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), (turn != 0.0).any(axis=2)])
     width, absent = there.shape[1], np.flatnonzero(~there.ravel())
     position, side = distance_rows(contacts, turn), strain_columns(contacts) @ admitted
@@ -163,11 +161,10 @@ def _problem(packing: Packing, strain: str, contacts: Contacts | ShapeContacts) 
     size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
     scale = mean / size if size > 0 else 1.0
     matrix = sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr"))
-    links = 0
-    if packing.links is not None:
-        rows = weighted_rows(ConstraintFactor(packing), np.ones(position.shape[1]), admitted, 1.0 / scale)
-        links = rows.shape[0]
-        matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
+    everything = np.ones(position.shape[1], dtype=bool)
+    rows = rows_on(ConstraintFactor(packing), everything, np.ones(position.shape[1]), admitted, 1.0 / scale)
+    links = rows.shape[0]
+    matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
     pinned = width * int(np.argmax(contacts.count_n())) + np.arange(dimension)
     normal = abs(matrix.T @ matrix)
     largest = float(np.sqrt(normal.sum(axis=0).max())) if matrix.shape[0] else 0.0
@@ -229,7 +226,7 @@ def _sparse_right(problem: _Problem, tolerance: float, count: int) -> NDArray[np
 
 def _prepare(
     packing: Packing,
-    strain: str,
+    strain: BoxStrain,
     contacts: Contacts | ShapeContacts | None,
     gap_tolerance: float | None,
     tolerance: float,
@@ -241,15 +238,7 @@ def _prepare(
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
     positive("basis_limit", limit)
     instance("packing", packing, Packing)
-    found: Contacts | ShapeContacts
-    if packing.shapes is None:
-        if isinstance(contacts, ShapeContacts):
-            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
-        found = contacts_of(packing, contacts, gap_tolerance)
-    else:
-        if contacts is not None and not isinstance(contacts, ShapeContacts):
-            raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {contacts!r:.60}")
-        found = find_shape_contacts(packing, gap_tolerance=gap_tolerance) if contacts is None else contacts
+    found = any_contacts_of(packing, contacts, gap_tolerance)
     problem = _problem(packing, strain, found)
     if method == "auto":
         method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
@@ -282,7 +271,7 @@ def _null_space(
 @honors("links shapes", packing_only=True)
 def states_of_self_stress(
     packing: Packing,
-    strain: str = "none",
+    strain: BoxStrain = "none",
     *,
     contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
@@ -344,7 +333,7 @@ def states_of_self_stress(
 @honors("links shapes", packing_only=True)
 def floppy_modes(
     packing: Packing,
-    strain: str = "none",
+    strain: BoxStrain = "none",
     *,
     contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,

@@ -15,10 +15,12 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.redundancy import workable_links
 from packmech.effects import held_particles, lacking_second
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
-from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve, rows_on
+from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve, operator_of, rows_on
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.system import assembled_system
 from packmech.scene import Scene
@@ -191,19 +193,20 @@ def _matrix(operator: Operator) -> Any:
 def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     """Return the second derivative on the motions that links admit, and which of the (N, q) coordinates can move."""
     network = _whole(scene)
-    system = assembled_system(scene, network)
-    matrix, free = system.matrix(), network.free_nq
-    if system.links is None:
-        return FreeOperator(matrix), free
-    none = np.zeros((len(system.corner), 0))
+    system = assembled_system(scene, network, strained=False)
+    matrix, free, d = system.matrix(), network.free_nq, network.dimension
+    none = np.zeros((d * (d + 1) // 2, 0))
     rows = rows_on(system.links, network.free_f, np.ones(matrix.shape[0]), none, 1.0)
-    return LinkedOperator(matrix, rows, network.dimension), free
+    return operator_of(matrix, rows, network.dimension), free
 
 
 def _whole(scene: Scene) -> Network:
     """Return all particles with their contacts, but for those between held ones."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
+    if packing.links is not None and (packing.links.i_l != packing.links.j_l).all():
+        # refuses links that hold to second order only, whose forces are not determined
+        network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))
     held = held_particles(effects, packing.particles)
     if held is None:
         return network

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.check import Kind
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, elements_of
@@ -61,8 +62,8 @@ class System:
     assembled: Assembled
 
     @property
-    def links(self) -> ConstraintFactor | None:
-        """The rigid links; None without."""
+    def links(self) -> ConstraintFactor:
+        """The rigid links, perhaps none."""
         return self.network.links
 
     def matrix(self, free_f: NDArray[np.bool_] | None = None) -> sp.csr_array:
@@ -74,7 +75,8 @@ class System:
         """The (N', q, s) what a strain makes of net forces: it takes displacements along, v -> (1 + strain) v."""
         d = self.network.dimension
         carried = np.zeros_like(self.assembled.column_nqe)
-        carried[:, :d] = np.einsum("eab,nb->nae", mandel_basis(d), self.assembled.slope_nq[:, :d])
+        if carried.shape[2]:
+            carried[:, :d] = np.einsum("eab,nb->nae", mandel_basis(d), self.assembled.slope_nq[:, :d])
         return carried
 
     def column(self, free_f: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
@@ -120,7 +122,12 @@ class System:
 
 
 def system_of(
-    scene: Scene, kind: str = "exact", *, gap_tolerance: float | None = None, rattlers: str = "remove"
+    scene: Scene,
+    kind: Kind = "exact",
+    *,
+    gap_tolerance: float | None = None,
+    rattlers: str = "remove",
+    strained: bool = True,
 ) -> System:
     """Return the second derivatives of a scene whose forces derive from an energy.
 
@@ -133,6 +140,8 @@ def system_of(
         without forces.
     gap_tolerance, rattlers
         As in `contact_network`.
+    strained
+        Whether strains of the box are asked for, too: without them `column`, `row` and `corner` are empty.
 
     Raises
     ------
@@ -146,23 +155,35 @@ def system_of(
     if acts_on_single(effects):
         needs_second(effects, "second derivatives")
     network = contact_network(packing, effects, gap_tolerance=gap_tolerance, rattlers=rattlers)
-    return assembled_system(scene, network, kind)
+    return assembled_system(scene, network, kind, strained=strained)
 
 
 def assembled_system(
     scene: Scene,
     network: Network,
-    kind: str = "exact",
+    kind: Kind = "exact",
+    *,
+    strained: bool = True,
+    link_stiffness: float = 0.0,
 ) -> System:
-    """Return the second derivatives of a scene's energy on a network."""
+    """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for."""
     one = network.contacts
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     elements = [elements_of(one, first, terms.second_c)]
-    if network.links is not None and kind == "exact":
-        tension = link_tension(scene, network, elements)
-        elements.append(elements_of(network.links.pairs, tension, np.zeros_like(tension)))
-    assembled = assemble(elements, network.turn_nkt, network.dimension, single_nqq=single_second(scene, network, kind))
+    if len(network.links) and (kind == "exact" or link_stiffness):
+        tension = np.zeros(len(network.links))
+        if kind == "exact":
+            tension = _tension(scene, network, elements)
+        elements.append(elements_of(network.links.pairs, tension, np.full(len(tension), link_stiffness)))
+    d = network.dimension
+    assembled = assemble(
+        elements,
+        network.turn_nkt,
+        d,
+        single_nqq=single_second(scene, network, kind),
+        basis_edd=None if strained else np.zeros((0, d, d)),
+    )
     return System(network, terms, tuple(elements), assembled)
 
 
@@ -171,7 +192,7 @@ def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTer
     return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
 
 
-def single_second(scene: Scene, network: Network, kind: str = "exact") -> NDArray[np.float64] | None:
+def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArray[np.float64] | None:
     """Return the (N', q, q) second derivatives of what acts on single particles; None where nothing does.
 
     Those of effects that give none come from differences of their forces, which err by the square of a millionth of the
@@ -212,17 +233,15 @@ def _differences(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float
     return np.asarray(0.5 * (second + second.transpose(0, 2, 1)))
 
 
-def link_tension(scene: Scene, network: Network, elements: list[Elements]) -> NDArray[np.float64]:
+def _tension(scene: Scene, network: Network, elements: list[Elements]) -> NDArray[np.float64]:
     """Return the (L,) forces in the links that balance the elements, and what acts on particles that can move."""
-    links = network.links
-    assert links is not None
     push = np.sum([slopes_of(one, network.turn_nkt) for one in elements], axis=0)[:, : network.dimension]
     if network.anchored:
         push -= single_terms(scene.effects, scene.packing).force_nd[network.index_n]
-    return links.multipliers(push, np.asarray(network.free_nq.any(axis=1)))
+    return network.links.multipliers(push, np.asarray(network.free_nq.any(axis=1)))
 
 
 def bordered(position: sp.csr_array, coupling_xe: NDArray[np.float64], corner_ee: NDArray[np.float64]) -> sp.csr_array:
-    """Return the sparse matrix with dense strain rows and columns appended."""
+    """Return a symmetric sparse matrix with strains appended: their mixed derivatives, and those by strains alone."""
     side = sp.csr_array(coupling_xe)
     return sp.csr_array(sp.block_array([[position, side], [side.T, sp.csr_array(corner_ee)]], format="csr"))

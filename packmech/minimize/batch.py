@@ -34,7 +34,7 @@ from packmech.shapes import Beads
 _SUCCESS = np.array([OUTCOME_OF[code].ok for code in sorted(OUTCOME_OF)])
 # packings are dealt out to threads in this many parts for each, as they take unequal times
 _PARTS = 8
-# angle beyond which rotation vectors of rigid bodies in space start anew: they are singular at a whole turn
+# angle beyond which rotation vectors of rigid bodies in space start again from zero: they are singular at a whole turn
 _FAR_TURNED = 2.0
 # packing fractions below which particles hardly meet, and above which pairs are too many
 _LIMITS = {2: (0.1, 1.3), 3: (0.05, 1.1)}

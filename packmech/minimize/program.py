@@ -390,7 +390,7 @@ class Program:
         step_limit: int = 500_000,
         force_floor: float = 0.0,
     ) -> Relaxation:
-        """Return where a minimizer ends in the box as it is; a failure to converge is said by `outcome` only.
+        """Return where a minimizer ends in the box as it is; whether it converged is in `outcome`, no error is raised.
 
         Parameters
         ----------

@@ -415,7 +415,7 @@ def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
 
 
 def find_crossings(packing: Packing) -> set[tuple[int, ...]] | None:
-    """Return the pairs of links that cross, by (link, link, image), in two dimensions; None where nobody can tell."""
+    """Return the pairs of links that cross, by (link, link, image), in two dimensions; None where not found out."""
     try:
         found = crossing_links(packing)
     except ValueError:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import instance, integer, one_of, positive
+from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.generate.cluster_shapes import LinearCluster
 from packmech.generate.random import generator_of
@@ -62,7 +62,7 @@ def anneal_shape(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     pressure: float = 1e-6,
-    strain: str = "isotropic",
+    strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-5,
     time_limit: float | None = None,
     progress: Progress | None = None,
@@ -202,7 +202,7 @@ def tap(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     pressure: float = 1e-6,
-    strain: str = "isotropic",
+    strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-5,
     time_limit: float | None = None,
     progress: Progress | None = None,
@@ -308,7 +308,7 @@ def _jammed_again(
     ends: float,
     *,
     pressure: float,
-    strain: str,
+    strain: BoxStrain,
     force_tolerance: float,
     method: str,
 ) -> Run:

@@ -15,19 +15,16 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of, positive, real
+from packmech.check import Kind, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.elements import elements_of
-from packmech.effects import ContactTerms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.links import Links
-from packmech.mechanics.assembly import assemble
 from packmech.mechanics.elasticity import Average, inverse_across, universal_anisotropy, voigt_average
-from packmech.mechanics.network import Network, contact_network
+from packmech.mechanics.network import contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.mechanics.system import System, assembled_system, bordered, closed_terms, link_tension
+from packmech.mechanics.system import assembled_system, bordered, closed_terms
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -233,7 +230,7 @@ class Backbone:
 LINK_STIFFNESS = (1.0, 1e2, 1e4)
 
 
-def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbone:
+def backbone_of(scene: Scene, kind: Kind, gap_tolerance: float | None) -> Backbone:
     """Return the factored backbone of a packing.
 
     Raises
@@ -254,7 +251,8 @@ def backbone_of(scene: Scene, kind: str, gap_tolerance: float | None) -> Backbon
     strains = d * (d + 1) // 2
 
     def parts(stiffness: float) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        system = _stiffened(scene, held, terms, kind, stiffness)
+        # links as stiff springs: what they hold later is not changed
+        system = assembled_system(scene, held, kind, link_stiffness=stiffness * float(terms.second_c.mean()))
         whole = bordered(system.matrix(free), system.column(free), system.corner).toarray()
         whole[-strains:] /= length
         whole[:, -strains:] /= length
@@ -313,19 +311,6 @@ def _inverted(whole: NDArray[np.float64], strains: int) -> tuple[NDArray[np.floa
         )
     zero[-strains:] = 0.0
     return vector[:, firm] / np.sqrt(value[firm]), zero
-
-
-def _stiffened(scene: Scene, held: Network, terms: ContactTerms, kind: str, stiffness: float) -> System:
-    """Return the system of the Hessian, links in it as stiff springs: what they hold later is not changed."""
-    links = held.links
-    system = assembled_system(scene, held, kind)
-    if links is None:
-        return system
-    contacts = system.elements[0]
-    tension = link_tension(scene, held, [contacts]) if kind == "exact" else np.zeros(len(links.pairs))
-    stiff = np.full(len(tension), stiffness * float(terms.second_c.mean()))
-    elements = (contacts, elements_of(links.pairs, tension, stiff))
-    return dataclasses.replace(system, elements=elements, assembled=assemble(elements, held.turn_nkt, held.dimension))
 
 
 class _ZeroModes:
@@ -451,7 +436,7 @@ class HeldCompliance:
         return product
 
 
-KINDS = ("unstressed", "exact")
+KINDS: tuple[Kind, ...] = ("unstressed", "exact")
 
 
 @dataclass(frozen=True, eq=False)
@@ -508,7 +493,7 @@ class Cementing:
     self_stress: int
     bearing: int
     freeze: str
-    kind: str
+    kind: Kind
     smallest_new: float
     largest_old: float
     seconds: float
@@ -600,7 +585,7 @@ def cement(
     order: str | Sequence[int] | NDArray[np.int64] = "random",
     step: float = 0.05,
     freeze: str = "angles",
-    kind: str = "unstressed",
+    kind: Kind = "unstressed",
     gap_tolerance: float | None = None,
 ) -> Cementing:
     """Return the moduli of a packing while random contacts become rigid links, up to complete rigidity.
@@ -773,7 +758,7 @@ def step_end(number: int, last: int, step: float, particles: int) -> int:
 
 
 def cement_backbone(
-    backbone: Backbone, sequence_l: NDArray[np.int64], step: float, freeze: str, kind: str, began: float | None = None
+    backbone: Backbone, sequence_l: NDArray[np.int64], step: float, freeze: str, kind: Kind, began: float | None = None
 ) -> Cementing:
     """Return the moduli while the contacts of a backbone are cemented in this order; see `cement`."""
     began = time.process_time() if began is None else began

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packmech.check import instance, integer, one_of, positive
+from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.second_order.soft_network import isochoric_part
@@ -39,7 +39,7 @@ def compress(
     scene: Scene,
     distances: Iterable[float],
     *,
-    strain: str = "isotropic",
+    strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-9,
     iteration_limit: int = 2000,
     time_limit: float | None = None,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, one_of, positive
+from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
@@ -23,7 +23,7 @@ from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 
-def free_strains(strain: str, dimension: int) -> NDArray[np.float64]:
+def free_strains(strain: BoxStrain, dimension: int) -> NDArray[np.float64]:
     """Return the (k, d, d) strains that a jamming protocol may use: the isotropic one alone, or all.
 
     Parameters
@@ -51,7 +51,7 @@ def jam(
     scene: Scene,
     *,
     pressure: float | None = None,
-    strain: str = "free",
+    strain: BoxStrain = "free",
     method: JamMethod | None = None,
     start: str = "continue",
     energy_tolerance: float | None = None,
@@ -91,8 +91,8 @@ def jam(
         where only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only
         one; without links); their parameters are those of the protocol.
     start
-        "continue", or "anew": a jammed packing is scaled to the start of the protocol, too. Where strains become free
-        that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "anew".
+        "continue", or "fresh": a jammed packing is scaled to the start of the protocol, too. Where strains become free
+        that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "fresh".
     energy_tolerance
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
@@ -113,7 +113,8 @@ def jam(
         held redundantly), stress_anisotropy, rounding_floor (the residual that rounding of positions alone can cause),
         backbone_pressure (the part of the pressure between particles that do not rattle; below .99 the outcome is
         NOT_JAMMED; with links 0 or 1, whether there are such contacts), method, strain, start ("continued",
-        "rearranged" or "anew"), and, where a hard packing was found, hard_packing, hard_contacts, hard_excess_contacts,
+        "rearranged" or "fresh"), and, where a hard packing was found, hard_packing, hard_contacts,
+        hard_excess_contacts,
         gap_error, force_imbalance, smallest_force. With links in two dimensions also crossing_links: pairs that cross
         are locked, press at any pressure and add states of self stress. Of a packing that is followed: rearrangements
         on the way (none where `start` is "continued"), contacts_closed and contacts_opened, and onset_rearrangements,
@@ -143,7 +144,7 @@ def jam(
     instance("scene", scene, Scene)
     asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("isotropic", "free"))
-    one_of("start", start, ("continue", "anew"))
+    one_of("start", start, ("continue", "fresh"))
     tolerance = positive("force_tolerance", force_tolerance)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     if energy_tolerance is not None:

@@ -107,7 +107,7 @@ _FIRST, _BOLDEST, _SEARCHED, _TIMID = 0.3, 0.03, 0.8, 0.97
 _FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
 _FIRE_STEPS = 20_000
 # crystals of molecules lie in valleys whose walls are contacts that just touch: steps of Newton's method are no longer
-# than those overlaps. Give up after so many searches, or force evaluations that led to no balance
+# than those overlaps. Stop after so many searches, or force evaluations that led to no balance
 _SEARCHES, _VAIN = 6, 8000
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, listed, positive, positive_array
+from packmech.check import BoxStrain, instance, listed, positive, positive_array
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
@@ -104,7 +104,7 @@ class Protocol:
         self,
         scene: Scene,
         basis_kdd: NDArray[np.float64],
-        strain: str,
+        strain: BoxStrain,
         force_tolerance: float,
         loop: RunLoop,
     ) -> None:
@@ -135,7 +135,7 @@ class Protocol:
         return self._program
 
     def watcher(self, stage: str, *, reduced: bool) -> Callable[[Packing], None] | None:
-        """Return what reports packings of a stage, in reduced lengths or not, and minds the time; None if needless."""
+        """Return what reports packings of a stage, in reduced lengths or not, and ends at the time limit; or None."""
         settings = self.loop.settings
         if settings.progress is None and np.isinf(settings.time_limit):
             return None
@@ -337,7 +337,7 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     }
 
 
-def linked_count(packing: Packing, contacts: Contacts, strain: str) -> dict[str, Any]:
+def linked_count(packing: Packing, contacts: Contacts, strain: BoxStrain) -> dict[str, Any]:
     """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
 
     The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
@@ -511,7 +511,7 @@ def judged(
     return Outcome.ROUNDING_FLOOR if residual > tolerance else outcome
 
 
-def shaped_count(packing: Packing, strain: str, network: Network | None = None) -> dict[str, Any]:
+def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = None) -> dict[str, Any]:
     """Return the counts of a packing with shapes, its turns among the degrees of freedom.
 
     Contacts and rattlers as they are in balance, the isostatic number of one state of self stress, and from the rank of
@@ -679,7 +679,7 @@ def report_start(protocol: Protocol) -> None:
     """
     report = protocol.report
     if not protocol.continues:
-        report["start"] = "anew"
+        report["start"] = "fresh"
         return
     if "contacts_closed" not in report:
         report.update(contacts_changed(pairs_of(touching_pairs(protocol.scene.packing)), protocol.last))

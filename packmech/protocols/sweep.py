@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from packmech.check import finite_array, instance, one_of, positive
+from packmech.check import BoxStrain, finite_array, instance, one_of, positive
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.stress import stress_tensor
@@ -28,7 +28,7 @@ def sweep_pressure(
     scene: Scene,
     pressures: Iterable[float],
     *,
-    strain: str = "isotropic",
+    strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
     progress: Progress | None = None,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function, instance, integer, one_of, real
+from packmech.check import BoxStrain, function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.effects import acts_on_single
@@ -171,7 +171,7 @@ def examine(
     scene: Scene,
     *,
     run: Run | None = None,
-    strain: str = "isotropic",
+    strain: BoxStrain = "isotropic",
     modes: int = 10,
     verdict: bool = True,
     gap_tolerance: float | None = None,
@@ -238,7 +238,7 @@ def examine(
     return report
 
 
-def isostatic_contacts(particles: int, dimension: int, strain: str, links: int = 0) -> int:
+def isostatic_contacts(particles: int, dimension: int, strain: BoxStrain, links: int = 0) -> int:
     """Return the fewest contacts that jam this many backbone particles: d N' - d + 1, with strains d N' - d + d(d+1)/2.
 
     Independent links between them each take the place of a contact.
@@ -267,7 +267,7 @@ def _part(report: Report, name: str, progress: Callable[[str], None]) -> Iterato
         report.missing[name] = str(refusal).partition("\n")[0]
 
 
-def _counts(scene: Scene, strain: str) -> dict[str, Any]:
+def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     packing = scene.packing
     if packing.shapes is not None:
         return _counts_of_shapes(scene, strain)
@@ -312,7 +312,7 @@ def _counts(scene: Scene, strain: str) -> dict[str, Any]:
     }
 
 
-def _counts_of_shapes(scene: Scene, strain: str) -> dict[str, Any]:
+def _counts_of_shapes(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     packing, unit = scene.packing, scene.pressure_unit
     largest, mean = force_balance(scene)
     counted = _counts_on_walls(scene) if acts_on_single(scene.effects) else shaped_count(packing, strain)

@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.jacobian import distance_gradients
 from packmech.constraints.motion_rules import link_rules
+from packmech.contacts.elements import distance_rows
 from packmech.jamming.classify import undecided
 from packmech.jamming.motion_cone import motion_cone
 
@@ -177,7 +177,7 @@ def test_certificate_balances_contacts_with_links_of_either_sign(linked, name):
     scene, _ = linked(name)
     verdict = pm.classify_jamming(scene)
     answer = verdict.collectively
-    push = distance_gradients(verdict.network).T @ answer.contact_force_c
+    push = distance_rows(verdict.network).T @ answer.contact_force_c
     pull = ConstraintFactor(scene.packing).gradient_lx.T @ answer.link_tension_l
     assert np.abs(push - pull).max() < 1e-12 and answer.contact_force_c.min() > 0.0
     assert answer.link_tension_l.min() < 0.0 < answer.link_tension_l.max() or name == "jammed_dimer_strain"

@@ -137,6 +137,20 @@ def test_a_link_bears_the_weight_above_it_and_its_stress_is_that_weight_times_it
     assert stress[1, 1] * 16.0 == pytest.approx(-weight, rel=1e-12) and abs(stress[0]).max() < 1e-15
 
 
+def test_a_link_bears_the_tangential_force_of_a_contact_beside_it():
+    """A linked pair that another disc pushes across its link's end by a tangential spring along the link."""
+    links = pm.Links([0], [1], [[0, 0]], [1.2])
+    spring = pm.TangentialDisplacements([1], [2], [[0, 0]], [[0.01]])
+    place = [[1.0, 2.0], [2.2, 2.0], [2.2, 2.9]]
+    packing = pm.Packing(place, [0.5] * 3, pm.Box.cubic(6.0, 2), links, tangential=spring)
+    rough = pm.Scene(packing, (SPRING, pm.Friction(0.9, stiffness=0.8)))
+    force = pm.forces(rough)[1]
+    assert abs(force[0]) == pytest.approx(0.8 * 0.01, rel=1e-12)
+    # half of it accelerates each end
+    assert pm.link_tension(rough)[0] == pytest.approx(0.5 * force[0], rel=1e-12)
+    assert pm.link_tension(rough.without(pm.Friction).replace(packing=packing.replace(tangential=None)))[0] == 0.0
+
+
 def test_a_dimer_on_a_floor_bobs_slides_and_falls_over():
     scene, weight = standing_dimer()
     mass = np.pi / 4.0
@@ -171,3 +185,32 @@ def test_the_hessian_of_chains_on_a_floor_is_the_second_difference_of_the_energy
     every = pm.normal_modes(scene, rattlers="keep").eigenvalue_m
     # the translations along the floor cost nothing, and are left out
     assert np.abs(every - np.delete(value, np.argsort(np.abs(value))[: dimension - 1])).max() < 1e-12 * value[-1]
+
+
+def test_a_disc_that_is_linked_to_a_held_one_swings_as_a_pendulum():
+    """Of frequency squared g / length, however it hangs; a translation that the link forbids is no motion of it."""
+    length, pull = 1.5, 0.7
+    for angle in (0.0, 0.4):
+        below = [1.0 + length * np.sin(angle), 2.0 - length * np.cos(angle)]
+        links = pm.Links([0], [1], [[0, 0]], [length])
+        packing = pm.Packing([[1.0, 2.0], below], [0.5, 0.5], pm.Box.cubic(10.0, 2), links)
+        # hung along the pull
+        weight = pm.Gravity(pull * np.sin(angle), -pull * np.cos(angle))
+        scene = pm.Scene(packing, (SPRING, pm.FixedParticles((0,)), weight))
+        modes = pm.normal_modes(scene)
+        assert modes.eigenvalue_m == pytest.approx([pull / length], rel=1e-12) and modes.translations == 0
+        assert pm.density_of_states(scene, [0.0, 0.5, 1.0]).count_b.tolist() == [0, 1]
+        assert modes.force_residual < 1e-14
+
+
+def test_links_to_held_particles_leave_the_modes_of_the_dynamical_matrix():
+    links = pm.Links([0], [1], [[0, 0]], [1.5])
+    place = [[1.0, 2.0], [2.5, 2.0], [3.4, 2.0], [2.95, 2.8]]
+    packing = pm.Packing(place, [0.5] * 4, pm.Box.cubic(10.0, 2), links, mass_n=[1.0, 2.0, 3.0, 1.5])
+    scene = pm.Scene(packing, (SPRING, pm.FixedParticles((0,))))
+    value = np.linalg.eigvalsh(pm.dynamical_matrix(scene, kind="unstressed").toarray())
+    for method in ("dense", "shift-invert"):
+        modes = pm.normal_modes(scene, 3, kind="unstressed", rattlers="keep", method=method)
+        # the one translation that the link admits costs nothing here
+        assert modes.translations == 1 and modes.residual < 1e-13 and modes.missed == 0
+        assert np.r_[0.0, modes.eigenvalue_m] == pytest.approx(value[:4], abs=1e-12)

@@ -25,7 +25,7 @@ def jammed(seed, strain, method=None):
 def test_a_jammed_packing_keeps_its_network_and_its_jamming_packing_fraction(seed, strain):
     first = jammed(seed, strain)
     again = pm.jam(pm.Scene(first.packing, (pm.Repulsion(),)), pressure=1e-6, strain=strain)
-    assert (first.report["start"], again.report["start"]) == ("anew", "continued")
+    assert (first.report["start"], again.report["start"]) == ("fresh", "continued")
     assert network(again.packing) == network(first.packing)
     assert np.isclose(
         again.report["jamming_packing_fraction"], first.report["jamming_packing_fraction"], rtol=1e-12, atol=0.0
@@ -60,11 +60,11 @@ def test_every_method_follows(method):
 def test_a_packing_out_of_balance_or_one_that_is_asked_to_starts_anew():
     first = jammed(1, "isotropic")
     scene = pm.Scene(first.packing, (pm.Repulsion(),))
-    anew = pm.jam(scene, pressure=1e-6, strain="isotropic", start="anew")
+    fresh = pm.jam(scene, pressure=1e-6, strain="isotropic", start="fresh")
     moved = first.packing.position_nd + 0.01 * np.random.default_rng(1).normal(size=(64, 2))
     shaken = pm.jam(scene.replace(packing=first.packing.replace(position_nd=moved)), pressure=1e-6, strain="isotropic")
-    assert anew.report["start"] == shaken.report["start"] == "anew"
-    assert network(anew.packing) != network(first.packing)
+    assert fresh.report["start"] == shaken.report["start"] == "fresh"
+    assert network(fresh.packing) != network(first.packing)
     with pytest.raises(ValueError, match="start must be one of"):
         pm.jam(scene, start="again")
 

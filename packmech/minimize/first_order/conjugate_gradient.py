@@ -42,7 +42,7 @@ class ConjugateGradient(NamedTuple):
     slope_ratio
         A search ends where the slope has fallen to this part of its first value.
     largest_step
-        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+        No particle moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

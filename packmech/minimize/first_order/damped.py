@@ -45,7 +45,7 @@ class DampedDynamics(NamedTuple):
         Time step [reference diameter sqrt(m / energy_scale)], shortened where the stiffest particle asks for it; times
         b where b > 1, for that is how slowly contacts relax.
     largest_step
-        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+        No particle moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

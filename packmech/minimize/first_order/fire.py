@@ -41,7 +41,7 @@ class Fire(NamedTuple):
     mixing, mixing_decay
         Fraction of the velocity turned towards the force each step, and the factor on it downhill.
     largest_step
-        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+        No particle moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 
@@ -189,7 +189,7 @@ def fire_steps(
                 push = keep * kick + alpha * math.sqrt(kicked2 / sums.square)
             else:
                 push = kick + alpha * math.sqrt(speed2 / sums.square)
-        # nobody moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
+        # none moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
         reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
         if reach > largest_step:
             keep *= largest_step / reach

@@ -26,7 +26,7 @@ class GradientDescent(NamedTuple):
     step
         Step [1]; stable below 1. Smaller ones follow the path of steepest descent more closely.
     largest_step
-        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+        No particle moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

@@ -46,7 +46,7 @@ class LBFGS(NamedTuple):
     slope_ratio
         A search ends where the slope has fallen to this part of its first value.
     largest_step
-        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+        No particle moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

@@ -39,7 +39,7 @@ class SteepestDescent(NamedTuple):
     tolerance
         Error of a particle's displacement in a step [smallest diameter].
     largest_step
-        Nobody moves farther than this in one step [largest diameter; smallest under a diverging law].
+        No particle moves farther than this in one step [largest diameter; smallest under a diverging law].
 
     """
 

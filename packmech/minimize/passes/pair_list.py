@@ -98,7 +98,7 @@ def _farthest(row, anchor_nd):
 
 @device
 def anchor(row, anchor_nd):
-    """Note where everybody is."""
+    """Store the reference positions."""
     for i in range(anchor_nd.shape[0]):
         for a in range(3):
             anchor_nd[i, a] = row[i, a]
@@ -203,7 +203,7 @@ def adapt_skin(number):
 
 @device
 def is_stale(pairs, distance):
-    """Count a step in which nobody moved farther than the distance; return whether to look at the list again."""
+    """Count a step in which no particle moved farther than the distance; return whether the list may be stale."""
     pairs.number[DISPLACED] += distance
     pairs.number[AGE] += 1.0
     return pairs.number[DISPLACED] > pairs.number[BUDGET]

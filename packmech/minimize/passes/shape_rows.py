@@ -2,7 +2,7 @@
 """Shapes inside the loops of minimizers: how particles are turned stands in rows below those of their positions.
 
 The row of an ellipse or spheroid holds its director times the radius of gyration, so that its changes are lengths and
-the forces on it torques over that radius. Its length has no force: what makes it longer turns nobody, and it is put
+the forces on it torques over that radius. Its length has no force: what makes it longer turns none, and it is put
 right where a program's particles are placed. The row of a rigid body of beads holds the rotation since the program was
 built (the angle first in a plane, the rotation vector in space) times the radius of gyration. Minimizers walk over
 these rows as over all others. What the shapes are travels in the tuple of effects as a record of its own, so that loops

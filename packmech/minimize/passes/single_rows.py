@@ -21,7 +21,7 @@ from packmech.scene import Scene
 
 
 class RowsPushed(NamedTuple):
-    """Effects on single particles, masses by row, who is held all the same, and a contact's stiffness.
+    """Effects on single particles, masses by row, particles that are held besides, and a contact's stiffness.
 
     The stiffness [energy/length^2] sets the step where nothing touches yet.
     """
@@ -33,13 +33,13 @@ class RowsPushed(NamedTuple):
 
 
 class RowsHeld(NamedTuple):
-    """Who is held, by rows."""
+    """The mask of held particles, by rows."""
 
     held_n: NDArray[np.bool_]
 
 
 def acting_on_rows(scene: Scene, order_n: NDArray[np.int64]) -> tuple[Any, ...]:
-    """Return what acts on single particles and who is held, by rows; nothing where neither is."""
+    """Return what acts on single particles and which are held, by rows; nothing where neither is."""
     packing = scene.packing
     single, held = single_effects(scene.effects), held_particles(scene.effects, packing.particles)
     rows: list[Any] = []

@@ -56,7 +56,7 @@ class Polished(NamedTuple):
 
 
 def polish_downhill(packing: Packing, effects: tuple[Any, ...], *, force_tolerance: float, step_limit: int) -> Polished:
-    """Return the packing with links or shapes after Newton steps in its box; `outcome` tells a failure to converge.
+    """Return the packing with links or shapes after Newton steps in its box; whether it converged is in `outcome`.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def polish_downhill(packing: Packing, effects: tuple[Any, ...], *, force_toleran
 
 _ARMIJO = 1e-4
 _HALVINGS = 14
-# net forces within this many floors may be rounding: give up there in peace
+# net forces within this many rounding floors may be rounding: the search stops there
 _FLOORS = 8.0
 # weights of Simpson's rule
 _SIMPSON = {0.0: 1.0 / 6.0, 0.5: 4.0 / 6.0, 1.0: 1.0 / 6.0}
@@ -91,12 +91,12 @@ _SLIDING = 1e-9
 
 
 class Newton(NamedTuple):
-    """Newton's method with a sparse factorization: few, dear steps; for packings that are nearly at rest.
+    """Newton's method with a sparse factorization: few, expensive steps; for packings that are nearly at rest.
 
     Parameters
     ----------
     largest_step
-        Nobody moves farther than this in one step [smallest diameter].
+        No particle moves farther than this in one step [smallest diameter].
     skin
         Pairs are searched within this reach beyond contact [smallest diameter].
 
@@ -239,7 +239,7 @@ def _curvature(landscape: _Landscape, state: _State, regularization: float) -> _
     alone = landscape.held_n is None and not landscape.pushed
     rattling = rattlers_of(touching) if alone else np.zeros(touching.particles, dtype=np.bool_)
     weak = rattling[touching.i_c] | rattling[touching.j_c]
-    # contacts that hold nobody bend sideways under their own force: leave that out, and regularize it
+    # contacts that hold no particle bend sideways under their own force: leave that out, and regularize it
     pushes: NDArray[np.float64] = np.where(weak, 0.0, state.first_c)
     matrix = _second(touching, pushes, state.second_c, state.single_ndd).matrix(np.repeat(free, touching.dimension))
     if not matrix.shape[0]:
@@ -265,7 +265,9 @@ def _second(
 ) -> Assembled:
     """Return the second derivatives of contacts and of what acts on single particles."""
     still = np.zeros((contacts.particles, 0, 0))
-    return assemble([elements_of(contacts, first_c, second_c)], still, contacts.dimension, single_nqq=single_ndd)
+    d = contacts.dimension
+    elements = [elements_of(contacts, first_c, second_c)]
+    return assemble(elements, still, d, single_nqq=single_ndd, basis_edd=np.zeros((0, d, d)))
 
 
 def _unstable_directions(landscape: _Landscape, state: _State) -> int:
@@ -296,7 +298,7 @@ def polish(
     method: Newton | None = None,
     deadline: float = math.inf,
 ) -> Polished:
-    """Return the packing after Newton steps in its box; a failure to converge is said by `outcome` only.
+    """Return the packing after Newton steps in its box; whether it converged is in `outcome`, no error is raised.
 
     Parameters
     ----------

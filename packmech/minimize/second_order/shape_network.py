@@ -92,7 +92,7 @@ class ShapeNetwork(SoftNetwork):
         )  # fmt: skip
 
     def gradient_slopes(self) -> NDArray[np.float64]:
-        """Return the (d, d) slopes of the energy along displacement gradients, which turn nobody."""
+        """Return the (d, d) slopes of the energy along displacement gradients, which turn no particle."""
         one = self.contacts
         return np.asarray(np.einsum("c,ca,cb->ab", self.first_c, one.slope_cx[:, : one.dimension], one.vector_cd))
 

@@ -60,7 +60,7 @@ def shear_jam(
     rate
         Shear rate, in units of sqrt(k / m) of the stiffness of a contact and the mean mass.
     step, largest_strain
-        Strain from one rest to the next, and at which to give up [1].
+        Strain from one rest to the next, and at which the search ends [1].
     force_tolerance
         Largest net force, and torque over radius, over the mean normal force that counts as rest [1].
     axes

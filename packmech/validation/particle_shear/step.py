@@ -627,7 +627,7 @@ def run_steps(motion, body, cell, material, clock, rate_t, margin, pairs, regist
     new_nd = np.empty_like(motion.position_nd)
     seen_p9 = pairs.state_p9
     reach = 2.0 * np.max(body.radius_n) + margin
-    # a list that nobody has made yet: the first step makes it
+    # no list yet: the first step makes it
     gone = np.inf
     for t in range(rate_t.shape[0]):
         if gone >= margin:
