@@ -193,8 +193,6 @@ def test_what_cannot_be_honored_is_refused_by_name():
         pm.forces(scene.replace(effects=(pm.Repulsion(), pm.FixedParticles((10,)))))
     links = pm.Links([0], [1], [[0, 0]], [np.linalg.norm(np.diff(scene.packing.position_nd[:2], axis=0))])
     linked = scene.replace(packing=scene.packing.replace(links=links))
-    with pytest.raises(ValueError, match="second derivatives of packings with links"):
-        pm.hessian(linked, "none")
     with pytest.raises(ValueError, match="must hold no particle that is linked"):
         pm.quench(linked.replace(effects=(pm.Repulsion(), pm.FixedParticles((0,)))), force_tolerance=1e-3)
     for wrong in ([1.5], "12", 3, (True,), (-1,), (1, 1)):

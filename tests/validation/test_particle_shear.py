@@ -1,6 +1,5 @@
 """Facts about the preset: its unit-test scenarios, its laws and constants, demodulation, and its text file."""
 
-import dataclasses
 import functools
 import inspect
 import math
@@ -12,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.cli import execute
 from packmech.dynamics.material import hertz_force, layer_force
 from packmech.validation import particle_shear as ps
 from packmech.validation.particle_shear import material as constants
@@ -479,21 +477,3 @@ def test_the_whole_preset_is_public_with_docstrings_and_examples():
         if inspect.isfunction(one) or hasattr(one, "py_func"):
             function = getattr(one, "py_func", one)
             assert ">>> " in (inspect.getdoc(function) or ""), name
-
-
-def test_the_command_runs_the_scenarios_and_says_pass(capsys):
-    assert execute(["preset", "sphere"]) == 0
-    said = capsys.readouterr().out
-    assert "single_sphere_moving" in said and "assembly" not in said and "FAIL" not in said
-    assert re.search(r"(\d+) of \1 rows pass", said) and said.count("fails in the package, too") == 2
-
-
-def test_the_command_says_fail_with_exit_code_1_where_a_row_does_not_hold(capsys, monkeypatch):
-    scenario, _ = played("single_sphere_spinning")
-    wrong = dataclasses.replace(scenario, rows=(ps.Row("overall", ("zero",), ("zero",)), *scenario.rows[1:]))
-    monkeypatch.setitem(ps.SCENARIOS, "single_sphere_spinning", lambda: wrong)
-    assert execute(["preset", "single-sphere-spinning"]) == 1
-    said = capsys.readouterr().out
-    assert "FAIL" in said and f"{len(wrong.rows) - 1} of {len(wrong.rows)} rows pass" in said
-    with pytest.raises(ValueError, match="name must be part of the name of a scenario, got 'cube'"):
-        execute(["preset", "cube"])

@@ -1,7 +1,6 @@
 """Facts about pictures and recordings of ellipses and spheroids."""
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -76,44 +75,6 @@ def test_recordings_are_written_and_take_shapes_of_the_scene_alone(tmp_path, d):
         recording.add(run.packing, figures={"energy": 1.0})
         with pytest.raises(ValueError, match="shapes as the scene has"):
             recording.add(run.packing.replace(shapes=None))
-
-
-def test_the_command_jams_ellipses_and_resumes(tmp_path):
-    words = ["shapes", "--out", str(tmp_path), "--particles", "12", "--packings", "1", "--aspects", "1.2", "1.5", "2"]
-    assert execute(words) == 0
-    table = (tmp_path / "jammed-2d.csv").read_text(encoding="utf-8")
-    assert execute(words) == 0 and (tmp_path / "jammed-2d.csv").read_text(encoding="utf-8") == table
-    rows = [dict(zip(*[line.split(",") for line in (table.splitlines()[0], row)], strict=True))
-            for row in table.splitlines()[1:]]  # fmt: skip
-    assert [row["states_of_self_stress"] for row in rows] == ["1"] * 3
-    assert (tmp_path / "jammed-2d.png").stat().st_size > 1000
-    assert len(list((tmp_path / "members" / "jammed-2d" / "workspace").glob("*/packing.npz"))) == 3
-
-
-def test_the_command_jams_bodies_and_resumes(tmp_path, capsys):
-    words = ["shapes", "bodies", "--out", str(tmp_path), "--particles", "10", "--packings", "1"]
-    assert execute(words) == 0 and "isostatic but for these" in capsys.readouterr().out
-    table = (tmp_path / "bodies-2d.csv").read_text(encoding="utf-8")
-    assert execute(words) == 0 and (tmp_path / "bodies-2d.csv").read_text(encoding="utf-8") == table
-    assert len(table.splitlines()) == 11 and (tmp_path / "bodies-2d.png").stat().st_size > 1000
-
-
-def test_the_command_compares_kinds_of_stability(tmp_path, capsys):
-    words = ["shapes", "stability", "--out", str(tmp_path), "--packings", "1", "--seed", "3"]
-    assert execute(words) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "mechanically stable, seed 3: energy along the lowest mode grows with exponent 1.998" in said
-    ways = re.search(r"locally stable, seed 3: none up to ([.0-9]+) diameters one way, ([.0-9]+) the other", said)
-    assert ways and max(float(ways[1]), float(ways[2])) > 0.05
-    assert len((tmp_path / "stability.csv").read_text(encoding="utf-8").splitlines()) == 2 * 46 + 1
-    assert (tmp_path / "stability.png").stat().st_size > 1000
-
-
-@pytest.mark.parametrize("option", [["--aspects", "1.5"], ["--pressure", "1e-5"], ["--scatter", "0.1"]])
-def test_the_command_ignores_no_option_in_silence(tmp_path, option):
-    with pytest.raises(ValueError, match=f"{option[0][2:]} must be left out for stability"):
-        execute(["shapes", "stability", "--out", str(tmp_path / "none"), *option])
-    assert not (tmp_path / "none").exists()
 
 
 def test_the_report_counts_turns_and_names_what_it_judges_by(tmp_path, capsys):
