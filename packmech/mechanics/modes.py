@@ -57,8 +57,8 @@ class Modes:
     available
         Number of modes that the packing has besides translations; M of them are here, the lowest.
     translations, translation_error
-        Number of uniform translations that cost nothing (d, fewer where walls or held particles anchor the packing), and
-        how far they are from zero modes: |D t| over the largest eigenvalue [1].
+        Number of uniform translations that cost nothing (d, fewer where walls or held particles anchor the packing),
+        and how far they are from zero modes: |D t| over the largest eigenvalue [1].
     missed
         Modes below the highest returned one that an inertia count sees and this list lacks; 0 in a correct answer.
     largest
