@@ -201,11 +201,14 @@ def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
         sum(pair_first(one, r, s, 1.0) - pair_first(one, r, s, 0.0) for one in acting)
         for r, s in zip(np.minimum(found.distance_c, sigma).tolist(), sigma.tolist(), strict=True)
     ]
-    across, stiffness, rubbing = np.zeros_like(found.vector_cd), 0.0, 0.0
+    tangential, stiffness, tangential_damping = np.zeros_like(found.vector_cd), 0.0, 0.0
     if friction is not None and isinstance(found, Contacts):
-        across = tangential_forces(scene, found, -terms.first_c).force_cd
-        stiffness, rubbing = friction.stiffness, friction.damping
-    return _Pairs(found, terms.first_c, terms.second_c, np.array(damping, dtype=float), across, stiffness, rubbing)
+        tangential = tangential_forces(scene, found, -terms.first_c).force_cd
+        stiffness, tangential_damping = friction.stiffness, friction.damping
+    normal_damping = np.array(damping, dtype=float)
+    return _Pairs(
+        found, terms.first_c, terms.second_c, normal_damping, tangential, stiffness, tangential_damping
+    )  # fmt: skip
 
 
 def _bonded(packing: Packing, bonds: Bonds) -> _Pairs:

@@ -38,8 +38,11 @@ def crossover(distance: np.ndarray, modulus_st: np.ndarray) -> float:
     # no mean is known better than to two percent
     error = np.hypot(modulus_st.std(axis=0, ddof=1) / np.sqrt(len(modulus_st)) / mean, 0.02)
     x, y = np.log(distance), np.log(mean)
-    wrong = lambda p: (p[0] + x - 0.5 * np.logaddexp(0.0, x - p[1]) - y) / error  # noqa: E731
-    return float(np.exp(least_squares(wrong, [y[0] - x[0], x.mean()]).x[1]))
+
+    def missed(p: np.ndarray) -> np.ndarray:
+        return (p[0] + x - 0.5 * np.logaddexp(0.0, x - p[1]) - y) / error
+
+    return float(np.exp(least_squares(missed, [y[0] - x[0], x.mean()]).x[1]))
 
 
 def crossover_error(distance: np.ndarray, modulus_st: np.ndarray, draws: int = 100) -> float:

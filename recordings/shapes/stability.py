@@ -6,17 +6,14 @@ Figure 2.15 of Schreck and O'Hern. With seven discs and eleven contacts one coll
 first order. Straight along it distances only grow, so that it costs no energy until discs meet that did not touch.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from cyclopts import run
+from seven_discs import CELLS, energy_change, locally_stable, lowest_mode, mechanically_stable
 
 import packmech as pm
-
-sys.path.insert(0, str(Path(__file__).parent))
-from seven_discs import CELLS, energy_change, locally_stable, lowest_mode, mechanically_stable  # noqa: E402
 
 AMPLITUDES = np.logspace(-5.0, -0.5, 46)
 

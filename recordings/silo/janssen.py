@@ -24,7 +24,10 @@ def fit(columns: np.ndarray, width: float) -> tuple[float, float, float, float]:
     depth, vertical, normal, shear, weight, _ = columns
     # neither the top of the heap nor next to the floor
     used = (depth > 0.05 * depth[-1]) & (depth < 0.9 * depth[-1])
-    law = lambda z, length, surface: janssen(z, length, surface, weight[0])  # noqa: E731
+
+    def law(z: np.ndarray, length: float, surface: float) -> np.ndarray:
+        return janssen(z, length, surface, weight[0])
+
     (length, surface), _ = curve_fit(law, depth[used], vertical[used], p0=(width, 0.0))
     wall = normal[used].sum()
     return float(length), float(surface), float(shear[used].sum() / wall), float(wall / vertical[used].sum())

@@ -1018,7 +1018,7 @@ def complex_modulus(take: Take) -> Answer:
     for name, scene in rheological(take).items():
         for mode in ("shear", "isotropic"):
             ask(found, f"{name}, {mode}", responded, scene, mode)
-    # its tangential springs are not slack
+    # tangential springs are stretched at rest
     ask(found, "pressed with friction", responded, frictional_scenes(take)["rough discs"], "shear")
     return found
 

@@ -16,7 +16,10 @@ def script():
             pytest.skip(f"no recordings/{name}.py here")
         spec = importlib.util.spec_from_file_location(f"recordings_{name.replace('/', '_')}", path)
         module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
+        with pytest.MonkeyPatch.context() as patch:
+            # as when it is run: its own folder comes first
+            patch.syspath_prepend(path.parent)
+            spec.loader.exec_module(module)
         return module
 
     return load
