@@ -28,6 +28,7 @@ COLUMNS = {
     "damping": "dashpots of contacts, such as ContactDamping",
     "friction": "tangential forces of contacts, such as Friction",
     "bonds": "springs between named particles: Bonds",
+    "interactions": "forces of a range of their own between centers, and torques between directions",
     "gravity": "potentials of single particles, such as Gravity",
     "walls": "Walls",
     "drag": "drag on single particles, such as BackgroundDamping",
@@ -35,7 +36,7 @@ COLUMNS = {
     "links": "rigid links of the packing",
     "shapes": "shapes other than discs and spheres",
 }
-EFFECTS = tuple(COLUMNS)[:8]
+EFFECTS = tuple(COLUMNS)[:9]
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -45,6 +46,7 @@ INSTEAD = {
     "damping": "pm.simulate",
     "friction": "pm.simulate or pm.contact_forces",
     "bonds": "pm.simulate or pm.oscillatory_shear",
+    "interactions": "pm.simulate or pm.quench",
     "gravity": "pm.simulate or pm.quench or pm.settle",
     "walls": "pm.simulate or pm.quench",
     "drag": "pm.simulate",
@@ -73,6 +75,8 @@ def columns_of(effect: Any) -> tuple[str, ...]:
         found.append("repulsion")
     elif hasattr(effect, "pair_first"):
         found.append("damping")
+    if hasattr(effect, "interaction_energy"):
+        found.append("interactions")
     if hasattr(effect, "body_energy") or _pushes_at_rest(effect):
         found.append("gravity")
     elif hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):

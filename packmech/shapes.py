@@ -99,6 +99,11 @@ class Spheroids(_Turned):
         """The (N, d) directors: what changes as particles turn."""
         return self.director_nd
 
+    @property
+    def axis_nd(self) -> NDArray[np.float64]:
+        """The (N, d) directions by which pairs are aligned: the directors."""
+        return self.director_nd
+
     def oriented(self, orientation_nq: NDArray[np.float64]) -> Spheroids:
         """Return the shapes with other directors."""
         return Spheroids(self.aspect_n, orientation_nq)
@@ -268,6 +273,11 @@ class Beads(_Turned):
     def dimension(self) -> int:
         """Number of Cartesian axes, 2 or 3."""
         return int(self.offset_bd.shape[1])
+
+    @property
+    def axis_nd(self) -> NDArray[np.float64]:
+        """The (N, d) directions by which pairs are aligned: the first axes of the bodies."""
+        return np.asarray(self.frames()[:, :, 0])
 
     def oriented(self, orientation_nq: NDArray[np.float64]) -> Beads:
         """Return the bodies with other orientations."""

@@ -19,6 +19,13 @@ from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.held import FixedParticles
+from packmech.effects.interaction import (
+    Interactions,
+    find_interactions,
+    interaction_law,
+    interactions_of,
+    is_interaction,
+)
 from packmech.effects.laws import (
     Harmonic,
     Hertz,
@@ -68,6 +75,11 @@ from packmech.effects.single import (
 )
 
 __all__ = [
+    "Interactions",
+    "find_interactions",
+    "interaction_law",
+    "interactions_of",
+    "is_interaction",
     "SIGNED",
     "BackgroundDamping",
     "Bonds",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -153,3 +154,83 @@ def _derivatives_at(
 def default_record(cls: Any) -> Any | None:
     """Return the record of a class with every field as it is unless given; None where a field must be given."""
     return cls() if len(cls._field_defaults) == len(cls._fields) else None
+
+
+# how far before its reach, over it, an interaction is looked at, and what part of its largest value may be left there:
+# what grows from there as the square root of the distance, or faster
+_NEAR_REACH, _STILL_THERE = 1e-10, 1e-4
+# distances [reach] and alignments at which an interaction is looked at, and half the difference of alignments
+_PARTS_OF_REACH = (0.2371, 0.4819, 0.6713, 0.9137)
+_ALIGNMENTS = (-0.8371, -0.1713, 0.4519, 0.9173)
+
+
+def check_interaction(what: str, effect: Any) -> None:
+    """Refuse an interaction whose hooks are not derivatives of each other, or that does not end at its reach.
+
+    Parameters
+    ----------
+    what
+        The effect that is checked.
+    effect
+        An interaction (`packmech.effects.interaction`).
+
+    Raises
+    ------
+    ValueError
+        Naming the wrong hook, where, what it gives there and what differences of the one before it give.
+
+    """
+    places = [
+        (part * float(effect.reach(sigma)), sigma, alignment)
+        for sigma in _CONTACT_DISTANCES
+        for part in _PARTS_OF_REACH
+        for alignment in _ALIGNMENTS
+    ]
+    names = ("interaction_energy", "interaction_first", "interaction_second")
+    parts = (
+        ((0, 0, "distance"), (1, 0, "alignment")),
+        ((0, 0, "distance"), (1, 0, "alignment"), (1, 1, "distance"), (2, 1, "alignment")),
+    )
+    for order in (0, 1):
+        lower, upper = (functools.partial(_components, getattr(effect, name)) for name in names[order : order + 2])
+        for entry, source, by in parts[order]:
+            found = [(place, _slopes_at(place, entry, source, by, lower, upper)) for place in places]
+            scale = max((abs(value) for _, pair in found for value in pair), default=0.0)
+            for place, (given, difference) in found:
+                if abs(given - difference) > _TOLERANCE * max(abs(given), abs(difference)) + _ROUNDING * scale:
+                    raise ValueError(
+                        f"{what}.{names[order + 1]} must hold the derivatives of {names[order]}: at distance "
+                        f"{place[0]:.4g}, contact distance {place[1]:g}, alignment {place[2]:g} differences by "
+                        f"{by} give {difference:.6g}, got {given:.6g}"
+                    )
+    if may_jump(effect):
+        return
+    for name in names[:2]:
+        hook = functools.partial(_components, getattr(effect, name))
+        largest = max(abs(value) for place in places for value in hook(place))
+        for sigma in _CONTACT_DISTANCES:
+            far = float(effect.reach(sigma)) * (1.0 - _NEAR_REACH)
+            last = max(abs(value) for alignment in _ALIGNMENTS for value in hook((far, sigma, alignment)))
+            if last > _STILL_THERE * largest:
+                raise ValueError(
+                    f"{what}.{name} must go to zero at its reach, so that nothing jumps as particles part, got "
+                    f"{last:.6g} there at contact distance {sigma:g}; where a jump is meant, the class says so with "
+                    "force_jumps = True"
+                )
+
+
+def _components(hook: Callable[..., Any], place: tuple[float, float, float]) -> tuple[float, ...]:
+    found = hook(*place)
+    return tuple(map(float, found)) if isinstance(found, tuple) else (float(found),)
+
+
+def _slopes_at(
+    place: tuple[float, float, float], entry: int, source: int, by: str, lower: Callable[..., Any], upper: Any
+) -> tuple[float, float]:
+    """Return an entry of the upper hook, and the difference of an entry of the lower one that it should be."""
+    distance, sigma, alignment = place
+    half = _HALF_WIDTH * (sigma if by == "distance" else 1.0)
+    shift = (half, 0.0) if by == "distance" else (0.0, half)
+    there = lower((distance + shift[0], sigma, alignment + shift[1]))[source]
+    back = lower((distance - shift[0], sigma, alignment - shift[1]))[source]
+    return upper(place)[entry], (there - back) / (2.0 * half)

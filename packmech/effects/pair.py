@@ -12,6 +12,9 @@ An effect is a NamedTuple of numbers and laws whose class is decorated with `eff
     body_second(self, x, y, z, mass, radius)             its second derivatives xx, yy, zz, yz, xz, xy
     spin_drag(self)                                      rate at which spins relax to the flow's [1/time]
 
+    reach(self, contact_distance) and interaction_energy, _first, _second: forces between centers, of a range of their
+    own, and torques between directions (`packmech.effects.interaction`)
+
 the first three valid for distance < contact_distance. What it leaves out is zero. A class whose pair_first is zero at
 rate zero may say so, `damps_only = True`: it is not asked for the elastic force then, which caps friction. One whose
 elastic force is meant to jump at contact says so, `force_jumps = True`; others must go to zero there. Compiled
@@ -28,7 +31,13 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.effects.derivatives import check_continuity, check_derivatives, default_record, may_jump
+from packmech.effects.derivatives import (
+    check_continuity,
+    check_derivatives,
+    check_interaction,
+    default_record,
+    may_jump,
+)
 from packmech.honors import EFFECTS
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
@@ -40,11 +49,16 @@ _HOOKS = {
     "pair_first": 4,
     "pair_second": 3,
     "tangential_force": 3,
+    "reach": 2,
+    "interaction_energy": 4,
+    "interaction_first": 4,
+    "interaction_second": 4,
     "body_force": 9,
     "body_energy": 6,
     "body_second": 6,
     "spin_drag": 1,
 }
+_INTERACTION = tuple(name for name in _HOOKS if name == "reach" or name.startswith("interaction"))
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
 
 
@@ -86,6 +100,9 @@ def effect(cls: E) -> E:
     hooks = {name: vars(cls)[name] for name in _HOOKS if inspect.isfunction(vars(cls).get(name))}
     if not hooks:
         raise TypeError(f"effect {cls.__name__} must define at least one of {', '.join(_HOOKS)}")
+    missing = [name for name in _INTERACTION if name not in hooks]
+    if missing and len(missing) < len(_INTERACTION):
+        raise TypeError(f"effect {cls.__name__} must define {', '.join(missing)}, too, where it acts within a reach")
     for name, function in hooks.items():
         if len(inspect.signature(function).parameters) != _HOOKS[name]:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
@@ -117,6 +134,8 @@ def check_effect(effect: Any) -> None:
     check_derivatives(what, names, hooks)
     if not may_jump(effect):
         check_continuity(what, names, hooks)
+    if hasattr(type(effect), "interaction_energy"):
+        check_interaction(what, effect)
 
 
 def bound_effect(cls: E) -> E:

@@ -23,6 +23,8 @@ from packmech.effects import (
     ContactTerms,
     acts_on_single,
     contact_terms,
+    find_interactions,
+    interactions_of,
     lacking_second,
     needs_second,
     refuse_unknown_to_shapes,
@@ -171,6 +173,8 @@ def assembled_system(
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     elements = [elements_of(one, first, terms.second_c)]
+    if interactions_of(scene.effects):
+        elements.append(find_interactions(scene.packing, scene.effects).among(network.index_n).elements(kind))
     if len(network.links) and (kind == "exact" or link_stiffness):
         tension = np.zeros(len(network.links))
         if kind == "exact":

@@ -253,6 +253,27 @@ def touch_of_two_beads(shapes, one, other, dx, dy, dz):
     )  # fmt: skip
 
 
+@inlined
+def _director(shapes, i):
+    return shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+
+
+@inlined
+def _first_axis(shapes, i):
+    return shapes.frame_ndd[i, 0, 0], shapes.frame_ndd[i, 1, 0], shapes.frame_ndd[i, 2, 0]
+
+
+def axis_of(shapes: Any, i: int) -> tuple[float, float, float]:
+    """Return the direction by which pairs are aligned: the director, or the first axis of a body."""
+    x, y, z = (_first_axis if _kind(shapes) is BeadRows else _director)(shapes, i)
+    return x, y, z
+
+
+@compiled_form(axis_of, inline=True)
+def _choose_axis_of(shapes: Any, i: Any) -> Any:
+    return _first_axis if _kind(shapes) is BeadRows else _director
+
+
 def _toucher(shapes: Any) -> Any:
     return _touch_of_beads if _kind(shapes) is BeadRows else _touch_of_spheroids
 

@@ -1,0 +1,246 @@
+"""Interactions: forces between centers, of a range of their own, and torques between directions.
+
+An effect (`packmech.effects.pair.effect`) is one where it defines
+
+    reach(self, contact_distance)                           distance beyond which it is zero [length]
+    interaction_energy(self, distance, contact_distance, alignment)    energy of a pair [energy]
+    interaction_first(self, distance, contact_distance, alignment)     its derivatives by the distance [force] and by
+                                                                       the alignment [energy]
+    interaction_second(self, distance, contact_distance, alignment)    second derivatives by the distance, by both, by
+                                                                       the alignment
+
+for distances of centers below its reach, whether the particles touch or not. The alignment of a pair is the cosine of
+the angle between its directions: the directors of ellipses and spheroids, the first axes of rigid bodies. Discs and
+spheres have none: theirs is 1, and nothing turns them. What an interaction does is an element like a contact
+(`packmech.contacts.elements`), with the slopes of the distance and of the alignment.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import literal_unroll
+from numpy.typing import NDArray
+
+from packmech.contacts.elements import Elements
+from packmech.contacts.excluded import Excluded
+from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
+from packmech.effects.pair import hook_of
+from packmech.jit.compiled import compiled_form, kernel
+from packmech.packing import Packing
+
+
+class PairLaw(NamedTuple):
+    """Energy of a pair, its derivatives by distance and alignment, and second ones by the two, both, and the second."""
+
+    energy: float
+    first: float
+    turning: float
+    second: float
+    mixed: float
+    bending: float
+
+
+def is_interaction(effect: Any) -> bool:
+    """Return whether an effect, or numba's type of one, acts between centers within a reach of its own."""
+    cls = getattr(effect, "instance_class", type(effect))
+    return hasattr(cls, "reach") and hasattr(cls, "interaction_energy")
+
+
+def interactions_of(effects: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the interactions among the effects."""
+    return tuple(one for one in effects if is_interaction(one))
+
+
+def interaction_law(effect: Any, distance: float, contact_distance: float, alignment: float) -> PairLaw:
+    """Return the law of a pair under one effect: zero beyond its reach, and under an effect that is no interaction."""
+    if not is_interaction(effect) or distance >= effect.reach(contact_distance):
+        return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    at = (distance, contact_distance, alignment)
+    first, turning = effect.interaction_first(*at)
+    return PairLaw(effect.interaction_energy(*at), first, turning, *effect.interaction_second(*at))
+
+
+@compiled_form(interaction_law)
+def _choose_interaction_law(effect: Any, distance: Any, contact_distance: Any, alignment: Any) -> Any:
+    if not is_interaction(effect):
+        return lambda effect, distance, contact_distance, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    reach, energy, firsts, seconds = (
+        hook_of(effect, name) for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
+    )
+
+    def law(effect, distance, contact_distance, alignment):  # type: ignore[no-untyped-def]
+        if distance >= reach(effect, contact_distance):
+            return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        first, turning = firsts(effect, distance, contact_distance, alignment)
+        second, mixed, bending = seconds(effect, distance, contact_distance, alignment)
+        whole = energy(effect, distance, contact_distance, alignment)
+        return PairLaw(whole, first, turning, second, mixed, bending)
+
+    return law
+
+
+def scale_of_reach(effects: tuple[Any, ...], radius_n: NDArray[np.float64]) -> float:
+    """Return the largest reach of the interactions, in contact distances [1]; 1 where there is none.
+
+    Parameters
+    ----------
+    effects
+        The scene's effects.
+    radius_n
+        (N,) radii, of which the contact distances are made [length].
+
+    """
+    largest = 1.0
+    for sigma in np.unique(2.0 * np.array([radius_n.min(), radius_n.mean(), radius_n.max()])):
+        for one in interactions_of(effects):
+            largest = max(largest, float(one.reach(float(sigma))) / float(sigma))
+    return largest
+
+
+@dataclass(frozen=True, eq=False)
+class Interactions:
+    """Pairs within the reach of a scene's interactions, and what these say of them.
+
+    Attributes
+    ----------
+    pairs
+        The pairs by their centers, whether they touch or not.
+    energy_c
+        (C,) energies [energy].
+    first_ck
+        (C, 2) derivatives by distance [force] and alignment [energy].
+    second_ckk
+        (C, 2, 2) second derivatives by these.
+    turning_ct
+        (C, t) slopes of the alignments along rotations of i; those along rotations of j are the opposite. t = 0 for
+        discs and spheres.
+    bending_cxx
+        (C, X, X) second derivatives of the alignments by the pairs' coordinates, X = d + 2 t.
+
+    """
+
+    pairs: Contacts
+    energy_c: NDArray[np.float64]
+    first_ck: NDArray[np.float64]
+    second_ckk: NDArray[np.float64]
+    turning_ct: NDArray[np.float64]
+    bending_cxx: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @functools.cached_property
+    def slope_ckx(self) -> NDArray[np.float64]:
+        """The (C, 2, X) slopes of distances and alignments by the pairs' coordinates."""
+        (count, d), t = self.pairs.vector_cd.shape, self.turning_ct.shape[1]
+        slope = np.zeros((count, 2, d + 2 * t))
+        slope[:, 0, :d] = self.pairs.normal_cd
+        slope[:, 1, d : d + t] = self.turning_ct
+        slope[:, 1, d + t :] = -self.turning_ct
+        return slope
+
+    @property
+    def pull_cx(self) -> NDArray[np.float64]:
+        """The (C, X) derivatives of the energies by the pairs' coordinates."""
+        return np.asarray(np.einsum("ck,ckx->cx", self.first_ck, self.slope_ckx))
+
+    def select(self, keep_c: NDArray[Any]) -> Interactions:
+        """Return the pairs that a mask or an index array names."""
+        parts = (self.energy_c, self.first_ck, self.second_ckk, self.turning_ct, self.bending_cxx)
+        return Interactions(self.pairs.select(keep_c), *(part[keep_c] for part in parts))
+
+    def among(self, index_n: NDArray[np.int64]) -> Interactions:
+        """Return the pairs between these particles alone, numbered in their order."""
+        particles = len(index_n)
+        number_n = np.full(self.pairs.particles, -1)
+        number_n[index_n] = np.arange(particles)
+        i, j = number_n[self.pairs.i_c], number_n[self.pairs.j_c]
+        kept = self.select((i >= 0) & (j >= 0))
+        i, j = number_n[kept.pairs.i_c], number_n[kept.pairs.j_c]
+        return replace(kept, pairs=replace(kept.pairs, i_c=i, j_c=j, particles=particles))
+
+    def elements(self, kind: str = "exact") -> Elements:
+        """Return them as elements; "unstressed" leaves out what the first derivatives add to the second."""
+        slope, d = self.slope_ckx, self.pairs.dimension
+        stiffness = np.einsum("ckx,ckm,cmy->cxy", slope, self.second_ckk, slope)
+        first = np.zeros_like(self.first_ck) if kind == "unstressed" else self.first_ck
+        stiffness[:, :d, :d] += first[:, 0, None, None] * self.pairs.curvature_cxx
+        stiffness += first[:, 1, None, None] * self.bending_cxx
+        pull = np.einsum("ck,ckx->cx", first, slope)
+        return Elements(self.pairs.i_c, self.pairs.j_c, self.pairs.vector_cd, pull, stiffness)
+
+
+@kernel
+def _laws(effects, distance_c, contact_distance_c, alignment_c, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
+    """Add the laws of the pairs; return nothing."""
+    for c in range(distance_c.shape[0]):
+        for one in literal_unroll(effects):
+            law = interaction_law(one, distance_c[c], contact_distance_c[c], alignment_c[c])
+            energy_c[c] += law.energy
+            first_ck[c, 0] += law.first
+            first_ck[c, 1] += law.turning
+            second_ckk[c, 0, 0] += law.second
+            second_ckk[c, 0, 1] += law.mixed
+            second_ckk[c, 1, 0] += law.mixed
+            second_ckk[c, 1, 1] += law.bending
+
+
+def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interactions:
+    """Return the pairs within reach of a scene's interactions; none where it has none.
+
+    Parameters
+    ----------
+    packing
+        The packing. Linked pairs at the link's image, and pairs within a rigid cluster, do not interact.
+    effects
+        The scene's effects.
+
+    """
+    acting = interactions_of(effects)
+    scale = scale_of_reach(acting, packing.radius_n) if acting else 0.0
+    pairs = pair_contacts(packing, *candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale))
+    if packing.links is not None and len(pairs):
+        pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))
+    alignment, turning, bending = _alignments(packing, pairs)
+    energy, first, second = np.zeros(len(pairs)), np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2, 2))
+    if acting:
+        _laws(acting, pairs.distance_c, pairs.contact_distance_c, alignment, energy, first, second)
+    found = Interactions(pairs, energy, first, second, turning, bending)
+    acts = (energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2))
+    return found.select(acts)
+
+
+def _alignments(
+    packing: Packing, pairs: Contacts
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the alignments of pairs, their slopes along rotations of i, and second derivatives by all coordinates.
+
+    An axis e turned by a rotation vector w is e + w x e + w x (w x e) / 2: of e_i . e_j the slope along w_i is
+    e_i x e_j, and the second derivatives are (e_i e_j + e_j e_i) / 2 - (e_i . e_j) 1 by w_i twice or w_j twice, and
+    (e_i . e_j) 1 - e_j e_i by both.
+    """
+    count, d, shapes = len(pairs), packing.dimension, packing.shapes
+    if shapes is None:
+        return np.ones(count), np.zeros((count, 0)), np.zeros((count, d, d))
+    one, other = shapes.axis_nd[pairs.i_c], shapes.axis_nd[pairs.j_c]
+    alignment = (one * other).sum(axis=1)
+    if d == 2:
+        turning = (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])[:, None]
+        own = -alignment[:, None, None]
+        both = -own
+    else:
+        turning = np.cross(one, other)
+        product = one[:, :, None] * other[:, None, :]
+        upright = alignment[:, None, None] * np.eye(3)
+        own = 0.5 * (product + product.transpose(0, 2, 1)) - upright
+        both = upright - product.transpose(0, 2, 1)
+    t = turning.shape[1]
+    bending = np.zeros((count, d + 2 * t, d + 2 * t))
+    bending[:, d : d + t, d : d + t] = bending[:, d + t :, d + t :] = own
+    bending[:, d : d + t, d + t :] = both
+    bending[:, d + t :, d : d + t] = both.transpose(0, 2, 1)
+    return alignment, turning, bending
