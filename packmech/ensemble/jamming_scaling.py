@@ -27,7 +27,8 @@ from packmech.measure.stress import energy
 from packmech.mechanics.elasticity import elastic_moduli, voigt_average
 from packmech.mechanics.modes import StateDensity, density_of_states
 from packmech.protocols.compress import compress
-from packmech.protocols.jam import JamMethod, check_method, jam
+from packmech.protocols.jam import check_method, jam
+from packmech.protocols.method import JamMethod
 from packmech.protocols.protocol import sequence
 from packmech.protocols.sweep import sweep_pressure
 from packmech.result import NotConverged, Outcome, Run

@@ -36,7 +36,6 @@ from packmech.measure.stress import pressure as pressure_of
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.mechanics.stability import stability
 from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
@@ -57,7 +56,7 @@ _PORTION, _WATCHED = 5_000_000, 20
 # rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
 _ROUNDING = 1e-11
 # part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
-_BORNE_BY_RATTLERS = 1e-2
+BORNE_BY_RATTLERS = 1e-2
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 PRESSED = 1e-6
 
@@ -465,7 +464,7 @@ def finish(
     outcome = judged(protocol, packing, outcome, residual, report, share)
     if pressed and outcome.ok and outcome is not Outcome.UNJAMMED:
         outcome = Outcome.UNSTABLE
-    return _run_of(protocol, packing, outcome, residual, report, began)
+    return run_of(protocol, packing, outcome, residual, report, began)
 
 
 def share_of(virial_c: NDArray[np.float64], kept_c: NDArray[np.bool_]) -> float:
@@ -502,7 +501,7 @@ def judged(
             report["backbone_pressure"] = share
     if outcome not in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
         return outcome
-    if share is not None and share < 1.0 - _BORNE_BY_RATTLERS:
+    if share is not None and share < 1.0 - BORNE_BY_RATTLERS:
         return Outcome.NOT_JAMMED
     asked, tolerance = report["pressure_asked"], protocol.force_tolerance
     least = max(tolerance, FLOORS * floor)
@@ -572,10 +571,10 @@ def _finish_shaped(
     terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
     held = -float(np.trace(ShapeForces(one, terms).stress(packing.box.volume))) / d
     outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
-    return _run_of(protocol, packing, outcome, residual, report, began)
+    return run_of(protocol, packing, outcome, residual, report, began)
 
 
-def _run_of(
+def run_of(
     protocol: Protocol,
     packing: Packing,
     outcome: Outcome,
@@ -591,7 +590,7 @@ def _run_of(
         conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, PRESSED)))
     if "backbone_pressure" in report:
         borne = 1.0 - report["backbone_pressure"]
-        conditions.append(Condition("part of the pressure that rattlers bear", borne, _BORNE_BY_RATTLERS))
+        conditions.append(Condition("part of the pressure that rattlers bear", borne, BORNE_BY_RATTLERS))
     if report.get("negative_modes") is not None:
         conditions.append(Condition("unstable directions", report["negative_modes"], 0))
     if "distance" in report:
@@ -610,45 +609,6 @@ def _run_of(
         report=report,
         unmet=unmet_conditions(outcome, *conditions),
     )
-
-
-def finish_pressed(
-    protocol: Protocol,
-    packing: Packing,
-    outcome: Outcome,
-    asked: float | None,
-    method: str,
-    began: float,
-    tolerance: float,
-) -> Run:
-    """Return the run of a protocol that pressed a packing to its own force tolerance, as `finish` does of others."""
-    found = contact_forces(protocol.scene.replace(packing=packing))
-    counts = found.to_dict()
-    pressure = counts.pop("pressure")
-    stress = found.stress_dd + pressure * np.eye(packing.dimension)
-    report = {
-        "method": method,
-        "strain": protocol.strain,
-        "packing_fraction": packing_fraction(packing),
-        "pressure": pressure / protocol.scene.pressure_unit,
-        "pressure_asked": asked,
-        "particles": packing.particles,
-        **counts,
-        "stress_anisotropy": float(np.abs(stress).max() / abs(pressure)) if pressure else 0.0,
-        **protocol.report,
-    }
-    contacts, rattling = found.contacts, found.rattlers_n
-    report["backbone_pressure"] = share = share_of(
-        found.normal_c * contacts.distance_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c])
-    )
-    if outcome.ok and outcome is not Outcome.UNJAMMED:
-        judged_as = stability(found.scene, found.largest_imbalance)
-        report.update(judged_as.to_dict())
-        if share < 1.0 - _BORNE_BY_RATTLERS:
-            outcome = Outcome.NOT_JAMMED
-        elif judged_as.negative:
-            outcome = Outcome.UNSTABLE
-    return _run_of(protocol, packing, outcome, found.residual, report, began, tolerance)
 
 
 def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float64]:
