@@ -561,7 +561,7 @@ class _Shear:
                 # it falls where it has been located, not at the end of the step
                 start = found.there
                 path.now = start
-                reached, fallen = path.fall_from(start, goal, self.shortest)
+                reached, fallen = path.step(goal, self.shortest)
         return self._went(path, start, reached, fallen, goal)
 
     def _comes_again(self, found: Located) -> bool:
