@@ -23,8 +23,8 @@ NAN, INF = float("nan"), float("inf")
 # made by packmech for users to read, not by users, and what users derive classes from
 RESULTS = {
     "Answer", "Average", "Cementing", "CementingCurve", "ConstrainedForce", "ConstraintBasis", "Contacts",
-    "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "JamMethod", "JammingScaling", "OscillatoryShear",
-    "StrainRun",
+    "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "JammingScaling", "OscillatoryShear",
+    "JamMethod", "StrainRun",
     "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",

@@ -17,7 +17,6 @@ from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, j
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.hard_vertex import find_hard_packing
-from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
 from packmech.protocols.pressure_path import PressurePath, stays_on_branch
 from packmech.protocols.protocol import (
@@ -117,7 +116,7 @@ def compress(
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    protocol = Protocol(scene, strain, tolerance, loop)
     return follow_series(protocol, goals, _Ascent(protocol, float(goals[0]), limit).climb, "compress", pressures=False)
 
 

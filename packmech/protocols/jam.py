@@ -6,13 +6,9 @@ import time
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.honors import declare
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
@@ -29,23 +25,6 @@ _HONORED = declare(
 )  # fmt: skip
 # the first of them that suits a scene is taken where none is named
 _DEFAULTS: tuple[JamMethod, ...] = (HardVertex(), Decompression(), Press())
-
-
-def free_strains(strain: BoxStrain, dimension: int) -> NDArray[np.float64]:
-    """Return the (k, d, d) strains that a jamming protocol may use: the isotropic one alone, or all.
-
-    Parameters
-    ----------
-    strain
-        "isotropic" keeps the shape of the box; "free" frees every strain.
-    dimension
-        Number of Cartesian axes.
-
-    """
-    if strain == "isotropic":
-        isotropic: NDArray[np.float64] = np.eye(dimension)[None] / np.sqrt(dimension)
-        return isotropic
-    return mandel_basis(dimension).copy()
 
 
 def check_method(method: Any) -> None:
@@ -204,7 +183,7 @@ def jam(
     if not at_pressure and pressure is not None:
         raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {pressure!r}")
     began = time.process_time()
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    protocol = Protocol(scene, strain, tolerance, loop)
 
     def work() -> Outcome:
         protocol.continues = start == "continue" and not method.begins_afresh and is_jammed(scene)

@@ -26,6 +26,7 @@ from packmech.effects import contact_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
+from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
@@ -70,6 +71,21 @@ def is_jammed(scene: Scene) -> bool:
     return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
 
 
+def check_jammed(scene: Scene) -> None:
+    """Refuse a scene whose packing cannot be followed because it is not jammed.
+
+    Raises
+    ------
+    ValueError
+        If its forces do not press or are not balanced.
+
+    """
+    if not is_jammed(scene):
+        raise ValueError(
+            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
+        )
+
+
 class Figures:
     """What a stage achieved, filled in while it runs."""
 
@@ -88,10 +104,8 @@ class Protocol:
     ----------
     scene
         The scene.
-    basis_kdd
-        (k, d, d) free strains.
     strain
-        Their name.
+        What the box may do.
     force_tolerance
         Net force over mean contact force that counts as balance [1].
     loop
@@ -99,21 +113,16 @@ class Protocol:
 
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        basis_kdd: NDArray[np.float64],
-        strain: BoxStrain,
-        force_tolerance: float,
-        loop: RunLoop,
-    ) -> None:
+    def __init__(self, scene: Scene, strain: BoxStrain, force_tolerance: float, loop: RunLoop) -> None:
         if scene.packing.shapes is not None:
             check_pairs_only(scene)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())
-        self.scene, self.basis_kdd, self.strain, self.force_tolerance = scene, basis_kdd, strain, force_tolerance
-        self.loop = loop
+        self.scene, self.strain, self.force_tolerance, self.loop = scene, strain, force_tolerance, loop
+        # the (k, d, d) free strains
+        d = scene.packing.dimension
+        self.basis_kdd = np.einsum("sk,sab->kab", strain_directions(d, strain), mandel_basis(d))
         self.stages: list[Stage] = []
         self.last = scene.packing
         self.report: dict[str, Any] = {}

@@ -28,7 +28,6 @@ from packmech.minimize.second_order.soft_newton import descend
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
 from packmech.protocols.continuation import Lost
-from packmech.protocols.jam import free_strains
 from packmech.protocols.protocol import Protocol
 from packmech.protocols.shearing.hard_discs import HardDiscs
 from packmech.protocols.shearing.hard_path import Change, HardPath, Vertex
@@ -345,7 +344,7 @@ def _hard_shapes(packing: Packing, pressure: float, axes: tuple[int, int], loop:
 
     """
     scene = Scene(packing, (Repulsion(Harmonic()),))
-    protocol = Protocol(scene, free_strains("isotropic", packing.dimension), "isotropic", 1e-9, loop)
+    protocol = Protocol(scene, "isotropic", 1e-9, loop)
     reduced, goal = protocol.reduced(packing), protocol.reduced_pressure(pressure)
     # a hard packing is taken to where its contacts overlap by about what the pressure asks for
     size = 1.0 if pressure_of(scene) > 0.1 * pressure * scene.pressure_unit else 1.0 - goal
