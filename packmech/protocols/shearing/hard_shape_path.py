@@ -31,9 +31,8 @@ from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, sh
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.jamming.hard_path import Lost, dips, make_room
 from packmech.jamming.sheared_lattice import ShearedLattice
-from packmech.minimize.second_order.shape_network import ShapeNetwork
-from packmech.minimize.second_order.soft_network import REACH, Response, Units
-from packmech.minimize.second_order.soft_newton import descend, network_of
+from packmech.minimize.second_order.soft_network import REACH, Response, SoftNetwork, Units
+from packmech.minimize.second_order.soft_newton import descend
 from packmech.packing import Packing
 
 # stiffness of the augmented Lagrangian, whose multipliers are of order one: its inverse is the rate of convergence
@@ -116,7 +115,7 @@ class ShapeChange:
         return self.after.strain != self.before.strain
 
 
-class _HardNetwork(ShapeNetwork):
+class _HardNetwork(SoftNetwork):
     """The augmented Lagrangian of the least volume: given contacts, with forces of their own and a stiffness each."""
 
     def __init__(
@@ -149,7 +148,7 @@ class _HardNetwork(ShapeNetwork):
         found = self.coupled(np.concatenate([basis, shear_dd[None]]), trace)
         coupling, corner = found.coupling_fk, found.corner_kk.copy()
         # free strains act on what is sheared already
-        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_slopes(), basis, shear_dd)
+        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_dd, basis, shear_dd)
         right, right_k = -coupling[:, k], -corner[:k, k]
         rate_c = np.zeros(len(self.force_c))
         step, strain_k = np.zeros(found.size), np.zeros(k)
@@ -157,7 +156,7 @@ class _HardNetwork(ShapeNetwork):
             more, more_k, _ = found.solved(right, right_k, coupling[:, :k], corner[:k, :k])
             step, strain_k = step + more, strain_k + more_k
             gradient = shear_dd + np.einsum("k,kab->ab", strain_k, basis)
-            answer = Response(self._spread(found, step), strain_k, gradient, 0.0)
+            answer = Response(self.spread(found, step), strain_k, gradient, 0.0)
             # what gaps are left take more force
             push_c = -_STIFFNESS * self.gap_rates(self.contacts, answer)
             rate_c = rate_c + push_c
@@ -170,7 +169,7 @@ class _HardNetwork(ShapeNetwork):
         """Return the forces along free coordinates, and along strains, with which contacts push."""
         one = self.contacts if contacts is None else contacts
         position, rotation = one.gather(force_c)
-        turn = np.einsum("nkt,nt->nk", self._turn_nkt, rotation)
+        turn = np.einsum("nkt,nt->nk", self.turn_nkt, rotation)
         pull_cd = force_c[:, None] * one.slope_cx[:, : one.dimension]
         along = np.einsum("kab,ca,cb->k", self.basis_kdd, pull_cd, one.vector_cd)
         return np.hstack([position, turn]).ravel()[free_f], along
@@ -505,7 +504,7 @@ class HardShapePath:
         step, strain_k, _ = found.solved(right, along, found.coupling_fk, found.corner_kk)
         self.factorizations += 1
         gradient = np.einsum("k,kab->ab", strain_k, self.isotropic_kdd)
-        answer = Response(network._spread(found, step), strain_k, gradient, 0.0)
+        answer = Response(network.spread(found, step), strain_k, gradient, 0.0)
         against = -_STIFFNESS * network.gap_rates(vertex.contacts, answer)
         falling = against < -_NO_RATE
         if not falling.any():
@@ -586,7 +585,7 @@ class HardShapePath:
                 if not state.sound(_SOUND):
                     return None
                 packing = state.packing
-            network = network_of(packing, self.units, self.isotropic_kdd, at)
+            network = SoftNetwork(packing, self.units, self.isotropic_kdd, at)
             contacts = network.contacts
             if not isinstance(contacts, ShapeContacts) or not len(contacts):
                 return None
