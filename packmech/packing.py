@@ -232,7 +232,7 @@ class Packing:
         small, large = float(self.radius_n.min()), float(self.radius_n.max())
         links = len(self.rigid_links)
         held = [f"{links} rigid link{'' if links == 1 else 's'}" if links else ""]
-        held.append(type(self.shapes).__name__ if self.shapes is not None else "")
+        held.append("" if isinstance(self.bodies, Discs) else type(self.bodies).__name__)
         held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")
         radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
@@ -265,7 +265,7 @@ class Packing:
     @property
     def plain(self) -> bool:
         """Whether particles are discs or spheres without links."""
-        return self.links is None and self.shapes is None
+        return isinstance(self.bodies, Discs) and not len(self.rigid_links)
 
     @property
     def diameter_n(self) -> NDArray[np.float64]:
@@ -294,7 +294,7 @@ class Packing:
         kept: dict[str, Any] = {"mass_n": self.given_mass_n}
         if not {"position_nd", "radius_n", "box", "shapes"}.isdisjoint(changes):
             kept["tangential"] = None
-            if "position_nd" in changes and (self.links is not None or self.tangential is not None):
+            if "position_nd" in changes and (len(self.rigid_links) or self.tangential is not None):
                 kept |= self._continued(changes)
         return dataclasses.replace(self, **(kept | changes))
 
@@ -316,8 +316,8 @@ class Packing:
             size = max(float(np.abs(one).max()) for one in (position, self.position_nd, box.lattice_dd))
             if np.abs(apart).max() <= _SAME_PLACE * size:
                 found["tangential"] = self.tangential.moved(-image)
-        links = self.links
-        if links is not None and image.any():
+        links = self.rigid_links
+        if len(links) and image.any():
             both = (links, links.moved(-image))
             here, there = (
                 np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l) for one in both

@@ -33,14 +33,15 @@ class _Turned:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, type(self)) and all(
-            np.array_equal(a, b) for a, b in zip(self._all(), other._all(), strict=True)
+            np.array_equal(one, other.arrays()[name]) for name, one in self.arrays().items()
         )
 
     def __hash__(self) -> int:
-        return hash(tuple(one.tobytes() for one in self._all()))
+        return hash(tuple(one.tobytes() for one in self.arrays().values()))
 
-    def _all(self) -> list[NDArray[Any]]:
-        return [getattr(self, one.name) for one in fields(self)]  # type: ignore[arg-type]
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that the shapes are made of, by name."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
 
     def _keep(self, **arrays: NDArray[Any]) -> None:
         for name, array in arrays.items():
@@ -74,6 +75,10 @@ class Discs:
     def names(self) -> tuple[str, str]:
         """What one of the particles is called, and several."""
         return ("disc", "discs") if self.dimension == 2 else ("sphere", "spheres")
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that the shapes are made of: none."""
+        return {}
 
     @property
     def orientation_nq(self) -> NDArray[np.float64]:
