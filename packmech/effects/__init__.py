@@ -25,6 +25,7 @@ from packmech.effects.interaction import (
     interaction_law,
     interactions_of,
     is_interaction,
+    reach_beyond_contact,
 )
 from packmech.effects.laws import (
     Harmonic,
@@ -80,6 +81,7 @@ __all__ = [
     "interaction_law",
     "interactions_of",
     "is_interaction",
+    "reach_beyond_contact",
     "SIGNED",
     "BackgroundDamping",
     "Bonds",

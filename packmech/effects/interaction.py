@@ -72,6 +72,8 @@ def _choose_interaction_law(effect: Any, distance: Any, contact_distance: Any, a
         hook_of(effect, name) for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
     )
 
+    assert reach is not None and energy is not None and firsts is not None and seconds is not None
+
     def law(effect, distance, contact_distance, alignment):  # type: ignore[no-untyped-def]
         if distance >= reach(effect, contact_distance):
             return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -83,8 +85,8 @@ def _choose_interaction_law(effect: Any, distance: Any, contact_distance: Any, a
     return law
 
 
-def scale_of_reach(effects: tuple[Any, ...], radius_n: NDArray[np.float64]) -> float:
-    """Return the largest reach of the interactions, in contact distances [1]; 1 where there is none.
+def reach_beyond_contact(effects: tuple[Any, ...], radius_n: NDArray[np.float64]) -> float:
+    """Return how far beyond contact a scene's interactions reach [length]; 0 where it has none.
 
     Parameters
     ----------
@@ -94,11 +96,10 @@ def scale_of_reach(effects: tuple[Any, ...], radius_n: NDArray[np.float64]) -> f
         (N,) radii, of which the contact distances are made [length].
 
     """
-    largest = 1.0
-    for sigma in np.unique(2.0 * np.array([radius_n.min(), radius_n.mean(), radius_n.max()])):
-        for one in interactions_of(effects):
-            largest = max(largest, float(one.reach(float(sigma))) / float(sigma))
-    return largest
+    sigmas = 2.0 * np.array([radius_n.min(), radius_n.mean(), radius_n.max()])
+    return max(
+        [0.0, *(float(one.reach(sigma)) - sigma for one in interactions_of(effects) for sigma in map(float, sigmas))]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,8 +202,9 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
 
     """
     acting = interactions_of(effects)
-    scale = scale_of_reach(acting, packing.radius_n) if acting else 0.0
-    pairs = pair_contacts(packing, *candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale))
+    beyond, scale = reach_beyond_contact(acting, packing.radius_n), 1.0 if acting else 0.0
+    near = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=beyond)
+    pairs = pair_contacts(packing, *near)
     if packing.links is not None and len(pairs):
         pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))
     alignment, turning, bending = _alignments(packing, pairs)

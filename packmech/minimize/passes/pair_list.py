@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import without_linked
 from packmech.contacts.cells import find_pairs
-from packmech.jit.compiled import device, inner_kernel
+from packmech.jit.compiled import device, inlined, inner_kernel
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -26,6 +26,7 @@ BUDGET = 3  # displacement at which the inner list must be looked at again
 AGE = 4  # steps since the inner list was made
 SKIN_FULL = 5  # the outer skin that a new outer list gets
 SEARCHES = 6  # outer lists made
+BEYOND = 7  # how far beyond contact pairs act: skins begin there
 NUMBERS = 8
 
 # an inner list that lasted fewer or more steps than these gets a wider or narrower skin
@@ -61,7 +62,7 @@ class PairList(NamedTuple):
     bits: int
 
 
-def empty_list(particles: int, skin: float) -> PairList:
+def empty_list(particles: int, skin: float, beyond: float = 0.0) -> PairList:
     """Return a list that is out of date, so that its first use makes it.
 
     Parameters
@@ -70,9 +71,12 @@ def empty_list(particles: int, skin: float) -> PairList:
         Number of particles.
     skin
         Outer skin [length].
+    beyond
+        How far beyond contact pairs act on each other [length].
 
     """
     number = np.zeros(NUMBERS)
+    number[BEYOND] = beyond
     number[SKIN_OUTER] = -1.0
     number[SKIN_FULL] = skin
     number[SKIN_INNER] = 0.25 * skin
@@ -115,6 +119,18 @@ def place_images(frame, pairs):
             pairs.shift_kd[k, a] = shift
 
 
+@inlined
+def pair_at(pairs, p):
+    """Return the particles of an inner pair and the shift of its image; those within the cell come first."""
+    within = pairs.count_b[0]
+    if p < within:
+        return pairs.i_p[p], pairs.j_p[p], 0.0, 0.0, 0.0
+    c = p - within
+    k = pairs.crossing_k_p[c]
+    shift = pairs.shift_kd
+    return pairs.crossing_i_p[c], pairs.crossing_j_p[c], shift[k, 0], shift[k, 1], shift[k, 2]
+
+
 @device
 def pick(axes, row, pairs, skin):
     """Copy the outer pairs nearer than contact plus skin to the inner lists and mark their blocks."""
@@ -122,6 +138,7 @@ def pick(axes, row, pairs, skin):
     mask = np.uint64((1 << pairs.bits) - 1)
     # images are numbered from the most negative to the most positive
     none = np.uint64(pairs.image_kd.shape[0] // 2)
+    reach = pairs.number[BEYOND] + skin
     within = 0
     crossing = 0
     for p in range(pairs.outer_i_p.shape[0]):
@@ -135,7 +152,7 @@ def pick(axes, row, pairs, skin):
         if len(axes) == 3:
             dz = row[j, 2] - row[i, 2] + pairs.shift_kd[k, 2]
             square += dz * dz
-        limit = row[i, 3] + row[j, 3] + skin
+        limit = row[i, 3] + row[j, 3] + reach
         near = square < limit * limit
         if k == none:
             pairs.i_p[within] = i
@@ -222,7 +239,8 @@ def follow(axes, row, space, pairs):
             return pairs
         adapt_skin(number)
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
-        found = find_pairs(axes, row[: pairs.anchor_nd.shape[0]], space.sizes, space.frame, 1.0, number[SKIN_FULL])
+        reach = number[BEYOND] + number[SKIN_FULL]
+        found = find_pairs(axes, row[: pairs.anchor_nd.shape[0]], space.sizes, space.frame, 1.0, reach)
         pairs = rebuilt(without_linked(space.links, found), row, pairs)
     place_images(space.frame, pairs)
     pick(axes, row, pairs, number[SKIN_INNER])
@@ -239,7 +257,7 @@ def strain_list(pairs: PairList, map_dd: NDArray[np.float64], largest: float) ->
     Distances shrink at most by the smallest singular value s of the map, so that the outer list still holds every pair
     nearer than contact plus s * skin - (1 - s) * largest contact distance at the mapped anchors.
     """
-    d = len(map_dd)
+    d, largest = len(map_dd), largest + pairs.number[BEYOND]
     pairs.outer_anchor_nd[:, :d] = pairs.outer_anchor_nd[:, :d] @ map_dd.T
     shrink = min(1.0, float(np.linalg.svd(map_dd, compute_uv=False)[-1]))
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * largest
