@@ -155,7 +155,7 @@ class Links:
     j_l: NDArray[np.int64]
     image_ld: NDArray[np.int64]
     length_l: NDArray[np.float64]
-    shape_l: NDArray[np.bool_] | None = None
+    shape_l: NDArray[np.bool_] = None  # type: ignore[assignment]  # an array once the links are made
 
     def __post_init__(self) -> None:
         pairs = named_pairs("link", "l", self.i_l, self.j_l, self.image_ld)
@@ -168,10 +168,19 @@ class Links:
             if len(array) != count:
                 raise ValueError(f"{name} must have one entry per link ({count}), got {len(array)}")
         parts = (*pairs[:3], length[pairs.order_p], given[pairs.order_p])
+        for name, part in zip(("i_l", "j_l", "image_ld", "length_l", "shape_l"), parts, strict=True):
+            kept = np.ascontiguousarray(part)
+            kept.setflags(write=False)
+            object.__setattr__(self, name, kept)
+
+    @staticmethod
+    def none(dimension: int) -> Links:
+        """Return no links, between particles with so many axes."""
+        links, count = object.__new__(Links), np.zeros(0, dtype=np.int64)
+        parts = (count, count, np.zeros((0, dimension), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=bool))
         for name, array in zip(("i_l", "j_l", "image_ld", "length_l", "shape_l"), parts, strict=True):
-            array = np.ascontiguousarray(array)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(links, name, array)
+        return links
 
     def __len__(self) -> int:
         return len(self.i_l)
@@ -201,12 +210,10 @@ class Links:
     def select(self, keep_l: ArrayLike) -> Links:
         """Return the links that a boolean mask or an index array names."""
         keep = np.asarray(keep_l)
-        assert self.shape_l is not None
         return Links(self.i_l[keep], self.j_l[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
 
     def joined(self, others: Links) -> Links:
         """Return these links and others."""
-        assert self.shape_l is not None and others.shape_l is not None
         parts = zip(
             (self.i_l, self.j_l, self.image_ld, self.length_l, self.shape_l),
             (others.i_l, others.j_l, others.image_ld, others.length_l, others.shape_l),
@@ -227,7 +234,6 @@ class Links:
         """Return the links with particles renumbered; links of a particle with a negative number are left out."""
         i, j = number_n[self.i_l], number_n[self.j_l]
         keep = (i >= 0) & (j >= 0)
-        assert self.shape_l is not None
         return Links(i[keep], j[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
 
     def vectors(self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.honors import LINK_TOLERANCE, STRAINED
-from packmech.links import Links
+from packmech.links import Links, image_offsets
 from packmech.shapes import Beads, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
@@ -325,18 +325,61 @@ class Packing:
 
         Of discs and spheres among other shapes they are zero: there are no such coordinates.
         """
-        return np.zeros((self.particles, 0, 0)) if self.shapes is None else self.shapes.turn_basis(self.radius_n)
+        if self.shapes is None:
+            return np.zeros((self.particles, 0, 1 if self.dimension == 2 else 3))
+        return self.shapes.turn_basis(self.radius_n)
+
+    @functools.cached_property
+    def link_list(self) -> Links:
+        """The rigid links, an empty list where there are none."""
+        return Links.none(self.dimension) if self.links is None else self.links
+
+    @property
+    def cluster_n(self) -> NDArray[np.int64]:
+        """The (N,) number of the cluster of linked particles of each; a particle without links is one of its own."""
+        return np.arange(self.particles) if self.links is None else self.links.clusters(self.particles)
+
+    @property
+    def unwrapping_nd(self) -> NDArray[np.int64]:
+        """The (N, d) lattice vectors, by their numbers, that bring every cluster into one piece (`image_offsets`)."""
+        return self._unwrapped[0]
+
+    @property
+    def winding_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles of clusters that close around the box."""
+        return self._unwrapped[1]
+
+    @functools.cached_property
+    def _unwrapped(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        if self.links is None:
+            return np.zeros((self.particles, self.dimension), dtype=np.int64), np.zeros(self.particles, dtype=bool)
+        return image_offsets(self.links, self.particles)
+
+    def moved(self, displacement_nq: NDArray[np.float64]) -> Packing:
+        """Return the packing after (N, d + K) displacements, turns measured in lengths last."""
+        d = self.dimension
+        position = self.position_nd + displacement_nq[:, :d]
+        if self.shapes is None:
+            return self.replace(position_nd=position)
+        rotation = np.einsum("nk,nkt->nt", displacement_nq[:, d:], self.turn_nkt)
+        return self.replace(position_nd=position, shapes=self.shapes.turned(rotation))
 
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
-        """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
+        """Return the packing of some of the particles, by number or by (N,) truth, with links between them.
+
+        The links are those of the packing that join particles which are kept, unless others are given.
+        """
         given = self.given_mass_n
+        number, own = _numbers_of(kept_n, self.particles), self.link_list
+        if links is None and ((number[own.i_l] >= 0) & (number[own.j_l] >= 0)).any():
+            links = own.numbered(number)
         return Packing(
             self.position_nd[kept_n],
             self.radius_n[kept_n],
             self.box,
             links,
             None if given is None else given[kept_n],
-            None if self.tangential is None else self.tangential.numbered(_numbers_of(kept_n, self.particles)),
+            None if self.tangential is None else self.tangential.numbered(number),
             None if self.shapes is None else self.shapes.select(kept_n),
         )
 
@@ -350,13 +393,13 @@ class Packing:
     @property
     def link_error(self) -> float:
         """Largest error of a link's length, over the larger of that and the mean diameter [1]; 0 without links."""
-        return 0.0 if self.links is None else float(self._link_error_l.max())
+        return float(self._link_error_l.max(initial=0.0))
 
     @functools.cached_property
     def _link_error_l(self) -> NDArray[np.float64]:
         """The (L,) errors of the links' lengths, over the larger of these and the mean diameter [1]."""
-        assert self.links is not None
-        vector, length = self.links.vectors(self.position_nd, self.box.lattice_dd), self.links.length_l
+        links = self.link_list
+        vector, length = links.vectors(self.position_nd, self.box.lattice_dd), links.length_l
         error = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
         return np.asarray(error / np.maximum(length, self.diameter_n.mean()))
 

@@ -109,6 +109,15 @@ class Spheroids(_Turned):
         return np.asarray(self.aspect_n != 1.0)
 
     @property
+    def particle_b(self) -> NDArray[np.int64]:
+        """The (N,) particles of the sites: one site each."""
+        return np.arange(len(self))
+
+    def sites(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (N, d) vectors from the centers to the sites, and (N,) radii of what holds these [length]."""
+        return np.zeros_like(self.director_nd), self.reach(radius_n)
+
+    @property
     def start_n(self) -> NDArray[np.int64]:
         """The (N + 1,) numbers of the first site of each particle: one site each."""
         return np.arange(len(self) + 1)
@@ -339,6 +348,10 @@ class Beads(_Turned):
     def bead_radius(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B,) radii of the beads [length]."""
         return np.asarray(self.size_b * radius_n[self.particle_b])
+
+    def sites(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (B, d) vectors from the centers to the beads, and (B,) radii of these [length]."""
+        return self.arms(radius_n), self.bead_radius(radius_n)
 
     def turn_rates(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N, k) angles about the axes that make one length of a coordinate of turns; 0 where nothing turns."""

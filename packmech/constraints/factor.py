@@ -106,10 +106,10 @@ class ConstraintFactor:
     """
 
     def __init__(self, packing: Packing, links: Links | None = None, system: LinkSystem | None = None) -> None:
-        self.packing, self.links = packing, packing.links if links is None else links
+        self.packing, self.links = packing, packing.link_list if links is None else links
         self.system: LinkSystem | None = None
         self.smallest_pivot, self.left_out = 1.0, 0
-        if self.links is None:
+        if not len(self.links):
             return
         if system is None:
             mean = float(packing.diameter_n.mean())
@@ -122,7 +122,7 @@ class ConstraintFactor:
             link_vectors(packing)
 
     def __len__(self) -> int:
-        return 0 if self.links is None else len(self.links)
+        return len(self.links)
 
     def at(self, packing: Packing) -> ConstraintFactor:
         """Return the same links factored where another packing of the same particles is."""
@@ -136,8 +136,6 @@ class ConstraintFactor:
     @functools.cached_property
     def cluster_l(self) -> NDArray[np.int64]:
         """The (L,) cluster of each link."""
-        if self.links is None:
-            return np.zeros(0, dtype=np.int64)
         return self.links.clusters(self.packing.particles)[self.links.i_l]
 
     @functools.cached_property
@@ -230,7 +228,7 @@ class ConstraintFactor:
 
     def strains(self, scale: float, strain: BoxStrain) -> Strains:
         """Return what `project_strained` needs for "free" or "isochoric" strains times a scale."""
-        assert self.system is not None and self.links is not None
+        assert self.system is not None
         d = self.packing.dimension
         count = strain_components(d)
         rows, part = np.empty((count, len(self.links))), np.empty((count, len(self.links)))

@@ -11,7 +11,7 @@ from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.contacts import Contacts
 from packmech.contacts.network import pair_contacts
 from packmech.honors import ANY_LENGTH, honors
-from packmech.linalg.mandel import normal_strains, strain_components, trace_vector
+from packmech.linalg.mandel import normal_strains, trace_vector
 from packmech.links import Links
 from packmech.packing import Packing
 
@@ -39,8 +39,7 @@ def link_vectors(packing: Packing) -> NDArray[np.float64]:
         If the ends of a link coincide: its length has no derivative there.
 
     """
-    links = packing.links
-    assert links is not None
+    links = packing.link_list
     vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
     stuck = np.flatnonzero(~vector.any(axis=1))
     if len(stuck):
@@ -53,9 +52,7 @@ def position_rows(packing: Packing, form: str = "exact") -> sp.csc_array:
     """Return Omega, the (N d, L) derivatives of the links' lengths by the positions: -n at i and +n at j."""
     import scipy.sparse as sp
 
-    links, d = packing.links, packing.dimension
-    if links is None:
-        return sp.csc_array((packing.particles * d, 0))
+    links, d = packing.link_list, packing.dimension
     vector = link_vectors(packing)
     size = links.length_l if form == "paper" else np.sqrt((vector**2).sum(axis=1))
     normal = vector / size[:, None]
@@ -73,23 +70,16 @@ def position_rows(packing: Packing, form: str = "exact") -> sp.csc_array:
 
 def strain_rows(packing: Packing, form: str = "exact") -> NDArray[np.float64]:
     """Return the (s, L) derivatives of the links' lengths by the Mandel strains [length]: rho n.E.n."""
-    links = packing.links
-    if links is None:
-        return np.zeros((strain_components(packing.dimension), 0))
     vector = link_vectors(packing)
     distance = np.sqrt((vector**2).sum(axis=1))
-    size = links.length_l if form == "paper" else distance
+    size = packing.link_list.length_l if form == "paper" else distance
     # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
     rows: NDArray[np.float64] = (distance**2 / size * normal_strains(vector / distance[:, None]).T).copy()
     return rows
 
 
-def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
-    """Return the geometry of a packing's links, or of the given ones, in their order; none where there are no links."""
-    links = packing.links if links is None else links
-    if links is None:
-        none = np.zeros(0, dtype=np.int64)
-        return pair_contacts(packing, none, none, np.zeros((0, packing.dimension), dtype=np.int64))
+def link_pairs(packing: Packing, links: Links) -> Contacts:
+    """Return the geometry of links between the particles of a packing, in their order."""
     return pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
 
 

@@ -24,7 +24,6 @@ from packmech.constraints.redundancy import SINE, DegenerateLink, check_consiste
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, trace_vector
-from packmech.links import image_offsets
 from packmech.packing import Packing, no_own_images
 from packmech.result import NotConverged, Outcome, Run
 
@@ -198,7 +197,7 @@ def project_force(
         strain = "none"
     started = time.process_time()
     factored = None
-    if method == "clusters" and packing.links is not None:
+    if method == "clusters" and len(packing.link_list):
         factored = _LAST.factor(packing, strain, scale)
     if factored is not None:
         factor, prepared = factored
@@ -244,15 +243,12 @@ def _answer(
 def _largest_rate(
     packing: Packing, force_nd: NDArray[np.float64], strain_e: NDArray[np.float64], scale: float, box: str
 ) -> float:
-    rate = 0.0
-    links = packing.links
-    if links is not None:
-        vector = link_vectors(packing)
-        vector /= np.sqrt((vector**2).sum(axis=1))[:, None]
-        stretch = (vector * (force_nd[links.j_l] - force_nd[links.i_l])).sum(axis=1)
-        if strain_e.any():
-            stretch += strain_rows(packing).T @ strain_e / scale
-        rate = float(np.abs(stretch).max())
+    links, vector = packing.link_list, link_vectors(packing)
+    vector /= np.sqrt((vector**2).sum(axis=1))[:, None]
+    stretch = (vector * (force_nd[links.j_l] - force_nd[links.i_l])).sum(axis=1)
+    if strain_e.any():
+        stretch += strain_rows(packing).T @ strain_e / scale
+    rate = float(np.abs(stretch).max(initial=0.0))
     if box == "isochoric":
         rate = max(rate, abs(float(trace_vector(packing.dimension) @ strain_e)) / scale)
     return rate
@@ -343,8 +339,8 @@ def reaffix_links(
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     instance("check", check, bool)
     started = time.process_time()
-    links = packing.links
-    if links is None:
+    links = packing.link_list
+    if not len(links):
         spent = time.process_time() - started
         return ReaffixedLinks(packing, Outcome.CONVERGED, 0, np.zeros(1), 0, (), spent)
     factor = ConstraintFactor(packing)
@@ -404,11 +400,10 @@ def scale_box(packing: Packing, factor: float) -> Packing:
         Factor on the lattice vectors [1].
 
     """
-    box, links = packing.box.scaled(factor), packing.links
-    if links is None:
+    box, cluster = packing.box.scaled(factor), packing.cluster_n
+    if not len(packing.link_list):
         return packing.replace(position_nd=packing.position_nd * factor, box=box)
-    offset, winding = image_offsets(links, packing.particles)
-    cluster = links.clusters(packing.particles)
+    offset, winding = packing.unwrapping_nd, packing.winding_n
     count = np.bincount(cluster)
     apart = offset @ packing.box.lattice_dd.T
     place = packing.position_nd + apart

@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from packmech.box import Box
+from packmech.contacts.elements import end_slopes
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.overlaps import HARD
-from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts, slopes_of_ends
+from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.jamming.hard_packing import (
     REACH,
     ContactSystem,
@@ -609,7 +610,7 @@ def _within_reach(packing: Packing, member_n: NDArray[np.bool_], trust: float) -
     skin, scale = 2.0 * way * trust, 1.0 + _ROOM
     if shapes is not None:
         pairs = candidate_shapes(packing, scale, skin)
-        owner = shapes.particle_b if isinstance(shapes, Beads) else np.arange(packing.particles)
+        owner = shapes.particle_b
         keep = member_n[owner[pairs.i_c]] | member_n[owner[pairs.j_c]]
         return shape_contacts(packing, Candidates(*(part[keep] for part in pairs)))
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
@@ -641,9 +642,9 @@ def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list
         np.minimum.at(trust_g, group_n[member_n], trust_n[member_n])
         u_nq, push_c = _outwards(packing, here, group_n, group_c, trust_g)
         room_g = _smallest(here, group_c, len(names))
-        reached_g = _smallest(_same_pairs(displaced(packing, u_nq), here), group_c, len(names))
+        reached_g = _smallest(here.at(packing.moved(u_nq)), group_c, len(names))
         better_g = reached_g > room_g + 1e-15
-        packing = displaced(packing, u_nq * better_g[group_n][:, None])
+        packing = packing.moved(u_nq * better_g[group_n][:, None])
         way_g = np.zeros(len(names))
         np.maximum.at(way_g, group_n[member_n], np.abs(u_nq[member_n]).max(axis=1))
         stuck_g = ~better_g
@@ -653,18 +654,13 @@ def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list
         done_g = stuck_g | (better_g & ((reached_g > _ROOM) | (reached_g - room_g < 1e-14))) | (left == 1)
         for g in np.flatnonzero(done_g):
             limits = here.select((group_c == g) & push_c)
-            pairs = limits.pairs if isinstance(limits, ShapeContacts) else Candidates(*_ends_of(limits))
-            found.append((float(max(reached_g[g], room_g[g])), pairs))
+            found.append((float(max(reached_g[g], room_g[g])), limits.pairs))
         trust_g = np.where(better_g, np.minimum(trust_g, np.maximum(3.0 * way_g, 1e-6)), 0.25 * trust_g)
         trust_n[member_n] = trust_g[group_n[member_n]]
         member_n &= ~done_g[group_n]
         if not member_n.any():
             break
     return packing, found
-
-
-def _ends_of(pairs: Contacts) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    return pairs.i_c, pairs.j_c, pairs.image_cd
 
 
 def _smallest(near: Contacts | ShapeContacts, group_c: NDArray[np.int64], groups: int) -> NDArray[np.float64]:
@@ -685,7 +681,7 @@ def _outwards(
 
     Where the program is not solved there are none.
     """
-    ends = _slopes_of_ends(packing, here)
+    ends = end_slopes(here.i_c, here.j_c, here.slope_cx, here.turn_nkt, here.dimension)
     member_n, q, groups = group_n >= 0, ends.shape[2], len(trust_g)
     count, number = int(member_n.sum()), np.cumsum(member_n) - 1
     lines = np.arange(len(here))
@@ -711,31 +707,6 @@ def _outwards(
         return u_nq, np.zeros(len(here), dtype=bool)
     u_nq[member_n] = solution.x[: count * q].reshape(count, q)
     return u_nq, np.asarray(solution.below_multiplier > 1e-6 * float(solution.below_multiplier.max(initial=1e-300)))
-
-
-def displaced(packing: Packing, u_nq: NDArray[np.float64]) -> Packing:
-    """Return the packing after displacements, and turns measured in lengths where it has shapes."""
-    d, shapes = packing.dimension, packing.shapes
-    moved = packing.replace(position_nd=packing.position_nd + u_nq[:, :d])
-    if shapes is None:
-        return moved
-    turned = np.einsum("nk,nkt->nt", u_nq[:, d:], shapes.turn_basis(packing.radius_n))
-    return moved.replace(shapes=shapes.turned(turned))
-
-
-def _same_pairs(packing: Packing, near: Contacts | ShapeContacts) -> Contacts | ShapeContacts:
-    """Return the same pairs in another packing."""
-    if isinstance(near, ShapeContacts):
-        return shape_contacts(packing, near.pairs)
-    return pair_contacts(packing, near.i_c, near.j_c, near.image_cd)
-
-
-def _slopes_of_ends(packing: Packing, near: Contacts | ShapeContacts) -> NDArray[np.float64]:
-    """Return the (2, C, q) slopes of distances along the motions of both particles."""
-    if isinstance(near, ShapeContacts):
-        assert packing.shapes is not None
-        return slopes_of_ends(near, packing.shapes.turn_basis(packing.radius_n))
-    return np.stack([-near.normal_cd, near.normal_cd])
 
 
 def search_hard(

@@ -25,7 +25,8 @@ from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
 from packmech.linalg.mandel import mandel_tensor, mandel_vector, strain_components, trace_vector
-from packmech.measure.counting import packing_fraction, rattling_particles
+from packmech.measure.counting import packing_fraction
+from packmech.measure.rattlers import rattling_particles
 from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
@@ -155,7 +156,7 @@ class Rules:
                 factor = (aim / packing.box.volume) ** (1.0 / packing.dimension)
                 box = Box(factor * packing.box.lattice_dd)
                 packing = packing.replace(position_nd=factor * packing.position_nd, box=box)
-        return packing if packing.links is None else reaffix_links(packing, check=False).packing
+        return reaffix_links(packing, check=False).packing
 
 
 def pairs_of(contacts: Contacts) -> list[tuple[int, ...]]:
@@ -186,7 +187,7 @@ def advance(
     target = direction.times(step)
     ahead = rules.mended(target.apply(packing), volume)
     free = rules.kept(ahead)
-    if free and packing.links is None:
+    if free and not len(packing.link_list):
         return ahead, direction.ahead(step), step
     reach = target.size(scale)
     wanted = target if free else rules.still(nearest(packing, target, rules, reach))
@@ -226,9 +227,9 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     smallest = 2.0 * float(packing.radius_n.min())
     # both partners of a pair move, and what contacts ask may add as much
     near = find_contacts(packing, gap_tolerance=4.0 * reach * (1.0 / smallest + 1.0 / rules.scale))
-    links = link_pairs(packing)
+    links = link_pairs(packing, packing.link_list)
     room_c = near.distance_c - rules.floor_c(near)
-    wrong_l = np.zeros(0) if packing.links is None else packing.links.length_l - links.distance_c
+    wrong_l = packing.link_list.length_l - links.distance_c
     # numbers of order one for the solver: lengths in units of the step, or of the errors to be mended
     unit = max(target.size(rules.scale), float(np.abs(wrong_l).max(initial=0.0)), float(-room_c.min(initial=0.0)))
 

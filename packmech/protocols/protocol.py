@@ -9,7 +9,6 @@ import functools
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,11 +29,11 @@ from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
 from packmech.measure.friction import friction_of
-from packmech.measure.shaped import ShapeForces, check_pairs_only
+from packmech.measure.rattlers import find_rattling_clusters
+from packmech.measure.shaped import check_pairs_only
 from packmech.measure.stress import force_balance, stress_tensor, sum_forces
 from packmech.measure.stress import pressure as pressure_of
 from packmech.mechanics.network import Network, contact_network
-from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.stability import stability
 from packmech.minimize.bodies_apart import deep_overlaps
@@ -326,7 +325,7 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     """
     rattling = rattlers_of(contacts)
     kept = int((~rattling).sum())
-    number = int((~(rattling[contacts.i_c] | rattling[contacts.j_c])).sum())
+    number = len(contacts.among(~rattling))
     isostatic = contacts.dimension * (kept - 1) + strains if kept else 0
     return {
         "particles": contacts.particles,
@@ -364,15 +363,10 @@ def linked_count(packing: Packing, contacts: Contacts, strain: BoxStrain) -> dic
     if rattling.empty:
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
     held = ~rattling.rattling_cluster_n
-    number = np.where(held, np.cumsum(held) - 1, -1)
-    links = packing.links
-    assert links is not None
-    # links may all be between particles that rattle
-    kept = links.numbered(number) if (held[links.i_l] & held[links.j_l]).any() else None
-    part = packing.select(held, kept)
+    part = packing.select(held)
     # a contact can bear a force of a cluster that all of it may move against, such as one between links that cross
-    bearing = contacts.select(rattling.backbone_c & held[contacts.i_c] & held[contacts.j_c])
-    inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
+    inner = contacts.select(rattling.backbone_c).among(held)
+    inner = inner.numbered(np.where(held, np.cumsum(held) - 1, -1), part)
     states = states_of_self_stress(
         part, "none" if strain == "isotropic" else "isochoric", contacts=inner, basis_limit=1.0
     )
@@ -568,9 +562,9 @@ def _finish_shaped(
         **protocol.report,
     }
     residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
-    one = network.shape_contacts
+    one = network.contacts
     terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
-    held = -float(np.trace(ShapeForces(one, terms).stress(packing.box.volume))) / d
+    held = -float((terms.first_c[:, None] * one.slope_cx[:, :d] * one.vector_cd).sum()) / (d * packing.box.volume)
     outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
     return _run_of(protocol, packing, outcome, residual, report, began)
 

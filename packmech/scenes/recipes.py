@@ -247,7 +247,7 @@ def _inline(
         raise ValueError("link_lengths must be given with link_pairs, got nothing")
     else:
         pairs, images = _pairs("link_", link_pairs, link_images, box.dimension)
-        shape = None if link_shapes is None else np.array(link_shapes, dtype=bool)
+        shape = np.zeros(len(pairs), dtype=bool) if link_shapes is None else np.array(link_shapes, dtype=bool)
         links = Links(pairs[:, 0], pairs[:, 1], images, np.array(link_lengths), shape)
     bodies = {
         "bead_offsets": bead_offsets,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts.elements import elements_of
+from packmech.contacts.elements import elements_of, sum_ends
 from packmech.contacts.network import Candidates
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.linalg.factor import factorize
@@ -52,13 +52,10 @@ class ShapeNetwork(SoftNetwork):
     def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the energy's slopes along positions and turns, along strains, and the virial sum."""
         one, packing = self.contacts, self.packing
-        assert packing.shapes is not None
-        self._turn_nkt = packing.shapes.turn_basis(packing.radius_n)
-        position, rotation = one.gather(self.first_c)
-        turn = np.einsum("nkt,nt->nk", self._turn_nkt, rotation)
+        self._turn_nkt = packing.turn_nkt
         pull = self.first_c[:, None] * one.slope_cx[:, : one.dimension]
         along = np.einsum("kab,ca,cb->k", self.basis_kdd, pull, one.vector_cd)
-        return np.hstack([position, turn]), along, float((pull * one.vector_cd).sum())
+        return sum_ends(one, self.first_c), along, float((pull * one.vector_cd).sum())
 
     def largest_force(self) -> float:
         """Return the largest net force, or torque over the radius of gyration, on a particle."""

@@ -303,8 +303,7 @@ def _hard_packing(packing: Packing) -> HardPacking:
     load = float(packing.particles * d)
     state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
     contacts = find_contacts(reduced, gap_tolerance=None)
-    rattling = rattlers_of(contacts)
-    bearing = contacts.select(~(rattling[contacts.i_c] | rattling[contacts.j_c]))
+    bearing = contacts.among(~rattlers_of(contacts))
     hard = None
     if len(bearing):
         # a soft packing at a small pressure, or a hard one, has the contacts of the hard packing already

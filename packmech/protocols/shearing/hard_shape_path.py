@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from packmech.contacts.elements import sum_ends
 from packmech.contacts.network import Candidates, Contacts
 from packmech.contacts.overlaps import HARD
+from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
-from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.jamming.hard_path import Lost, dips, make_room
 from packmech.jamming.sheared_lattice import ShearedLattice
 from packmech.minimize.second_order.shape_network import ShapeNetwork
@@ -169,11 +170,9 @@ class _HardNetwork(ShapeNetwork):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the forces along free coordinates, and along strains, with which contacts push."""
         one = self.contacts if contacts is None else contacts
-        position, rotation = one.gather(force_c)
-        turn = np.einsum("nkt,nt->nk", self._turn_nkt, rotation)
         pull_cd = force_c[:, None] * one.slope_cx[:, : one.dimension]
         along = np.einsum("kab,ca,cb->k", self.basis_kdd, pull_cd, one.vector_cd)
-        return np.hstack([position, turn]).ravel()[free_f], along
+        return sum_ends(one, force_c).ravel()[free_f], along
 
 
 class HardShapePath:
@@ -454,7 +453,7 @@ class HardShapePath:
         contacts = vertex.contacts
         opened = vertex.force_c < _NO_FORCE * vertex.force_c.mean()
         kept = ~opened
-        rattling = shape_rattlers(vertex.packing, contacts.select(kept))
+        rattling = rattlers_of(contacts.select(kept))
         kept &= ~(rattling[contacts.i_c] | rattling[contacts.j_c])
         if not kept.any():
             return None
@@ -590,7 +589,7 @@ class HardShapePath:
             contacts = network.contacts
             if not isinstance(contacts, ShapeContacts) or not len(contacts):
                 return None
-            rattling = shape_rattlers(packing, contacts)
+            rattling = rattlers_of(contacts)
             bears = ~(rattling[contacts.i_c] | rattling[contacts.j_c])
             found = self._complementary(
                 packing.replace(box=self.lattice.box(strain, packing.box.volume)),
@@ -627,7 +626,7 @@ class HardShapePath:
             force[where], keep[where] = found.force_c, ~pulls
             if not pulls.any():
                 keep[overlaps] = True
-            rattling = shape_rattlers(found.packing, near.select(keep))
+            rattling = rattlers_of(near.select(keep))
             keep &= ~(rattling[near.i_c] | rattling[near.j_c])
             active, force_c, packing = near.select(keep).pairs, force[keep], found.packing
         return None

@@ -16,7 +16,8 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
-from packmech.measure.counting import find_rattlers, packing_fraction
+from packmech.measure.counting import packing_fraction
+from packmech.measure.rattlers import find_rattlers
 from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.jam import free_strains

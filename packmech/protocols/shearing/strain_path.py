@@ -13,7 +13,6 @@ from packmech.box import Box
 from packmech.contacts.network import Contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.measure.stress import energy, stress_tensor
 from packmech.minimize.second_order.soft_network import Response, SoftNetwork
 from packmech.minimize.second_order.soft_newton import SoftState, descend, network_of, newton
@@ -446,6 +445,6 @@ def bearing_pairs(packing: Packing, network: SoftNetwork) -> tuple[Pairs, NDArra
         bears = push > 1e-7 * push.mean() if len(push) else np.zeros(0, dtype=bool)
         held = near.select(bears).count_n() > 0
     else:
-        held = ~(rattlers_of(near) if packing.shapes is None else shape_rattlers(packing, near))
+        held = ~(rattlers_of(near))
         bears = held[near.i_c] & held[near.j_c]
     return frozenset(pair_names(near.select(bears))), held
