@@ -108,7 +108,6 @@ RESTING = {
     "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,
     "sweep_stress": lambda scene: pm.sweep_stress(scene, [-1e-3 * np.eye(2)])[0].packing.position_nd,
     "quasistatic_shear": lambda scene: pm.quasistatic_shear(scene, 1e-4, step=1e-4, locate="none").packing.position_nd,
-    "jamming_scaling": lambda scene: pm.jamming_scaling([scene], [1e-3]).value_sp["shear_modulus"],
     "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
     "hessian": lambda scene: pm.hessian(scene).toarray(),
     "dynamical_matrix": lambda scene: pm.dynamical_matrix(scene).toarray(),

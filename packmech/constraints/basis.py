@@ -295,7 +295,7 @@ def cluster_blocks(
     packing: Packing, matrix: sp.csc_array, method: str, tolerance: float, limit: float
 ) -> tuple[Block, ...]:
     """Return the orthonormal blocks of Omega, one for each cluster that has links."""
-    links, d, cluster = packing.link_list, packing.dimension, packing.cluster_n
+    links, d, cluster = packing.rigid_links, packing.dimension, packing.cluster_n
     if method == "whole-matrix":
         cluster = np.zeros_like(cluster)
     own = cluster[links.i_l]

@@ -106,7 +106,7 @@ class ConstraintFactor:
     """
 
     def __init__(self, packing: Packing, links: Links | None = None, system: LinkSystem | None = None) -> None:
-        self.packing, self.links = packing, packing.link_list if links is None else links
+        self.packing, self.links = packing, packing.rigid_links if links is None else links
         self.system: LinkSystem | None = None
         self.smallest_pivot, self.left_out = 1.0, 0
         if not len(self.links):

@@ -39,7 +39,7 @@ def link_vectors(packing: Packing) -> NDArray[np.float64]:
         If the ends of a link coincide: its length has no derivative there.
 
     """
-    links = packing.link_list
+    links = packing.rigid_links
     vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
     stuck = np.flatnonzero(~vector.any(axis=1))
     if len(stuck):
@@ -52,7 +52,7 @@ def position_rows(packing: Packing, form: str = "exact") -> sp.csc_array:
     """Return Omega, the (N d, L) derivatives of the links' lengths by the positions: -n at i and +n at j."""
     import scipy.sparse as sp
 
-    links, d = packing.link_list, packing.dimension
+    links, d = packing.rigid_links, packing.dimension
     vector = link_vectors(packing)
     size = links.length_l if form == "paper" else np.sqrt((vector**2).sum(axis=1))
     normal = vector / size[:, None]
@@ -72,7 +72,7 @@ def strain_rows(packing: Packing, form: str = "exact") -> NDArray[np.float64]:
     """Return the (s, L) derivatives of the links' lengths by the Mandel strains [length]: rho n.E.n."""
     vector = link_vectors(packing)
     distance = np.sqrt((vector**2).sum(axis=1))
-    size = packing.link_list.length_l if form == "paper" else distance
+    size = packing.rigid_links.length_l if form == "paper" else distance
     # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
     rows: NDArray[np.float64] = (distance**2 / size * normal_strains(vector / distance[:, None]).T).copy()
     return rows

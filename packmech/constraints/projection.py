@@ -197,7 +197,7 @@ def project_force(
         strain = "none"
     started = time.process_time()
     factored = None
-    if method == "clusters" and len(packing.link_list):
+    if method == "clusters" and len(packing.rigid_links):
         factored = _LAST.factor(packing, strain, scale)
     if factored is not None:
         factor, prepared = factored
@@ -243,7 +243,7 @@ def _answer(
 def _largest_rate(
     packing: Packing, force_nd: NDArray[np.float64], strain_e: NDArray[np.float64], scale: float, box: str
 ) -> float:
-    links, vector = packing.link_list, link_vectors(packing)
+    links, vector = packing.rigid_links, link_vectors(packing)
     vector /= np.sqrt((vector**2).sum(axis=1))[:, None]
     stretch = (vector * (force_nd[links.j_l] - force_nd[links.i_l])).sum(axis=1)
     if strain_e.any():
@@ -339,7 +339,7 @@ def reaffix_links(
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     instance("check", check, bool)
     started = time.process_time()
-    links = packing.link_list
+    links = packing.rigid_links
     if not len(links):
         spent = time.process_time() - started
         return ReaffixedLinks(packing, Outcome.CONVERGED, 0, np.zeros(1), 0, (), spent)
@@ -401,7 +401,7 @@ def scale_box(packing: Packing, factor: float) -> Packing:
 
     """
     box, cluster = packing.box.scaled(factor), packing.cluster_n
-    if not len(packing.link_list):
+    if not len(packing.rigid_links):
         return packing.replace(position_nd=packing.position_nd * factor, box=box)
     offset, winding = packing.unwrapping_nd, packing.winding_n
     count = np.bincount(cluster)

@@ -209,7 +209,7 @@ def _in_cluster(
 
 def dependence(packing: Packing, tolerance: float = SINE) -> Dependence:
     """Return which links are independent, redundant and degenerate at the packing's places."""
-    links = packing.link_list
+    links = packing.rigid_links
     vector = link_vectors(packing)
     normal = vector / np.sqrt((vector**2).sum(axis=1))[:, None]
     independent = ~_core(links, normal, packing.particles, tolerance)
@@ -238,7 +238,7 @@ def disagreement(packing: Packing, found: Dependence) -> NDArray[np.float64]:
         If the independent links cannot be brought to their lengths from here.
 
     """
-    links = packing.link_list
+    links = packing.rigid_links
     mean = float(packing.diameter_n.mean())
     place = np.array(packing.position_nd)
     worst = 0.0
@@ -266,7 +266,7 @@ def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> f
     """
     if not len(found.redundant_l):
         return 0.0
-    links = packing.link_list
+    links = packing.rigid_links
     error = disagreement(packing, found)
     worst = int(np.abs(error).argmax())
     if abs(error[worst]) > tolerance:
@@ -324,7 +324,7 @@ def independent_links(
     positive("tolerance", tolerance)
     real("rank_tolerance", rank_tolerance, above=0.0, below=1.0)
     started = time.process_time()
-    links = packing.link_list
+    links = packing.rigid_links
     none = np.empty(0, dtype=np.int64)
     if not len(links):
         return IndependentLinks(packing, none, (), 0, 0.0, time.process_time() - started)
@@ -347,7 +347,7 @@ def _holds_strain(
     """Return which redundant links are independent of the others once strains move too."""
     import scipy.linalg as sl
 
-    links = packing.link_list
+    links = packing.rigid_links
     matrix, rows = position_rows(packing), strain_rows(packing)
     cluster = links.clusters(packing.particles)[links.i_l]
     _, winding = image_offsets(links, packing.particles)
@@ -377,7 +377,7 @@ def workable_links(packing: Packing) -> Links:
         particles stand in a line or in a plane: nothing could bring them back to their lengths.
 
     """
-    links = packing.link_list
+    links = packing.rigid_links
     no_own_images("packing", packing)
     members = np.bincount(links.clusters(packing.particles))
     if len(links) == int((members - 1).sum()) and (links.i_l != links.j_l).all():
@@ -385,4 +385,4 @@ def workable_links(packing: Packing) -> Links:
     found = independent_links(packing)
     if found.degenerate:
         raise ValueError(f"packing must have links that hold to first order, got a link of {found.degenerate[0]}")
-    return found.packing.link_list
+    return found.packing.rigid_links

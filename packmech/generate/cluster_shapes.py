@@ -177,8 +177,8 @@ class Cluster:
 
     position_bd: NDArray[np.float64]
     radius_b: NDArray[np.float64]
-    links: NDArray[np.int64] | None = None
-    shape_l: NDArray[np.bool_] | None = None
+    links: NDArray[np.int64] = None  # type: ignore[assignment]  # those that hold the cluster rigid
+    shape_l: NDArray[np.bool_] = None  # type: ignore[assignment]  # an array is made of it
 
     def __post_init__(self) -> None:
         position = finite_array("position_bd", self.position_bd, shape=(None, None), what="bead")
@@ -218,7 +218,6 @@ class Cluster:
     @property
     def length_l(self) -> NDArray[np.float64]:
         """The (L,) lengths of the links [length]."""
-        assert self.links is not None
         vector = self.position_bd[self.links[:, 1]] - self.position_bd[self.links[:, 0]]
         length: NDArray[np.float64] = np.sqrt((vector**2).sum(axis=1))
         return length
@@ -231,13 +230,32 @@ class Cluster:
 
     def crossing(self) -> tuple[Pair, Pair] | None:
         """Return two bonds of the cluster that cross each other, if any do."""
-        assert self.links is not None and self.shape_l is not None
         bonds = [(int(i), int(j)) for i, j in self.links[~self.shape_l]]
         for k, one in enumerate(bonds):
             for other in bonds[:k]:
                 if cross(self.position_bd, one, other):
                     return other, one
         return None
+
+
+def clusters_of(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
+    """Return the cluster of every place: the same one, or each drawn by itself."""
+    if not isinstance(shape, RandomShape):
+        return [shape.cluster(dimension)] * count
+    found: dict[int, Cluster] = {}
+    shapes = [shape.drawn(rng) for _ in range(count)]
+    for one in shapes:
+        if id(one) not in found:
+            found[id(one)] = one.cluster(dimension)
+    cluster_k = [found[id(one)] for one in shapes]
+    first = cluster_k[0]
+    for cluster in cluster_k:
+        if cluster.position_bd.shape != first.position_bd.shape:
+            raise ValueError(
+                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after "
+                f"{len(first.radius_b)}"
+            )
+    return cluster_k
 
 
 def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, BondGrid
-from packmech.generate.cluster_shapes import Cluster, RandomShape, Shape
+from packmech.generate.cluster_shapes import Cluster, Shape, clusters_of
 from packmech.generate.placed import Placed
 from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
@@ -102,7 +102,7 @@ def cluster_packing(
     tries = integer("tries", tries, at_least=1)
     avoid = dimension == 2 and crossing == "avoided"
     factor_k = 2.0 * sizes.radii(count, rng)
-    cluster_k = _clusters(shape, count, dimension, rng)
+    cluster_k = clusters_of(shape, count, dimension, rng)
     for cluster in {id(cluster): cluster for cluster in cluster_k}.values() if avoid else ():
         own = cluster.crossing()
         if own is not None:
@@ -187,12 +187,10 @@ def scattered_packing(
     radius, n, d = packing.radius_n, packing.particles, packing.dimension
     no_own_images("packing", packing)
     box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
-    links = packing.links
-    if links is None:
+    links = packing.rigid_links
+    if not len(links):
         position = np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d)))
-        shapes = packing.shapes
-        if shapes is not None:
-            shapes = shapes.oriented(rng.standard_normal(shapes.orientation_nq.shape))
+        shapes = packing.bodies.oriented(rng.standard_normal(packing.bodies.orientation_nq.shape))
         return packing.replace(position_nd=position, box=box, shapes=shapes)
     offset, winding = image_offsets(links, n)
     if winding.any():
@@ -215,9 +213,7 @@ def scattered_packing(
             if tries % _TRIES == 0:
                 allowed += _MORE
         placed.add(position[part])
-    none = np.zeros_like(links.image_ld)
-    links = Links(links.i_l, links.j_l, none, links.length_l, links.shape_l)
-    return packing.replace(position_nd=position, box=box, links=links)
+    return packing.replace(position_nd=position, box=box, links=links.at_images(np.zeros_like(links.image_ld)))
 
 
 def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -225,26 +221,6 @@ def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator
     dimension = box.dimension
     center_d = np.einsum("de,e->d", box.lattice_dd, rng.random(dimension))
     return np.asarray(center_d + np.einsum("de,be->bd", random_rotation(dimension, rng), shape_bd))
-
-
-def _clusters(shape: Shape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
-    """Return the cluster of every place: the same one, or each drawn by itself."""
-    if not isinstance(shape, RandomShape):
-        return [shape.cluster(dimension)] * count
-    found: dict[int, Cluster] = {}
-    shapes = [shape.drawn(rng) for _ in range(count)]
-    for one in shapes:
-        if id(one) not in found:
-            found[id(one)] = one.cluster(dimension)
-    cluster_k = [found[id(one)] for one in shapes]
-    first = cluster_k[0]
-    for cluster in cluster_k:
-        if cluster.position_bd.shape != first.position_bd.shape:
-            raise ValueError(
-                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after "
-                f"{len(first.radius_b)}"
-            )
-    return cluster_k
 
 
 class _Bonds:
@@ -256,7 +232,6 @@ class _Bonds:
         longest = max(
             float(factor * one.length_l[~one.shape_l].max(initial=0.0))
             for factor, one in zip(factor_k, cluster_k, strict=True)
-            if one.shape_l is not None
         )
         self._bonds = BondGrid(box, max(1, sum(map(len, self._pairs_k))), longest or 1.0)
 
@@ -272,7 +247,6 @@ class _Bonds:
 
 
 def _bond_pairs(cluster: Cluster) -> list[list[int]]:
-    assert cluster.links is not None and cluster.shape_l is not None
     pairs: list[list[int]] = cluster.links[~cluster.shape_l].tolist()
     return pairs
 
@@ -297,7 +271,6 @@ def _links(cluster_k: list[Cluster], factor_k: NDArray[np.float64]) -> Links:
     beads, dimension = cluster_k[0].position_bd.shape
     pairs, lengths, shapes = [], [], []
     for k, (cluster, factor) in enumerate(zip(cluster_k, factor_k, strict=True)):
-        assert cluster.links is not None and cluster.shape_l is not None
         pairs.append(cluster.links + beads * k)
         lengths.append(factor * cluster.length_l)
         shapes.append(cluster.shape_l)

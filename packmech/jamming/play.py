@@ -187,7 +187,7 @@ def advance(
     target = direction.times(step)
     ahead = rules.mended(target.apply(packing), volume)
     free = rules.kept(ahead)
-    if free and not len(packing.link_list):
+    if free and not len(packing.rigid_links):
         return ahead, direction.ahead(step), step
     reach = target.size(scale)
     wanted = target if free else rules.still(nearest(packing, target, rules, reach))
@@ -227,9 +227,9 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     smallest = 2.0 * float(packing.radius_n.min())
     # both partners of a pair move, and what contacts ask may add as much
     near = find_contacts(packing, gap_tolerance=4.0 * reach * (1.0 / smallest + 1.0 / rules.scale))
-    links = link_pairs(packing, packing.link_list)
+    links = link_pairs(packing, packing.rigid_links)
     room_c = near.distance_c - rules.floor_c(near)
-    wrong_l = packing.link_list.length_l - links.distance_c
+    wrong_l = packing.rigid_links.length_l - links.distance_c
     # numbers of order one for the solver: lengths in units of the step, or of the errors to be mended
     unit = max(target.size(rules.scale), float(np.abs(wrong_l).max(initial=0.0)), float(-room_c.min(initial=0.0)))
 

@@ -83,7 +83,7 @@ def rattlers_among(
         held |= fixed
     walls = _wall_ends(packing, effects)
     pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
-    if pressed or (rough is not None and len(packing.link_list)):
+    if pressed or (rough is not None and len(packing.rigid_links)):
         held |= contacts.count_n() > 0
         held[walls.body_e] = True
         return np.asarray(np.bincount(cluster, held)[cluster] == 0)

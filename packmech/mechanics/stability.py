@@ -199,7 +199,7 @@ def _whole(scene: Scene) -> Network:
     """Return all particles with their contacts, but for those between held ones."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
-    links = packing.link_list
+    links = packing.rigid_links
     if len(links) and (links.i_l != links.j_l).all():
         # refuses links that hold to second order only, whose forces are not determined
         network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))

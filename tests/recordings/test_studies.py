@@ -36,8 +36,7 @@ STUDIES = {
     "spectra/states": ({"particles": 12, "packings": 1, "aspects": (1.0, 1.5)}, "states-2d"),
     "spectra/edges": ({"particles": 12, "packings": 1, "distances": (1e-3, 1e-2)}, "edges-2d"),
     "spectra/contacts": ({"particles": 32, "packings": 2}, "contacts-2d"),
-    "scaling/scaling": ({"particles": (40, 64), "packings": 1, "levels": (0.1, 0.03, 1e-2)}, "springs-sizes"),
-    "cementing/cementing": ({"particles": (16,), "packings": 2, "orders": 1}, "cementing"),
+    "cementing/cementing": ({"particles": (16,), "packings": 2, "orders": 1}, None),
 }
 RECORDINGS = pathlib.Path(__file__).parents[2] / "recordings"
 matplotlib.use("agg")
