@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import BoxStrain, finite_array, function, instance, integer, one_of, positive
-from packmech.constraints.jacobian import link_pairs
+from packmech.constraints.factor import link_pairs
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import distance_rows
@@ -227,7 +227,7 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     smallest = 2.0 * float(packing.radius_n.min())
     # both partners of a pair move, and what contacts ask may add as much
     near = find_contacts(packing, gap_tolerance=4.0 * reach * (1.0 / smallest + 1.0 / rules.scale))
-    links = link_pairs(packing, packing.rigid_links)
+    links = link_pairs(packing)
     room_c = near.distance_c - rules.floor_c(near)
     wrong_l = packing.rigid_links.length_l - links.distance_c
     # numbers of order one for the solver: lengths in units of the step, or of the errors to be mended

@@ -281,7 +281,7 @@ def force_residual(scene: Scene) -> float:
     return largest / mean if mean > 0.0 else 0.0
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
+@honors("repulsion friction bonds gravity walls held shapes", at_rest=True, apart="friction+shapes")
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 
@@ -304,7 +304,8 @@ def torques(scene: Scene) -> NDArray[np.float64]:
     if scene.packing.shapes is not None:
         found = shape_forces(scene).torques()
     else:
-        found = contact_forces(scene).torque_nk
+        # tangential springs of bonds are slack, and bonded pairs have none of friction
+        found = contact_forces(scene.without(Bonds)).torque_nk
     return found[:, 0] if found.shape[1] == 1 else found
 
 

@@ -65,7 +65,7 @@ def rattlers_among(
 
     Linked particles go together: a cluster rattles if it can be moved as a whole, and not where it closes around the
     box. What has a weight, or feels another potential, presses on whatever it touches: it rattles only where it touches
-    nothing; so does a cluster with friction, whose links take any force.
+    nothing; so does a cluster of particles that turn, whose links take any force.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def rattlers_among(
         held |= fixed
     walls = _wall_ends(packing, effects)
     pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
-    if pressed or (rough is not None and len(packing.rigid_links)):
+    turns = turns_of(packing.turn_nkt) | (rough is not None)
+    if pressed or (turns.any() and len(packing.rigid_links)):
         held |= contacts.count_n() > 0
         held[walls.body_e] = True
         return np.asarray(np.bincount(cluster, held)[cluster] == 0)
     ends = join_ends([ends_of(contacts) if rough is None else rough, walls])
-    turns = turns_of(packing.turn_nkt) | (rough is not None)
     # a cluster's contact with its own image holds it, one within it does not
     offset = packing.unwrapping_nd
     inside = (cluster[contacts.i_c] == cluster[contacts.j_c]) & (

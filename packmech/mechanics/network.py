@@ -13,7 +13,8 @@ from packmech.check import one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import acts_on_single, held_particles
+from packmech.effects import ContactTerms, acts_on_single, held_particles
+from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded, with_bonds_as_links
 from packmech.measure.rattlers import rattlers_among
 from packmech.packing import Packing
 
@@ -42,6 +43,8 @@ class Network:
         Which of these can move: not those of particles that are held.
     anchored
         Whether walls, held particles or potentials keep the packing at its place.
+    bonded
+        Bonds among the kept particles; None without.
 
     """
 
@@ -53,6 +56,7 @@ class Network:
     there_nq: NDArray[np.bool_]
     free_nq: NDArray[np.bool_]
     anchored: bool
+    bonded: BondedPairs | None = None
 
     @functools.cached_property
     def packing(self) -> Packing:
@@ -74,7 +78,8 @@ class Network:
         """The coordinates that can move once the best connected particle stays: no translation is left."""
         pinned = self.free_nq.copy()
         if len(pinned) and not self.anchored:
-            pinned[int(np.argmax(self.contacts.count_n())), : self.dimension] = False
+            pairs = self.contacts.count_n() + (0 if self.bonded is None else self.bonded.pairs.count_n())
+            pinned[int(np.argmax(pairs)), : self.dimension] = False
         return pinned.ravel()
 
 
@@ -88,7 +93,8 @@ def contact_network(
 ) -> Network:
     """Return the contacts within the gap tolerance, without those of rattlers unless these are to be kept.
 
-    Linked particles go together: a cluster is taken out if it can be moved as a whole. One that can only turn stays,
+    What links and bonds join goes together: a cluster is taken out if it can be moved as a whole. One that can only
+    turn stays,
     and so do its ends: they are zero modes that carry no strain. Walls and held particles hold others as contacts do,
     and what has a weight, or feels another potential, rattles only where it touches nothing.
 
@@ -117,10 +123,10 @@ def contact_network(
 
     """
     one_of("rattlers", rattlers, RATTLERS)
-    contacts = touching_pairs(packing, gap_tolerance, second=second)
+    contacts = unbonded(touching_pairs(packing, gap_tolerance, second=second), effects)
     kept = np.ones(packing.particles, dtype=bool)
     if rattlers == "remove":
-        kept = ~rattlers_among(packing, contacts, effects)
+        kept = ~rattlers_among(with_bonds_as_links(packing, effects), contacts, effects)
     return network_among(packing, contacts, kept, effects, packing.turn_nkt)
 
 
@@ -158,4 +164,9 @@ def network_among(
             left = packing.select(index)
         contacts = contacts.among(kept_n).numbered(number, left)
     links = ConstraintFactor(left if len(index) else packing.replace(links=None))
-    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects))
+    bonded = bonded_pairs(effects, packing)
+    if bonded is not None and not kept_n.all():
+        keep = kept_n[bonded.pairs.i_c] & kept_n[bonded.pairs.j_c]
+        terms = ContactTerms(*(one[keep] for one in bonded.terms))
+        bonded = BondedPairs(bonded.pairs.select(keep).numbered(number, left), terms)
+    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects), bonded)
