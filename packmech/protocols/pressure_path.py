@@ -13,12 +13,11 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
-from packmech.minimize.second_order.soft_network import REACH, Load, isochoric_part
+from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, isochoric_part
 from packmech.minimize.second_order.soft_newton import (
     SoftState,
     find_bottom,
     judge,
-    network_of,
     standing,
 )
 from packmech.packing import Packing
@@ -177,7 +176,7 @@ class PressurePath:
             return stays_on_branch(self.protocol, (packing, reached), (before, now))
         if moved_beyond_affine(packing, reached) > REACH:
             return False
-        growth = network_of(packing, self.protocol.units, self.protocol.basis_kdd, before).growth_to(reached)
+        growth = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, before).growth_to(reached)
         largest = (packing.box.volume - reached.box.volume) * (now - before)
         return -_SLACK * largest <= growth <= (1.0 + _SLACK) * largest
 
@@ -212,8 +211,8 @@ def stays_on_branch(
         return False
     units, basis = protocol.units, protocol.basis_kdd
     first, last = (None, None) if loads is None else loads
-    there = network_of(before, units, basis, first).growth_to(after)
-    back = network_of(after, units, basis, last).growth_to(before)
+    there = SoftNetwork(before, units, basis, first).growth_to(after)
+    back = SoftNetwork(after, units, basis, last).growth_to(before)
     return min(there, back) >= _UNEVEN * (there + back)
 
 

@@ -44,8 +44,8 @@ from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxa
 from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
 from packmech.minimize.quench import find_crossings, pairs_crossing
-from packmech.minimize.second_order.soft_network import Load, Units, length_unit, scaled_load
-from packmech.minimize.second_order.soft_newton import FLOORS, network_of, rounding_floor
+from packmech.minimize.second_order.soft_network import Load, SoftNetwork, Units, length_unit, scaled_load
+from packmech.minimize.second_order.soft_newton import FLOORS, rounding_floor
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
@@ -497,7 +497,7 @@ def judged(
     """
     floor = 0.0
     if outcome is not Outcome.UNJAMMED and report["pressure"]:
-        floor = rounding_floor(network_of(protocol.reduced(packing), protocol.units, protocol.basis_kdd[:0], None))
+        floor = rounding_floor(SoftNetwork(protocol.reduced(packing), protocol.units, protocol.basis_kdd[:0], None))
         report["rounding_floor"] = floor
         if share is not None:
             report["backbone_pressure"] = share

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
 from packmech.jit.compiled import compiled_form, device
+from packmech.minimize.passes.bond_rows import RowsBonded, push_bonded, survey_bonded
 from packmech.minimize.passes.shape_rows import has_shapes, shapes_of
 from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
@@ -145,6 +146,10 @@ def _push_rows(
 @compiled_form(_push_rows)
 def _choose_push_rows(one: Any, effects: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
     kind = getattr(one, "instance_class", None)
+    if kind is RowsBonded:
+        return lambda one, effects, axes, row, force_nd, low, high: push_bonded(
+            one, effects, axes, row, force_nd, low, high
+        )
     if kind not in (RowsPushed, RowsHeld):
         return lambda one, effects, axes, row, force_nd, low, high: (0.0, 0)
     if has_shapes(effects):
@@ -208,6 +213,8 @@ def _survey_rows(one: Any, effects: Any, row: Any, stiffness_n: Any) -> tuple[fl
 @compiled_form(_survey_rows)
 def _choose_survey_rows(one: Any, effects: Any, row: Any, stiffness_n: Any) -> Any:
     kind = getattr(one, "instance_class", None)
+    if kind is RowsBonded:
+        return lambda one, effects, row, stiffness_n: survey_bonded(one, effects, row, stiffness_n)
     if kind is RowsPushed and has_shapes(effects):
         return lambda one, effects, row, stiffness_n: _survey_pushed_shapes(one, shapes_of(effects), row, stiffness_n)
     if kind is RowsPushed:

@@ -28,9 +28,8 @@ from packmech.contacts.pairs import are_among, places_among
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.jamming.room import AT_ONCE
-from packmech.minimize.second_order.shape_network import ShapeNetwork
-from packmech.minimize.second_order.soft_network import REACH, Response, Units
-from packmech.minimize.second_order.soft_newton import descend, network_of
+from packmech.minimize.second_order.soft_network import REACH, Response, SoftNetwork, Units
+from packmech.minimize.second_order.soft_newton import descend
 from packmech.packing import Packing
 from packmech.protocols.continuation import Lost
 from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex
@@ -46,7 +45,7 @@ _NO_FORCE, _NO_RATE = 1e-7, 1e-9
 _HARDER, _DOWNHILL, _SOFTER, _ROUNDS, _SOUND = (1.0, 10.0, 100.0), 200, (1.0, 0.1, 1e-2, 1e-3), 12, 1e-4
 
 
-class _Lagrangian(ShapeNetwork):
+class _Lagrangian(SoftNetwork):
     """The augmented Lagrangian of the least volume: given contacts, with forces of their own and a stiffness each."""
 
     def __init__(
@@ -79,7 +78,7 @@ class _Lagrangian(ShapeNetwork):
         found = self.coupled(np.concatenate([basis, shear_dd[None]]), trace)
         coupling, corner = found.coupling_fk, found.corner_kk.copy()
         # free strains act on what is sheared already
-        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_slopes(), basis, shear_dd)
+        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_dd, basis, shear_dd)
         right, right_k = -coupling[:, k], -corner[:k, k]
         rate_c = np.zeros(len(self.force_c))
         step, strain_k = np.zeros(found.size), np.zeros(k)
@@ -87,7 +86,7 @@ class _Lagrangian(ShapeNetwork):
             more, more_k, _ = found.solved(right, right_k, coupling[:, :k], corner[:k, :k])
             step, strain_k = step + more, strain_k + more_k
             gradient = shear_dd + np.einsum("k,kab->ab", strain_k, basis)
-            answer = Response(self._spread(found, step), strain_k, gradient, 0.0)
+            answer = Response(self.spread(found, step), strain_k, gradient, 0.0)
             # what gaps are left take more force
             push_c = -_STIFFNESS * self.gap_rates(self.contacts, answer)
             rate_c = rate_c + push_c
@@ -100,7 +99,7 @@ class _Lagrangian(ShapeNetwork):
         """Return the forces along free coordinates, and along strains, with which contacts push."""
         one = self.contacts if contacts is None else contacts
         position, rotation = one.gather(force_c)
-        turn = np.einsum("nkt,nt->nk", self._turn_nkt, rotation)
+        turn = np.einsum("nkt,nt->nk", self.turn_nkt, rotation)
         pull_cd = force_c[:, None] * one.slope_cx[:, : one.dimension]
         along = np.einsum("kab,ca,cb->k", self.basis_kdd, pull_cd, one.vector_cd)
         return np.hstack([position, turn]).ravel()[free_f], along
@@ -263,7 +262,7 @@ class HardShapes(HardNetwork):
         step, strain_k, _ = found.solved(right, along, found.coupling_fk, found.corner_kk)
         self.factorizations += 1
         gradient = np.einsum("k,kab->ab", strain_k, self.isotropic_kdd)
-        answer = Response(network._spread(found, step), strain_k, gradient, 0.0)
+        answer = Response(network.spread(found, step), strain_k, gradient, 0.0)
         against = -_STIFFNESS * network.gap_rates(vertex.contacts, answer)
         falling = against < -_NO_RATE
         if not falling.any():
@@ -314,7 +313,7 @@ class HardShapes(HardNetwork):
                 if not state.sound(_SOUND):
                     return None
                 packing = state.packing
-            network = network_of(packing, self.units, self.isotropic_kdd, at)
+            network = SoftNetwork(packing, self.units, self.isotropic_kdd, at)
             contacts = network.contacts
             if not isinstance(contacts, ShapeContacts) or not len(contacts):
                 return None

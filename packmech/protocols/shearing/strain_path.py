@@ -14,7 +14,7 @@ from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.measure.stress import energy, stress_tensor
 from packmech.minimize.second_order.soft_network import Response, SoftNetwork
-from packmech.minimize.second_order.soft_newton import SoftState, descend, network_of, newton
+from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
 from packmech.packing import Packing
 from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
@@ -163,7 +163,7 @@ class StrainPath:
 
     def _rattlers_pushed(self, packing: Packing, held_n: NDArray[np.bool_]) -> bool:
         """Return whether forces are off only where rattlers are pushed: without stiffness Newton's steps stop there."""
-        network = network_of(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
+        network = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
         near = network.contacts
         loose = ~held_n
         pushed = loose.copy()
@@ -174,7 +174,7 @@ class StrainPath:
 
     def _measured(self, strain: float, state: SoftState) -> Sheared:
         packing = state.packing
-        network = network_of(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
+        network = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
         restored = self.protocol.restored(packing)
         scene = self.protocol.scene.replace(packing=restored)
         stress = stress_tensor(scene)
