@@ -17,6 +17,7 @@ from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import pair_contacts
+from packmech.contacts.pairs import pair_names
 from packmech.effects import Repulsion
 from packmech.honors import honors
 from packmech.jamming.contact_selection import ContactSelection, select_contacts
@@ -124,7 +125,7 @@ class Rules:
         """Return the (C,) distances below which pairs are not to come [length]."""
         floor = contacts.contact_distance_c.copy()
         if self.floor:
-            for c, pair in enumerate(pairs_of(contacts)):
+            for c, pair in enumerate(pair_names(contacts)):
                 floor[c] = self.floor.get(pair, floor[c])
         return floor
 
@@ -157,12 +158,6 @@ class Rules:
                 box = Box(factor * packing.box.lattice_dd)
                 packing = packing.replace(position_nd=factor * packing.position_nd, box=box)
         return reaffix_links(packing, check=False).packing
-
-
-def pairs_of(contacts: Contacts) -> list[tuple[int, ...]]:
-    """Return each pair as (i, j, image)."""
-    table = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])
-    return [tuple(row) for row in table.tolist()]
 
 
 def advance(
@@ -471,7 +466,7 @@ def play_motion(
         packing.box.volume,
         scale,
         overlap_tolerance,
-        dict(zip(pairs_of(overlapping), overlapping.distance_c.tolist(), strict=True)),
+        dict(zip(pair_names(overlapping), overlapping.distance_c.tolist(), strict=True)),
         box_moves=bool(direction.strain_dd.any()),
         backbone_n=backbone,
     )

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import Candidates, Contacts
-from packmech.contacts.shape_contacts import ShapeContacts, contacts_at, near_pairs
+from packmech.contacts.pairs import measure_pairs, search_pairs
+from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.jamming.hard_packing import clusters
 from packmech.linalg.linear_programs import LinearProgram, solve_highs
 from packmech.packing import Packing
@@ -85,10 +86,10 @@ def _within_reach(packing: Packing, member_n: NDArray[np.bool_], trust: float) -
         turn = np.sqrt((packing.turn_nkt**2).sum(axis=(1, 2)))
         way += math.sqrt(d) * float((turn * shapes.reach(packing.radius_n)).max())
     skin, scale = 2.0 * way * trust, 1.0 + _ROOM
-    pairs = near_pairs(packing, scale, skin)
+    pairs = search_pairs(packing, scale, skin)
     owner = packing.bodies.particle_b
     keep = member_n[owner[pairs.i_c]] | member_n[owner[pairs.j_c]]
-    return contacts_at(packing, Candidates(*(part[keep] for part in pairs)))
+    return measure_pairs(packing, Candidates(*(part[keep] for part in pairs)))
 
 
 def _groups(near: Contacts | ShapeContacts, member_n: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -115,7 +116,7 @@ def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list
         np.minimum.at(trust_g, group_n[member_n], trust_n[member_n])
         u_nq, push_c = _outwards(packing, here, group_n, group_c, trust_g)
         room_g = _smallest(here, group_c, len(names))
-        reached_g = _smallest(contacts_at(packing.moved(u_nq), here.pairs), group_c, len(names))
+        reached_g = _smallest(measure_pairs(packing.moved(u_nq), here.pairs), group_c, len(names))
         better_g = reached_g > room_g + 1e-15
         packing = packing.moved(u_nq * better_g[group_n][:, None])
         way_g = np.zeros(len(names))

@@ -19,8 +19,9 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
-from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.effects import contact_terms
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -310,14 +311,6 @@ def at_packing_fraction(packing: Packing, value: float) -> Packing:
     instance("packing", packing, Packing)
     fraction = positive("value", value)
     return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
-
-
-def pairs_of(contacts: Contacts | ShapeContacts) -> set[tuple[int, ...]]:
-    """Return the pairs that touch as (i, j, image); with shapes also their sites, of bodies the beads that touch."""
-    columns = [contacts.i_c, contacts.j_c, contacts.image_cd]
-    if isinstance(contacts, ShapeContacts):
-        columns += [contacts.site_i_c, contacts.site_j_c]
-    return {tuple(row) for row in np.column_stack(columns).tolist()}
 
 
 def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
@@ -626,12 +619,12 @@ CHANGES = ("rearrangements", "contacts_closed", "contacts_opened")
 def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Report which contacts closed and opened since there were these pairs; return those of the packing now."""
     protocol.report.update(rearrangements=rearrangements, **contacts_changed(pairs, protocol.last))
-    return pairs_of(touching_pairs(protocol.last))
+    return set(pair_names(touching_pairs(protocol.last)))
 
 
 def contacts_changed(pairs: set[tuple[int, ...]], packing: Packing) -> dict[str, int]:
     """Return how many contacts of a packing closed and opened since there were these pairs."""
-    now = pairs_of(touching_pairs(packing))
+    now = set(pair_names(touching_pairs(packing)))
     return {"contacts_closed": len(now - pairs), "contacts_opened": len(pairs - now)}
 
 
@@ -645,7 +638,7 @@ def report_start(protocol: Protocol) -> None:
         report["start"] = "fresh"
         return
     if "contacts_closed" not in report:
-        report.update(contacts_changed(pairs_of(touching_pairs(protocol.scene.packing)), protocol.last))
+        report.update(contacts_changed(set(pair_names(touching_pairs(protocol.scene.packing))), protocol.last))
     same = not report.get("rearrangements", report["contacts_closed"] + report["contacts_opened"])
     report["start"] = "continued" if same else "rearranged"
 

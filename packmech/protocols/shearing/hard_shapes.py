@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.elements import sum_ends
 from packmech.contacts.network import Candidates
+from packmech.contacts.pairs import are_among, places_among
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.jamming.room import AT_ONCE
@@ -32,7 +33,7 @@ from packmech.minimize.second_order.soft_network import REACH, Response, SoftNet
 from packmech.minimize.second_order.soft_newton import descend
 from packmech.packing import Packing
 from packmech.protocols.continuation import Lost
-from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex, pair_keys, places_among
+from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex
 
 # stiffness of the augmented Lagrangian, whose multipliers are of order one: its inverse is the rate of convergence
 _STIFFNESS, _TRACE, _PASSES = 1e6, 1e-14, 3
@@ -224,7 +225,7 @@ class HardShapes(HardNetwork):
     def _with_closed(self, vertex: Vertex, direction: float) -> Vertex | None:
         """Return the packing with the pairs that have just closed, without those that open for them."""
         near, live = vertex.near, vertex.live_n
-        where = places_among(vertex.contacts.pairs, near)
+        where = places_among(vertex.contacts, near)
         closed = live[near.i_c] & live[near.j_c] & (np.abs(near.gap_c) < AT_ONCE * near.contact_distance_c)
         closed[where] = False
         force = np.zeros(len(near))
@@ -270,7 +271,7 @@ class HardShapes(HardNetwork):
         new = vertex.force_c + share * against
         bears = np.ones(len(new), dtype=bool)
         bears[int(np.argmin(ratio))] = False
-        where = places_among(vertex.contacts.pairs, near)
+        where = places_among(vertex.contacts, near)
         force[where], force[closed] = new, share
         chosen = closed.copy()
         chosen[where[bears]] = True
@@ -338,7 +339,7 @@ class HardShapes(HardNetwork):
             if found is None:
                 return None
             near, live = found.near, found.live_n
-            bearing = np.isin(pair_keys(near.pairs), pair_keys(active))
+            bearing = are_among(near, active)
             overlaps = ~bearing & live[near.i_c] & live[near.j_c] & (near.gap_c < -TOUCH * near.contact_distance_c)
             pulls = found.force_c <= _NO_FORCE * found.force_c.mean()
             if not overlaps.any() and not pulls.any():
