@@ -21,12 +21,13 @@ from packmech.scene import Scene
 
 
 class RowsBonded(NamedTuple):
-    """Laws of the bonds, and by rows from either end: who is bonded to it, by which vector, at which rest length.
+    """Effects of contacts, laws of the bonds, and by rows from either end: the other end, the vector, the rest length.
 
     Bonds of row i are those from start_n[i] to start_n[i + 1]; their vectors are row[other] - row[i] + shift. Each bond
     is there twice, once with first_s: sums over bonds count that one.
     """
 
+    contacts: Any
     compression: Any
     tension: Any
     start_n: NDArray[np.int64]
@@ -69,6 +70,7 @@ def bonds_of_rows(scene: Scene, order_n: NDArray[np.int64], wrap_nd: NDArray[np.
     rest, first = np.tile(bonds.rest_length_b, 2), np.arange(2 * count) < count
     return (
         RowsBonded(
+            tuple(one for one in scene.effects if hasattr(type(one), "pair_energy")),
             bonds.compression,
             bonds.tension,
             np.searchsorted(start[order], np.arange(packing.particles + 1)).astype(np.int64),
@@ -81,24 +83,24 @@ def bonds_of_rows(scene: Scene, order_n: NDArray[np.int64], wrap_nd: NDArray[np.
 
 
 @device
-def push_bonded(rows, effects, axes, row, force_nd, low, high):
+def push_bonded(one, shapes, axes, row, force_nd, low, high):
     """Add the forces of bonds, and take off those of contacts of bonded pairs; return their total and how many."""
     total = 0.0
     pushed = 0
     for i in range(low, high):
         fx = fy = fz = 0.0
-        for s in range(rows.start_n[i], rows.start_n[i + 1]):
-            j = rows.other_s[s]
-            dx = row[j, 0] - row[i, 0] + rows.shift_sd[s, 0]
-            dy = row[j, 1] - row[i, 1] + rows.shift_sd[s, 1]
-            dz = row[j, 2] - row[i, 2] + rows.shift_sd[s, 2]
-            r, rest, sigma = math.sqrt(dx * dx + dy * dy + dz * dz), rows.rest_s[s], row[i, 3] + row[j, 3]
-            first = law_first(rows.compression, r, rest) if r < rest else law_first(rows.tension, r, rest)
+        for s in range(one.start_n[i], one.start_n[i + 1]):
+            j = one.other_s[s]
+            dx = row[j, 0] - row[i, 0] + one.shift_sd[s, 0]
+            dy = row[j, 1] - row[i, 1] + one.shift_sd[s, 1]
+            dz = row[j, 2] - row[i, 2] + one.shift_sd[s, 2]
+            r, rest, sigma = math.sqrt(dx * dx + dy * dy + dz * dz), one.rest_s[s], row[i, 3] + row[j, 3]
+            first = law_first(one.compression, r, rest) if r < rest else law_first(one.tension, r, rest)
             contact = 0.0
             if r < sigma:
-                for one in literal_unroll(effects):
-                    contact += pair_first(one, r, sigma, 0.0)
-            if rows.first_s[s]:
+                for law in literal_unroll(one.contacts):
+                    contact += pair_first(law, r, sigma, 0.0)
+            if one.first_s[s]:
                 total += abs(first) - abs(contact)
                 pushed += 0 if r < sigma else 1
             push = (first - contact) / r
@@ -113,24 +115,24 @@ def push_bonded(rows, effects, axes, row, force_nd, low, high):
 
 
 @device
-def survey_bonded(rows, effects, row, stiffness_n):
+def survey_bonded(one, shapes, row, stiffness_n):
     """Return the energy of bonds without that of contacts of bonded pairs; add bonds' stiffness."""
     energy = 0.0
-    for i in range(rows.start_n.shape[0] - 1):
-        for s in range(rows.start_n[i], rows.start_n[i + 1]):
-            j = rows.other_s[s]
-            dx = row[j, 0] - row[i, 0] + rows.shift_sd[s, 0]
-            dy = row[j, 1] - row[i, 1] + rows.shift_sd[s, 1]
-            dz = row[j, 2] - row[i, 2] + rows.shift_sd[s, 2]
-            r, rest, sigma = math.sqrt(dx * dx + dy * dy + dz * dz), rows.rest_s[s], row[i, 3] + row[j, 3]
-            second = law_second(rows.compression, r, rest) if r < rest else law_second(rows.tension, r, rest)
+    for i in range(one.start_n.shape[0] - 1):
+        for s in range(one.start_n[i], one.start_n[i + 1]):
+            j = one.other_s[s]
+            dx = row[j, 0] - row[i, 0] + one.shift_sd[s, 0]
+            dy = row[j, 1] - row[i, 1] + one.shift_sd[s, 1]
+            dz = row[j, 2] - row[i, 2] + one.shift_sd[s, 2]
+            r, rest, sigma = math.sqrt(dx * dx + dy * dy + dz * dz), one.rest_s[s], row[i, 3] + row[j, 3]
+            second = law_second(one.compression, r, rest) if r < rest else law_second(one.tension, r, rest)
             stiffness_n[i] += abs(second)
             if r < sigma:
-                for one in literal_unroll(effects):
-                    stiffness_n[i] -= abs(pair_second(one, r, sigma))
-            if rows.first_s[s]:
-                energy += law_energy(rows.compression, r, rest) if r < rest else law_energy(rows.tension, r, rest)
+                for law in literal_unroll(one.contacts):
+                    stiffness_n[i] -= abs(pair_second(law, r, sigma))
+            if one.first_s[s]:
+                energy += law_energy(one.compression, r, rest) if r < rest else law_energy(one.tension, r, rest)
                 if r < sigma:
-                    for one in literal_unroll(effects):
-                        energy -= pair_energy(one, r, sigma)
+                    for law in literal_unroll(one.contacts):
+                        energy -= pair_energy(law, r, sigma)
     return energy, 0.0
