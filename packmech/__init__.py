@@ -266,6 +266,7 @@ _PUBLIC = {
     # jamming protocols
     "Decompression": "packmech.protocols.jam",
     "HardVertex": "packmech.protocols.jam",
+    "JamMethod": "packmech.protocols.jam",
     "Press": "packmech.protocols.jam",
     "ProgramChain": "packmech.protocols.jam",
     "StepHalving": "packmech.protocols.jam",

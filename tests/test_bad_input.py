@@ -19,11 +19,11 @@ from packmech.effects import is_effect, is_law
 
 NAN, INF = float("nan"), float("inf")
 
-# made by packmech for users to read, not by users
+# made by packmech for users to read, not by users, and what users derive classes from
 RESULTS = {
     "Answer", "Average", "Cementing", "ConstrainedForce", "ConstraintBasis", "Contacts",
     "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "OscillatoryShear",
-    "StrainRun",
+    "JamMethod", "StrainRun",
     "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",

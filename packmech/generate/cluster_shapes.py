@@ -178,8 +178,8 @@ class Cluster:
 
     position_bd: NDArray[np.float64]
     radius_b: NDArray[np.float64]
-    links: NDArray[np.int64] | None = None
-    shape_l: NDArray[np.bool_] | None = None
+    links: NDArray[np.int64] = None  # type: ignore[assignment]  # those that hold the cluster rigid
+    shape_l: NDArray[np.bool_] = None  # type: ignore[assignment]  # an array is made of it
 
     def __post_init__(self) -> None:
         position = finite_array("position_bd", self.position_bd, shape=(None, None), what="bead")
@@ -219,7 +219,6 @@ class Cluster:
     @property
     def length_l(self) -> NDArray[np.float64]:
         """The (L,) lengths of the links [length]."""
-        assert self.links is not None
         vector = self.position_bd[self.links[:, 1]] - self.position_bd[self.links[:, 0]]
         length: NDArray[np.float64] = np.sqrt((vector**2).sum(axis=1))
         return length
@@ -227,13 +226,11 @@ class Cluster:
     @functools.cached_property
     def bonds(self) -> list[Pair]:
         """The pairs of beads that a bond joins: links that hold the shape are none."""
-        assert self.links is not None and self.shape_l is not None
         return [(int(i), int(j)) for i, j in self.links[~self.shape_l]]
 
     @property
     def longest_bond(self) -> float:
         """Length of the longest bond [length]."""
-        assert self.shape_l is not None
         return float(self.length_l[~self.shape_l].max(initial=0.0))
 
     def cluster(self, dimension: int) -> Cluster:
@@ -251,11 +248,18 @@ class Cluster:
         return None
 
 
-def drawn_clusters(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
+def clusters_of(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
     """Return the cluster of every place: the same one, or each drawn by itself."""
     shapes = [shape.drawn(rng) if isinstance(shape, RandomShape) else shape for _ in range(count)]
     found = {key: one.cluster(dimension) for key, one in {id(one): one for one in shapes}.items()}
-    return [found[id(one)] for one in shapes]
+    cluster_k = [found[id(one)] for one in shapes]
+    beads = len(cluster_k[0].radius_b)
+    for cluster in cluster_k:
+        if len(cluster.radius_b) != beads:
+            raise ValueError(
+                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after {beads}"
+            )
+    return cluster_k
 
 
 def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, Bond, BondGrid, minus
-from packmech.generate.cluster_shapes import Cluster, Shape, drawn_clusters
+from packmech.generate.cluster_shapes import Cluster, Shape, clusters_of
 from packmech.generate.placed import Placed, checked_overlap
 from packmech.generate.random import Monodisperse, SizeDistribution, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
@@ -101,13 +101,8 @@ def cluster_packing(
     tries = integer("tries", tries, at_least=1)
     avoid = dimension == 2 and crossing == "avoided"
     factor_k = 2.0 * sizes.radii(count, rng)
-    cluster_k = drawn_clusters(shape, count, dimension, rng)
+    cluster_k = clusters_of(shape, count, dimension, rng)
     beads = len(cluster_k[0].radius_b)
-    for cluster in cluster_k:
-        if len(cluster.radius_b) != beads:
-            raise ValueError(
-                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after {beads}"
-            )
     for cluster in {id(cluster): cluster for cluster in cluster_k}.values() if avoid else ():
         own = cluster.crossing()
         if own is not None:
@@ -192,12 +187,10 @@ def scattered_packing(
     radius, n, d = packing.radius_n, packing.particles, packing.dimension
     no_own_images("packing", packing)
     box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
-    links = packing.links
-    if links is None:
+    links = packing.rigid_links
+    if not len(links):
         position = np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d)))
-        shapes = packing.shapes
-        if shapes is not None:
-            shapes = shapes.oriented(rng.standard_normal(shapes.orientation_nq.shape))
+        shapes = packing.bodies.oriented(rng.standard_normal(packing.bodies.orientation_nq.shape))
         return packing.replace(position_nd=position, box=box, shapes=shapes)
     offset, winding = image_offsets(links, n)
     if winding.any():
@@ -220,9 +213,7 @@ def scattered_packing(
             if tries % _TRIES == 0:
                 allowed += _MORE
         placed.add(position[part])
-    none = np.zeros_like(links.image_ld)
-    links = Links(links.i_l, links.j_l, none, links.length_l, links.shape_l)
-    return packing.replace(position_nd=position, box=box, links=links)
+    return packing.replace(position_nd=position, box=box, links=links.at_images(np.zeros_like(links.image_ld)))
 
 
 def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -258,7 +249,6 @@ def _links(cluster_k: list[Cluster], factor_k: NDArray[np.float64]) -> Links:
     beads, dimension = cluster_k[0].position_bd.shape
     pairs, lengths, shapes = [], [], []
     for k, (cluster, factor) in enumerate(zip(cluster_k, factor_k, strict=True)):
-        assert cluster.links is not None and cluster.shape_l is not None
         pairs.append(cluster.links + beads * k)
         lengths.append(factor * cluster.length_l)
         shapes.append(cluster.shape_l)

@@ -23,7 +23,7 @@ from packmech.packing import Packing
 from packmech.result import Run, Trace
 from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
-from packmech.shapes import Shapes
+from packmech.shapes import Bodies
 from packmech.view import drawing
 
 Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -155,7 +155,7 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
             scene.packing.replace(
                 position_nd=trace.position_tnd[t],
                 box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
-                shapes=_turned_to(scene.packing, None if trace.orientation_tnq is None else trace.orientation_tnq[t]),
+                shapes=_turned_to(scene.packing, trace.orientation_tnq, t),
             ),
         )
         for t in chosen
@@ -164,10 +164,9 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
 
 
-def _turned_to(packing: Packing, orientation_nq: NDArray[np.float64] | None) -> Shapes | None:
-    """Return the shapes of a packing with other orientations."""
-    shapes = packing.shapes
-    return shapes if shapes is None or orientation_nq is None else shapes.oriented(orientation_nq)
+def _turned_to(packing: Packing, orientation_tnq: NDArray[np.float64] | None, t: int) -> Bodies:
+    """Return the shapes of a packing with the orientations at a time, where these were kept."""
+    return packing.bodies if orientation_tnq is None else packing.bodies.oriented(orientation_tnq[t])
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -259,7 +258,7 @@ def _frames_of(
             scene.packing.replace(
                 position_nd=position_fnd[f],
                 box=Box(lattice_fdd[f]),
-                shapes=_turned_to(scene.packing, None if orientation_fnq is None else orientation_fnq[f]),
+                shapes=_turned_to(scene.packing, orientation_fnq, f),
             ),
             None if touching_f is None else touching_f[f],
             None if mark is None else mark[f],
@@ -349,10 +348,10 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
 
 def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
     """Return the positions moved by lattice vectors so that links have the images that they have in the start."""
-    if start.links is None or packing.links is None or start.links == packing.links:
+    if start.links == packing.links:
         return packing.position_nd
-    now, _ = image_offsets(packing.links, packing.particles)
-    before, _ = image_offsets(start.links, start.particles)
+    now, _ = image_offsets(packing.rigid_links, packing.particles)
+    before, _ = image_offsets(start.rigid_links, start.particles)
     moved: NDArray[np.float64] = packing.position_nd + (now - before) @ packing.box.lattice_dd.T
     return moved
 
@@ -465,17 +464,16 @@ def draw_moving(frame: Frame, effects: Sequence[Any]) -> DrawnFrame:
         slides_s = touching.sliding_c[pair_s]
         sticking, sticking_force = segments[~slides_s], force_s[~slides_s]
         sliding, sliding_force = segments[slides_s], force_s[slides_s]
-    links = packing.links
-    if links is not None:  # their forces are not kept
-        line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
-        shape_s = np.asarray(links.shape_l)[link_s]
-        drawn = replace(
-            drawn,
-            bond_sed=line_sed[~shape_s],
-            bond_tension_s=np.zeros(int((~shape_s).sum())),
-            shape_sed=line_sed[shape_s],
-            shape_tension_s=np.zeros(int(shape_s.sum())),
-        )
+    links = packing.rigid_links
+    line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
+    shape_s = links.shape_l[link_s]
+    drawn = replace(  # the forces of links are not kept
+        drawn,
+        bond_sed=line_sed[~shape_s],
+        bond_tension_s=np.zeros(int((~shape_s).sum())),
+        shape_sed=line_sed[shape_s],
+        shape_tension_s=np.zeros(int(shape_s.sum())),
+    )
     bonds = drawing.bonds_among(effects)
     bond, pull = none, zero
     if bonds is not None:

@@ -58,7 +58,7 @@ def test_aspect_one_is_drawn_as_discs_and_spheres_are():
 
 def test_quaternions_turn_the_first_axis_to_the_director():
     shapes = pm.Spheroids(np.full(50, 2.0), np.random.default_rng(1).normal(size=(50, 3)))
-    x, y, z, w = drawing.orientations(shapes).T
+    x, y, z, w = drawing.orientations(shapes.director_nd).T
     first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
     assert np.abs(np.abs((first * shapes.director_nd).sum(axis=1)) - 1.0).max() < 1e-12
 
