@@ -248,18 +248,11 @@ class Cluster:
         return None
 
 
-def clusters_of(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
+def drawn_clusters(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
     """Return the cluster of every place: the same one, or each drawn by itself."""
     shapes = [shape.drawn(rng) if isinstance(shape, RandomShape) else shape for _ in range(count)]
     found = {key: one.cluster(dimension) for key, one in {id(one): one for one in shapes}.items()}
-    cluster_k = [found[id(one)] for one in shapes]
-    beads = len(cluster_k[0].radius_b)
-    for cluster in cluster_k:
-        if len(cluster.radius_b) != beads:
-            raise ValueError(
-                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after {beads}"
-            )
-    return cluster_k
+    return [found[id(one)] for one in shapes]
 
 
 def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:

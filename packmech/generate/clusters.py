@@ -12,7 +12,7 @@ from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, Bond, BondGrid, minus
-from packmech.generate.cluster_shapes import Cluster, Shape, clusters_of
+from packmech.generate.cluster_shapes import Cluster, Shape, drawn_clusters
 from packmech.generate.placed import Placed, checked_overlap
 from packmech.generate.random import Monodisperse, SizeDistribution, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
@@ -101,8 +101,13 @@ def cluster_packing(
     tries = integer("tries", tries, at_least=1)
     avoid = dimension == 2 and crossing == "avoided"
     factor_k = 2.0 * sizes.radii(count, rng)
-    cluster_k = clusters_of(shape, count, dimension, rng)
+    cluster_k = drawn_clusters(shape, count, dimension, rng)
     beads = len(cluster_k[0].radius_b)
+    for cluster in cluster_k:
+        if len(cluster.radius_b) != beads:
+            raise ValueError(
+                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after {beads}"
+            )
     for cluster in {id(cluster): cluster for cluster in cluster_k}.values() if avoid else ():
         own = cluster.crossing()
         if own is not None:

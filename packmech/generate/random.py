@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array, real
-from packmech.generate.cluster_shapes import RandomShape, Shape, clusters_of
+from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
 from packmech.shapes import Shapes, Spheroids
@@ -394,10 +394,9 @@ def _random_shapes(
         return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
     if not isinstance(shapes, Shape | RandomShape):
         raise TypeError(f"shapes must be Ellipses or a shape of a cluster, such as Dimer(), got {shapes!r}")
-    clusters = clusters_of(shapes, particles, dimension, rng)
-    kinds = {id(one): one for one in clusters}
-    bodies = {key: body_of(one.position_bd, one.radius_b) for key, one in kinds.items()}
-    return beads_of([bodies[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
+    clusters = drawn_clusters(shapes, particles, dimension, rng)
+    found = {key: body_of(one.position_bd, one.radius_b) for key, one in {id(one): one for one in clusters}.items()}
+    return beads_of([found[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
 
 
 def fill_box(

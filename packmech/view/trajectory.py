@@ -23,7 +23,6 @@ from packmech.packing import Packing
 from packmech.result import Run, Trace
 from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
-from packmech.shapes import Bodies
 from packmech.view import drawing
 
 Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -147,26 +146,19 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
         ends = Frame(0, 0.0, scene.packing), Frame(max(run.steps, 1), float(max(run.steps, 1)), run.packing)
         return Trajectory(ends, scene.effects, {} if trace is None else curves_of_trace(trace))
-    chosen = _evenly(len(trace.step_t), frames - 1)
-    kept = [
-        Frame(
-            int(trace.step_t[t]),
-            float(trace.step_t[t]),
-            scene.packing.replace(
-                position_nd=trace.position_tnd[t],
-                box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
-                shapes=_turned_to(scene.packing, trace.orientation_tnq, t),
-            ),
-        )
-        for t in chosen
-    ]
+    kept = _frames_of(
+        scene,
+        trace.step_t,
+        trace.step_t,
+        trace.position_tnd,
+        trace.lattice_tdd,
+        None,
+        None,
+        trace.orientation_tnq,
+        frames - 1,
+    )
     last = max(int(run.steps), kept[-1].step + 1)
     return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
-
-
-def _turned_to(packing: Packing, orientation_tnq: NDArray[np.float64] | None, t: int) -> Bodies:
-    """Return the shapes of a packing with the orientations at a time, where these were kept."""
-    return packing.bodies if orientation_tnq is None else packing.bodies.oriented(orientation_tnq[t])
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -242,23 +234,25 @@ def _in_motion(
 def _frames_of(
     scene: Scene,
     step_f: NDArray[np.int64],
-    time_f: NDArray[np.float64],
+    time_f: NDArray[Any],
     position_fnd: NDArray[np.float64],
-    lattice_fdd: NDArray[np.float64],
+    lattice_fdd: NDArray[np.float64] | None,
     spin_fnk: NDArray[np.float64] | None,
     touching_f: Sequence[Touching] | None,
     orientation_fnq: NDArray[np.float64] | None,
     frames: int,
 ) -> tuple[Frame, ...]:
-    mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, scene.packing.dimension)
+    """Return evenly chosen frames; boxes and orientations are those of the scene where none were kept."""
+    packing = scene.packing
+    mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, packing.dimension)
     return tuple(
         Frame(
             int(step_f[f]),
             float(time_f[f]),
-            scene.packing.replace(
+            packing.replace(
                 position_nd=position_fnd[f],
-                box=Box(lattice_fdd[f]),
-                shapes=_turned_to(scene.packing, orientation_fnq, f),
+                box=packing.box if lattice_fdd is None else Box(lattice_fdd[f]),
+                shapes=packing.bodies if orientation_fnq is None else packing.bodies.oriented(orientation_fnq[f]),
             ),
             None if touching_f is None else touching_f[f],
             None if mark is None else mark[f],
