@@ -13,7 +13,7 @@ from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.friction_cones import FrictionCones
-from packmech.effects import contact_terms, held_particles, single_terms, total_push
+from packmech.effects import Bonds, contact_terms, held_particles, single_terms, total_push
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
 from packmech.measure.shaped import shape_forces
@@ -277,7 +277,7 @@ def force_residual(scene: Scene) -> float:
     return largest / mean if mean > 0.0 else 0.0
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
+@honors("repulsion friction bonds gravity walls held shapes", at_rest=True, apart="friction+shapes")
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 
@@ -300,5 +300,6 @@ def torques(scene: Scene) -> NDArray[np.float64]:
     if scene.packing.shapes is not None:
         found = shape_forces(scene).torques()
     else:
-        found = contact_forces(scene).torque_nk
+        # tangential springs of bonds are slack, and bonded pairs have none of friction
+        found = contact_forces(scene.without(Bonds)).torque_nk
     return found[:, 0] if found.shape[1] == 1 else found
