@@ -327,6 +327,17 @@ class Packing:
         """
         return np.zeros((self.particles, 0, 0)) if self.shapes is None else self.shapes.turn_basis(self.radius_n)
 
+    @functools.cached_property
+    def spin_nkk(self) -> NDArray[np.float64]:
+        """The (N, k, k) rotations that one length of each of k coordinates makes, where friction turns every particle.
+
+        Angles times radii of gyration are lengths; k = 1 in a plane and 3 in space.
+        """
+        if self.shapes is not None:
+            return self.shapes.spin_basis(self.radius_n)
+        k, share = (1, 0.5) if self.dimension == 2 else (3, 0.4)
+        return np.asarray(np.eye(k) / (np.sqrt(share) * self.radius_n)[:, None, None])
+
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
         given = self.given_mass_n

@@ -1,11 +1,12 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Whether forces within friction cones can balance on a particle: the convex hull of their wrenches holds zero, or not.
 
-A contact of direction n (away from the particle) and arm a (over the radius) that pushes with a unit normal force makes
-wrenches (T - n, a n x T) with |T| at most mu, across n. Forces of all contacts balance, without being all zero, where
-zero is a mean of such wrenches. Wolfe's algorithm (Math. Program. 11, 128 (1976)) finds the mean of smallest size, over
-segments in the plane and over discs in space, whose farthest point in a direction is known: no cone is replaced by a
-pyramid. Either that mean gets as small as rounding, or the direction of it parts all wrenches from zero.
+A contact of direction n (away from the particle) at the point a (from its center, over the radius) that pushes with a
+unit normal force makes wrenches (F, a x F), F = T - n with |T| at most mu, across n. Forces of all contacts balance,
+without being all zero, where zero is a mean of such wrenches. Wolfe's algorithm (Math. Program. 11, 128 (1976)) finds
+the mean of smallest size, over segments in the plane and over discs in space, whose farthest point in a direction is
+known: no cone is replaced by a pyramid. Either that mean gets as small as rounding, or the direction of it parts all
+wrenches from zero.
 """
 
 from __future__ import annotations
@@ -26,52 +27,53 @@ _ROUNDING = 1e-14
 
 
 class FrictionCones(NamedTuple):
-    """Coefficient of friction, and (C,) arms of contacts over the radii of their particles, r / (r_i + r_j)."""
+    """Coefficient of friction, and (C, d) vectors from center i to contacts, and from there to center j, over radii."""
 
     coefficient: float
-    arm_c: NDArray[np.float64]
+    of_i_cd: NDArray[np.float64]
+    of_j_cd: NDArray[np.float64]
 
 
 @device
-def _farthest(normal, arm, count, mu, x, best):
+def _against(normal, point, k, x):
+    """Return what a unit force at a contact does along x by its direction, and the part of that across the normal."""
+    d = normal.shape[1]
+    n0, n1, p0, p1 = normal[k, 0], normal[k, 1], point[k, 0], point[k, 1]
+    if d == 2:
+        g0, g1, g2 = x[0] - x[2] * p1, x[1] + x[2] * p0, 0.0
+        along = g0 * n0 + g1 * n1
+        return along, g0 - along * n0, g1 - along * n1, 0.0
+    n2, p2 = normal[k, 2], point[k, 2]
+    g0, g1, g2 = x[0] + x[4] * p2 - x[5] * p1, x[1] + x[5] * p0 - x[3] * p2, x[2] + x[3] * p1 - x[4] * p0
+    along = g0 * n0 + g1 * n1 + g2 * n2
+    return along, g0 - along * n0, g1 - along * n1, g2 - along * n2
+
+
+@device
+def _farthest(normal, point, count, mu, x, best):
     """Write the wrench that lies farthest against x; return its product with x."""
     d = normal.shape[1]
     p = x.shape[0]
     lowest = math.inf
     chosen = 0
     for k in range(count):
-        along = 0.0
-        for a in range(d):
-            along += x[a] * normal[k, a]
-        if d == 2:
-            pull = abs(x[1] * normal[k, 0] - x[0] * normal[k, 1] + arm[k] * x[2])
-        else:
-            n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
-            g0 = x[0] - along * n0 + arm[k] * (x[4] * n2 - x[5] * n1)
-            g1 = x[1] - along * n1 + arm[k] * (x[5] * n0 - x[3] * n2)
-            g2 = x[2] - along * n2 + arm[k] * (x[3] * n1 - x[4] * n0)
-            pull = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-        if -along - mu * pull < lowest:
-            lowest = -along - mu * pull
+        along, g0, g1, g2 = _against(normal, point, k, x)
+        value = -along - mu * math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
+        if value < lowest:
+            lowest = value
             chosen = k
     k = chosen
+    _, g0, g1, g2 = _against(normal, point, k, x)
+    size = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
+    scale = -mu / size if size > 0.0 else 0.0
+    f0, f1, p0, p1 = scale * g0 - normal[k, 0], scale * g1 - normal[k, 1], point[k, 0], point[k, 1]
+    best[0], best[1] = f0, f1
     if d == 2:
-        n0, n1 = normal[k, 0], normal[k, 1]
-        side = -mu if x[1] * n0 - x[0] * n1 + arm[k] * x[2] > 0.0 else mu
-        best[0], best[1], best[2] = -n0 - side * n1, -n1 + side * n0, arm[k] * side
+        best[2] = p0 * f1 - p1 * f0
     else:
-        n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
-        along = x[0] * n0 + x[1] * n1 + x[2] * n2
-        g0 = x[0] - along * n0 + arm[k] * (x[4] * n2 - x[5] * n1)
-        g1 = x[1] - along * n1 + arm[k] * (x[5] * n0 - x[3] * n2)
-        g2 = x[2] - along * n2 + arm[k] * (x[3] * n1 - x[4] * n0)
-        size = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-        scale = -mu / size if size > 0.0 else 0.0
-        t0, t1, t2 = scale * g0, scale * g1, scale * g2
-        best[0], best[1], best[2] = t0 - n0, t1 - n1, t2 - n2
-        best[3] = arm[k] * (n1 * t2 - n2 * t1)
-        best[4] = arm[k] * (n2 * t0 - n0 * t2)
-        best[5] = arm[k] * (n0 * t1 - n1 * t0)
+        f2, p2 = scale * g2 - normal[k, 2], point[k, 2]
+        best[2] = f2
+        best[3], best[4], best[5] = p1 * f2 - p2 * f1, p2 * f0 - p0 * f2, p0 * f1 - p1 * f0
     total = 0.0
     for a in range(p):
         total += x[a] * best[a]
@@ -115,10 +117,11 @@ def _nearest_weights(point, used, gram, weight):
 
 
 @device
-def can_balance(normal, arm, count, mu):
+def can_balance(normal, at, count, mu):
     """Return whether forces in the friction cones of the first `count` contacts can balance without being all zero.
 
-    `normal` (K, d) are directions away from the particle, `arm` (K,) arms over its radius.
+    `normal` (K, d) are directions away from the particle, `at` (K, d) where contacts are, from its center over its
+    radius.
     """
     d = normal.shape[1]
     p = 3 if d == 2 else 6
@@ -127,8 +130,10 @@ def can_balance(normal, arm, count, mu):
     gram, x, best = np.zeros((room, room)), np.zeros(p), np.zeros(p)
     if count < 2:
         return False
-    for a in range(d):
-        point[0, a] = x[a] = -normal[0, a]
+    x[0] = 1.0
+    _farthest(normal, at, 1, 0.0, x, best)
+    point[0] = best
+    x[:] = best
     share[0] = 1.0
     used = 1
     for _ in range(_ROUNDS):
@@ -137,7 +142,7 @@ def can_balance(normal, arm, count, mu):
             square += x[a] * x[a]
         if square <= BALANCED * BALANCED:
             return True
-        value = _farthest(normal, arm, count, mu, x, best)
+        value = _farthest(normal, at, count, mu, x, best)
         # all wrenches lie beyond a plane across x
         if value > BALANCED * math.sqrt(square):
             return False

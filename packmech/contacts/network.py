@@ -158,6 +158,30 @@ class Contacts:
         across = np.eye(self.dimension) - self.normal_cd[:, :, None] * self.normal_cd[:, None, :]
         return np.asarray(share[:, None, None] * across)
 
+    @property
+    def push_c(self) -> NDArray[np.float64]:
+        """The (C,) sizes of a force of a contact over du/dr: ones [1]."""
+        return np.ones(len(self))
+
+    @property
+    def bead_c2(self) -> None:
+        """Which beads of a pair touch: none, where particles have no beads."""
+        return None
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact, the share r_i / (r_i + r_j) of the way."""
+        return self._share(radius_n)[:, None] * self.vector_cd
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the vectors and the rotations of i and of j."""
+        d = self.dimension
+        slope = np.zeros((len(self), d, 4 if d == 2 else 9))
+        slope[:, :, :d] = self._share(radius_n)[:, None, None] * np.eye(d)
+        return slope
+
+    def _share(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(radius_n[self.i_c] / (radius_n[self.i_c] + radius_n[self.j_c]))
+
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)

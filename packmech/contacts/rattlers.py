@@ -160,8 +160,8 @@ def _find_rattling(
 
     The first `length` in the queue wait, first in, first out: a large one with many neighbors is looked at once a
     round, not once for each that it loses. Those that wait without being in the queue never rattle. `normal` is room
-    for the largest number of contacts. With friction `cones` holds its
-    coefficient and the arms, in the order of the normals; None without.
+    for the largest number of contacts. With friction `cones` holds its coefficient and the points of contact, in the
+    order of the normals; None without.
     """
     particles = start.shape[0] - 1
     d = outward.shape[1]
@@ -169,6 +169,7 @@ def _find_rattling(
     x = np.empty(normal.shape[0])
     y = np.empty(normal.shape[0])
     angle = np.empty(normal.shape[0])
+    point = np.empty_like(normal)
     while length > 0:
         i = queue[head]
         head = (head + 1) % particles
@@ -179,13 +180,13 @@ def _find_rattling(
             if not rattling[neighbor[h]]:
                 for k in range(d):
                     normal[count, k] = outward[h, k]
-                if cones is not None:
-                    x[count] = cones[1][h]
+                    if cones is not None:
+                        point[count, k] = cones[1][h, k]
                 count += 1
         if cones is None:
             free = _is_free(normal, x, y, angle, count)
         else:
-            free = not can_balance(normal, x, count, cones[0])  # type: ignore[no-untyped-call]
+            free = not can_balance(normal, point, count, cones[0])  # type: ignore[no-untyped-call]
         if not free:
             continue
         rattling[i] = True
@@ -202,10 +203,14 @@ def _ends_by_particle(
     i_c: NDArray[np.int64],
     j_c: NDArray[np.int64],
     normal_cd: NDArray[np.float64],
-    arm_c: NDArray[np.float64],
+    of_i_cd: NDArray[np.float64],
+    of_j_cd: NDArray[np.float64],
     particles: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the ends of contacts by particle: where each one's begin, neighbors, outward normals, and arms if any."""
+    """Return the ends of contacts by particle: where each one's begin, neighbors, outward normals, and points if any.
+
+    Points are given from center i, and up to center j; seen from there they are turned round, as normals are.
+    """
     count, d = normal_cd.shape
     start = np.zeros(particles + 1, np.int64)
     for c in range(count):
@@ -216,7 +221,7 @@ def _ends_by_particle(
     place = start[:-1].copy()
     neighbor = np.empty(2 * count, np.int64)
     outward = np.empty((2 * count, d))
-    arm = np.empty(2 * count if len(arm_c) else 0)
+    point = np.empty((2 * count if len(of_i_cd) else 0, d))
     for side in range(2):
         for c in range(count):
             own, other = (i_c[c], j_c[c]) if side == 0 else (j_c[c], i_c[c])
@@ -225,9 +230,9 @@ def _ends_by_particle(
             neighbor[h] = other
             for k in range(d):
                 outward[h, k] = normal_cd[c, k] if side == 0 else -normal_cd[c, k]
-            if len(arm_c):
-                arm[h] = arm_c[c]
-    return start, neighbor, outward, arm
+                if len(of_i_cd):
+                    point[h, k] = of_i_cd[c, k] if side == 0 else -of_j_cd[c, k]
+    return start, neighbor, outward, point
 
 
 def rattling_bodies(
@@ -243,11 +248,12 @@ def rattling_bodies(
     With friction, whether no forces within the friction cones balance on it: it has fewer than two contacts, or the
     chord between its two lies outside a cone, and so on. Those that are held rattle never.
     """
-    arm_c = np.zeros(0) if friction is None else friction.arm_c
-    start, neighbor, outward, arm = _ends_by_particle(i_c, j_c, normal_cd, arm_c, particles)
+    none = np.zeros((0, normal_cd.shape[1]))
+    ends = (none, none) if friction is None else (friction.of_i_cd, friction.of_j_cd)
+    start, neighbor, outward, point = _ends_by_particle(i_c, j_c, normal_cd, *ends, particles)
     rattling = np.zeros(particles, dtype=bool)
     room = np.empty((np.diff(start).max(initial=0), normal_cd.shape[1]))
-    cones = None if friction is None else (float(friction.coefficient), arm)
+    cones = None if friction is None else (float(friction.coefficient), point)
     queue = np.arange(particles)
     waiting = np.ones(particles, dtype=bool)
     length = particles

@@ -11,6 +11,8 @@ from packmech.check import instance
 from packmech.contacts import Contacts
 from packmech.contacts.friction_cones import FrictionCones
 from packmech.contacts.rattlers import rattling_bodies
+from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.effects import (
     Repulsion,
     Walls,
@@ -94,7 +96,7 @@ def _of_shapes(effects: tuple[Any, ...], packing: Packing, held_n: NDArray[np.bo
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
 
@@ -124,12 +126,13 @@ def wall_contacts(scene: Scene) -> WallContacts:
 
 
 def rattlers_of_scene(
-    packing: Packing, contacts: Contacts, effects: tuple[Any, ...], cones: FrictionCones | None = None
+    packing: Packing, contacts: Contacts | ShapeContacts, effects: tuple[Any, ...], cones: FrictionCones | None = None
 ) -> NDArray[np.bool_]:
     """Return, for each particle, whether contacts with others, walls and what is held leave it free to move.
 
     What has a weight, or feels another potential, presses on whatever it touches: it rattles only where it touches
-    nothing.
+    nothing. So do clusters of linked particles with friction, whose spins take part in their balance: at rest what
+    presses on one is balanced.
 
     Parameters
     ----------
@@ -144,8 +147,13 @@ def rattlers_of_scene(
     held_n = np.zeros(count, dtype=bool) if held is None else held
     walls = wall_contacts_of(effects, packing)
     on_wall = np.bincount(walls.particle_w, minlength=count) > 0
-    if not all(isinstance(one, Walls) for one in single_effects(effects)):
-        return np.asarray((contacts.count_n() == 0) & ~on_wall & ~held_n)
+    links = None if cones is None else packing.links
+    if links is not None or not all(isinstance(one, Walls) for one in single_effects(effects)):
+        touched = (contacts.count_n() > 0) | on_wall | held_n
+        cluster = np.arange(count) if links is None else links.clusters(count)
+        return np.asarray(np.bincount(cluster, touched)[cluster] == 0)
+    if isinstance(contacts, ShapeContacts) and cones is None:
+        return shape_rattlers(packing, contacts, [one for _, _, _, one in wall_sides(effects, packing)], held)
     if cones is not None:
         return rattling_bodies(contacts.i_c, contacts.j_c, contacts.normal_cd, count, cones, held_n)
     # each contact with a wall is one with a body of its own, which is held

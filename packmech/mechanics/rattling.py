@@ -250,13 +250,13 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     """
     packing, effects = scene.packing, scene.effects
     acting = acts_on_single(effects)
+    if packing.tangential is not None or friction_of(scene) is not None:
+        unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
+        return contact_forces(scene.replace(effects=unbonded)).rattlers_n
     if packing.links is not None:
         if not acting:
             return find_rattling_clusters(packing).rattling_n
         return untouched_clusters(packing, find_contacts(packing), effects)
-    if packing.tangential is not None or friction_of(scene) is not None:
-        unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
-        return contact_forces(scene.replace(effects=unbonded)).rattlers_n
     if acting:
         return rattlers_of_scene(packing, find_contacts(packing), effects)
     return find_rattlers(packing)

@@ -46,7 +46,7 @@ def check_method(method: Any) -> None:
         raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving, Decompression or Press, got {method!r}")
 
 
-@honors("repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes")
+@honors("repulsion friction links shapes", at_rest=True)
 def jam(
     scene: Scene,
     *,
@@ -88,8 +88,8 @@ def jam(
         shape.
     method
         HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
-        where only it and StepHalving with a fixed box know the way) or Press() (with friction the default, and the only
-        one; without links); their parameters are those of the protocol.
+        where only it, Press and StepHalving with a fixed box know the way) or Press() (with friction the default, and
+        the only one); their parameters are those of the protocol.
     start
         "continue", or "fresh": a jammed packing is scaled to the start of the protocol, too. Where strains become free
         that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "fresh".
@@ -154,11 +154,6 @@ def jam(
     frictional = friction_of(scene) is not None
     # what only protocols that go down from pressure to pressure know
     linked = not scene.packing.plain
-    if linked and frictional:
-        raise ValueError(
-            "scene must have no friction for a packing with links or shapes, which cannot be pressed, got Friction: "
-            "leave it out with scene.without(pm.Friction)"
-        )
     if method is None:
         method = Press() if frictional else Decompression() if linked else HardVertex()
     check_method(method)
@@ -170,11 +165,11 @@ def jam(
     if isinstance(method, StepHalving) and pressure is not None:
         raise ValueError(f"pressure must be left out for StepHalving, which ends at an energy, got {pressure!r}")
     if linked and not (
-        isinstance(method, Decompression) or (isinstance(method, StepHalving) and strain == "isotropic")
+        isinstance(method, Decompression | Press) or (isinstance(method, StepHalving) and strain == "isotropic")
     ):
         raise ValueError(
-            "method must be Decompression, or StepHalving in a box of fixed shape, for a packing with links or shapes, "
-            f"got {method!r}"
+            "method must be Decompression, Press, or StepHalving in a box of fixed shape, for a packing with links or "
+            f"shapes, got {method!r}"
         )
     began = time.process_time()
     aim = None if isinstance(method, StepHalving) else asked

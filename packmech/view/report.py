@@ -18,10 +18,10 @@ from packmech.effects import acts_on_single
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure.contact_forces import contact_forces
+from packmech.measure.contact_forces import contact_forces, force_balance
 from packmech.measure.counting import packing_fraction
 from packmech.measure.friction import friction_of
-from packmech.measure.stress import energy, force_balance, pressure, stress_tensor
+from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
@@ -273,7 +273,7 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         return _counts_of_shapes(scene, strain)
     linked: dict[str, Any] = {}
     held_links = 0
-    rough = contact_forces(scene) if friction_of(scene) is not None and packing.links is None else None
+    rough = contact_forces(scene) if friction_of(scene) is not None else None
     rattler_n = rattlers_in(scene)
     if packing.links is not None:
         held_links = _links(packing, rattler_n, linked)

@@ -152,7 +152,7 @@ def test_the_sliding_fraction_at_the_residual_of_jam_is_that_of_a_residual_of_1e
 
 
 def balances(normal, arm, mu):
-    return bool(can_balance(normal, arm, len(normal), mu))
+    return bool(can_balance(normal, arm[:, None] * normal, len(normal), mu))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
