@@ -77,10 +77,10 @@ def finite_array(
 
 
 def positive_array(
-    name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
+    name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle", empty: bool = False
 ) -> NDArray[np.float64]:
     """Return the value as a float64 array after checking that every entry is finite and above zero."""
-    array = finite_array(name, value, shape=shape, what=what)
+    array = finite_array(name, value, shape=shape, what=what, empty=empty)
     bad = array <= 0.0
     if bad.any():
         index, where = _first_bad(bad, what)

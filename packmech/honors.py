@@ -205,6 +205,7 @@ def declare(
     packing_only: bool = False,
     rough: str = "",
     shaped: str = "",
+    apart: str = "",
     link_tolerance: float = LINK_TOLERANCE,
     remarks: Mapping[str, str] | None = None,
 ) -> Honors:
@@ -218,11 +219,14 @@ def declare(
         Names of `COLUMNS` that it honors, with spaces between.
     at_rest, packing_only, rough, shaped, link_tolerance, remarks
         As in `Honors`.
+    apart
+        What it honors, but not both at once: "friction+links friction+shapes"; friction with walls goes without saying.
 
     """
     named = tuple(columns.split())
-    pairs = tuple(pair for pair in _NOT_BESIDE if set(pair) <= set(named))
-    unknown = [one for one in named if one not in COLUMNS]
+    pairs = tuple((one, other) for one, _, other in (pair.partition("+") for pair in apart.split()))
+    pairs += tuple(pair for pair in _NOT_BESIDE if set(pair) <= set(named))
+    unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
     CALLS[call] = Honors(
@@ -238,6 +242,7 @@ def honors(
     packing_only: bool = False,
     rough: str = "",
     shaped: str = "",
+    apart: str = "",
     link_tolerance: float = LINK_TOLERANCE,
     remarks: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -247,7 +252,7 @@ def honors(
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough, shaped, link_tolerance, remarks
+    columns, at_rest, packing_only, rough, shaped, apart, link_tolerance, remarks
         As in `declare`.
 
     """
@@ -263,6 +268,7 @@ def honors(
             packing_only=packing_only,
             rough=rough,
             shaped=shaped,
+            apart=apart,
             link_tolerance=link_tolerance,
             remarks=remarks,
         )

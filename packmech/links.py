@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,10 +15,12 @@ from packmech.jit.compiled import kernel
 
 # images beyond this leave no digits of a position
 _FARTHEST = 2**31
+# what a link has
+_FIELDS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 
 
 def _whole_numbers(name: str, value: Any, shape: tuple[int | None, ...], what: str) -> NDArray[np.int64]:
-    array = finite_array(name, value, shape=shape, what=what)
+    array = finite_array(name, value, shape=shape, what=what, empty=True)
     whole = np.rint(array).astype(np.int64)
     wrong = np.argwhere(whole != array)
     if len(wrong):
@@ -144,7 +148,7 @@ class Links:
         (L,) lengths [length].
     shape_l
         (L,) which links hold an angle or a shape and are no bond of the molecule: they may be crossed by others, and
-        are drawn apart. None: none does.
+        are drawn apart; none does where it is left out.
 
     Raises
     ------
@@ -164,31 +168,37 @@ class Links:
     j_l: NDArray[np.int64]
     image_ld: NDArray[np.int64]
     length_l: NDArray[np.float64]
-    shape_l: NDArray[np.bool_] | None = None
+    shape_l: NDArray[np.bool_] = None  # type: ignore[assignment]  # an array of False is made of it
 
     def __post_init__(self) -> None:
         pairs = named_pairs("link", "l", self.i_l, self.j_l, self.image_ld)
         count = len(pairs.i_p)
-        length = positive_array("length_l", self.length_l, shape=(None,), what="link")
+        length = positive_array("length_l", self.length_l, shape=(None,), what="link", empty=True)
         given = np.zeros(count, dtype=bool) if self.shape_l is None else np.array(self.shape_l)
         if given.dtype != bool or given.ndim != 1:
             raise TypeError(f"shape_l must hold truth values, got {self.shape_l!r}")
-        for name, array in (("length_l", length), ("shape_l", given)):
+        own: tuple[tuple[str, NDArray[Any]], ...] = (("length_l", length), ("shape_l", given))
+        for name, array in own:
             if len(array) != count:
                 raise ValueError(f"{name} must have one entry per link ({count}), got {len(array)}")
-        parts = (*pairs[:3], length[pairs.order_p], given[pairs.order_p])
-        for name, array in zip(("i_l", "j_l", "image_ld", "length_l", "shape_l"), parts, strict=True):
+        parts = (*pairs[:3], *(array[pairs.order_p] for _, array in own))
+        for name, array in zip(_FIELDS, parts, strict=True):
             array = np.ascontiguousarray(array)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    @classmethod
+    @functools.cache
+    def none(cls, dimension: int) -> Links:
+        """Return the links of particles that have none."""
+        return cls([], [], np.zeros((0, dimension)), [])  # type: ignore[arg-type]
 
     def __len__(self) -> int:
         return len(self.i_l)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Links) and all(
-            np.array_equal(getattr(self, name), getattr(other, name))
-            for name in ("i_l", "j_l", "image_ld", "length_l", "shape_l")
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in _FIELDS
         )
 
     def __hash__(self) -> int:
@@ -210,34 +220,28 @@ class Links:
     def select(self, keep_l: ArrayLike) -> Links:
         """Return the links that a boolean mask or an index array names."""
         keep = np.asarray(keep_l)
-        assert self.shape_l is not None
-        return Links(self.i_l[keep], self.j_l[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
+        return Links(*(getattr(self, name)[keep] for name in _FIELDS))
 
     def joined(self, others: Links) -> Links:
         """Return these links and others."""
-        assert self.shape_l is not None and others.shape_l is not None
-        parts = zip(
-            (self.i_l, self.j_l, self.image_ld, self.length_l, self.shape_l),
-            (others.i_l, others.j_l, others.image_ld, others.length_l, others.shape_l),
-            strict=True,
-        )
-        return Links(*(np.concatenate(both) for both in parts))
+        return Links(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in _FIELDS))
 
     def scaled(self, factor: float) -> Links:
         """Return the links with every length multiplied by the factor."""
-        return Links(self.i_l, self.j_l, self.image_ld, factor * self.length_l, self.shape_l)
+        return dataclasses.replace(self, length_l=factor * self.length_l)
+
+    def at_images(self, image_ld: NDArray[Any]) -> Links:
+        """Return the same links at other images."""
+        return dataclasses.replace(self, image_ld=image_ld)
 
     def moved(self, image_nd: NDArray[np.int64]) -> Links:
         """Return the same links after the particles were moved: x = new x + lattice @ image."""
-        image = self.image_ld + image_nd[self.j_l] - image_nd[self.i_l]
-        return Links(self.i_l, self.j_l, image, self.length_l, self.shape_l)
+        return self.at_images(self.image_ld + image_nd[self.j_l] - image_nd[self.i_l]) if len(self) else self
 
     def numbered(self, number_n: NDArray[np.int64]) -> Links:
         """Return the links with particles renumbered; links of a particle with a negative number are left out."""
-        i, j = number_n[self.i_l], number_n[self.j_l]
-        keep = (i >= 0) & (j >= 0)
-        assert self.shape_l is not None
-        return Links(i[keep], j[keep], self.image_ld[keep], self.length_l[keep], self.shape_l[keep])
+        kept = self.select((number_n[self.i_l] >= 0) & (number_n[self.j_l] >= 0))
+        return dataclasses.replace(kept, i_l=number_n[kept.i_l], j_l=number_n[kept.j_l])
 
     def vectors(self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (L, d) vectors from i to j [length]."""
@@ -246,6 +250,8 @@ class Links:
 
     def clusters(self, particles: int) -> NDArray[np.int64]:
         """Return the (N,) number of the cluster of each particle; clusters count up by their smallest particle."""
+        if not len(self):
+            return np.arange(particles)
         kept: dict[int, NDArray[np.int64]] = self._kept("clusters")
         if particles not in kept:
             kept[particles] = number_by_first(self._components(particles))
@@ -314,6 +320,8 @@ def image_offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDAr
     x + lattice @ offset has each cluster in one piece along a spanning tree of its links. A cluster winds where the
     links' images do not close around some ring.
     """
+    if not len(links):
+        return np.zeros((particles, links.dimension), dtype=np.int64), np.zeros(particles, dtype=bool)
     kept = links._kept("image_offsets")
     if particles not in kept:
         kept[particles] = _offsets(links, particles)

@@ -15,7 +15,7 @@ from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.honors import LINK_TOLERANCE, STRAINED
 from packmech.links import Links
-from packmech.shapes import Beads, Shapes, Spheroids
+from packmech.shapes import Beads, Bodies, Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
@@ -133,14 +133,16 @@ class Packing:
             self._check_tangential(self.tangential)
 
     def _check_shapes(self, shapes: Any) -> None:
-        if not isinstance(shapes, Beads):
+        if not isinstance(shapes, Beads | Discs):
             instance("shapes", shapes, Spheroids)
         if (len(shapes), shapes.dimension) != self.position_nd.shape:
             raise ValueError(
                 f"shapes must be of as many particles and axes as position_nd, {self.position_nd.shape}, "
                 f"got {(len(shapes), shapes.dimension)}"
             )
-        if self.links is not None:
+        if isinstance(shapes, Discs):
+            object.__setattr__(self, "shapes", None)
+        elif self.links is not None:
             raise ValueError(f"shapes must be left out where a packing has links, got {type(shapes).__name__}")
 
     def _check_tangential(self, tangential: Any) -> None:
@@ -153,8 +155,8 @@ class Packing:
         bead = tangential.bead_c2
         if isinstance(self.shapes, Beads) != (bead is not None):
             raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")
-        if bead is not None and isinstance(self.shapes, Beads):
-            beads = np.diff(self.shapes.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
+        if bead is not None:
+            beads = np.diff(self.bodies.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
             if (bead >= beads).any():
                 c = int((bead >= beads).any(axis=1).argmax())
                 raise ValueError(
@@ -175,7 +177,7 @@ class Packing:
             held = self._at_images_that_hold(links)
             if held is not links:
                 object.__setattr__(self, "links", held)
-                del self.__dict__["_link_error_l"]
+                del self.__dict__["_link_error_l"], self.__dict__["rigid_links"]
 
     def _at_images_that_hold(self, links: Links) -> Links:
         """Return the links, those that hold at exactly one other image there: their ends were wrapped."""
@@ -206,7 +208,7 @@ class Packing:
         if len(np.unique(np.column_stack([links.i_l, links.j_l, image]), axis=0)) < len(links):
             # another link of the pair is there: one of them is wrong, and calls refuse it
             return links
-        return Links(links.i_l, links.j_l, image, links.length_l, links.shape_l)
+        return links.at_images(image)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Packing) and (
@@ -228,9 +230,9 @@ class Packing:
 
     def __repr__(self) -> str:
         small, large = float(self.radius_n.min()), float(self.radius_n.max())
-        links = 0 if self.links is None else len(self.links)
+        links = len(self.rigid_links)
         held = [f"{links} rigid link{'' if links == 1 else 's'}" if links else ""]
-        held.append(type(self.shapes).__name__ if self.shapes is not None else "")
+        held.append("" if isinstance(self.bodies, Discs) else type(self.bodies).__name__)
         held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")
         radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
@@ -250,10 +252,20 @@ class Packing:
         """Number of Cartesian axes, 2 or 3."""
         return self.box.dimension
 
+    @functools.cached_property
+    def bodies(self) -> Bodies:
+        """The shapes of the particles: those that were given, else `Discs`."""
+        return Discs(self.particles, self.dimension) if self.shapes is None else self.shapes
+
+    @functools.cached_property
+    def rigid_links(self) -> Links:
+        """The links, of length zero where there are none."""
+        return Links.none(self.dimension) if self.links is None else self.links
+
     @property
     def plain(self) -> bool:
         """Whether particles are discs or spheres without links."""
-        return self.links is None and self.shapes is None
+        return isinstance(self.bodies, Discs) and not len(self.rigid_links)
 
     @property
     def diameter_n(self) -> NDArray[np.float64]:
@@ -282,7 +294,7 @@ class Packing:
         kept: dict[str, Any] = {"mass_n": self.given_mass_n}
         if not {"position_nd", "radius_n", "box", "shapes"}.isdisjoint(changes):
             kept["tangential"] = None
-            if "position_nd" in changes and (self.links is not None or self.tangential is not None):
+            if "position_nd" in changes and (len(self.rigid_links) or self.tangential is not None):
                 kept |= self._continued(changes)
         return dataclasses.replace(self, **(kept | changes))
 
@@ -304,8 +316,8 @@ class Packing:
             size = max(float(np.abs(one).max()) for one in (position, self.position_nd, box.lattice_dd))
             if np.abs(apart).max() <= _SAME_PLACE * size:
                 found["tangential"] = self.tangential.moved(-image)
-        links = self.links
-        if links is not None and image.any():
+        links = self.rigid_links
+        if len(links) and image.any():
             both = (links, links.moved(-image))
             here, there = (
                 np.abs(np.sqrt((one.vectors(position, box.lattice_dd) ** 2).sum(axis=1)) - one.length_l) for one in both
@@ -316,7 +328,7 @@ class Packing:
             moved = np.where(nearer[:, None], both[1].image_ld, links.image_ld)
             # links that hold at neither image may come to name a pair twice: they stay, and calls refuse them
             if len(np.unique(np.column_stack([links.i_l, links.j_l, moved]), axis=0)) == len(links):
-                found["links"] = Links(links.i_l, links.j_l, moved, links.length_l, links.shape_l)
+                found["links"] = links.at_images(moved)
         return found
 
     @functools.cached_property
@@ -325,7 +337,7 @@ class Packing:
 
         Of discs and spheres among other shapes they are zero: there are no such coordinates.
         """
-        return np.zeros((self.particles, 0, 0)) if self.shapes is None else self.shapes.turn_basis(self.radius_n)
+        return self.bodies.turn_basis(self.radius_n)
 
     @functools.cached_property
     def spin_nkk(self) -> NDArray[np.float64]:
@@ -333,10 +345,7 @@ class Packing:
 
         Angles times radii of gyration are lengths; k = 1 in a plane and 3 in space.
         """
-        if self.shapes is not None:
-            return self.shapes.spin_basis(self.radius_n)
-        k, share = (1, 0.5) if self.dimension == 2 else (3, 0.4)
-        return np.asarray(np.eye(k) / (np.sqrt(share) * self.radius_n)[:, None, None])
+        return self.bodies.spin_basis(self.radius_n)
 
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
@@ -348,26 +357,26 @@ class Packing:
             links,
             None if given is None else given[kept_n],
             None if self.tangential is None else self.tangential.numbered(_numbers_of(kept_n, self.particles)),
-            None if self.shapes is None else self.shapes.select(kept_n),
+            self.bodies.select(kept_n),  # type: ignore[arg-type]
         )
 
     def wrapped(self) -> Packing:
         """Return the same packing with every center inside the cell."""
         position, image = self.box.wrap(self.position_nd)
-        links = None if self.links is None else self.links.moved(image)
+        links = self.rigid_links.moved(image)
         tangential = None if self.tangential is None else self.tangential.moved(image)
         return self.replace(position_nd=position, links=links, tangential=tangential)
 
     @property
     def link_error(self) -> float:
         """Largest error of a link's length, over the larger of that and the mean diameter [1]; 0 without links."""
-        return 0.0 if self.links is None else float(self._link_error_l.max())
+        return float(self._link_error_l.max(initial=0.0))
 
     @functools.cached_property
     def _link_error_l(self) -> NDArray[np.float64]:
         """The (L,) errors of the links' lengths, over the larger of these and the mean diameter [1]."""
-        assert self.links is not None
-        vector, length = self.links.vectors(self.position_nd, self.box.lattice_dd), self.links.length_l
+        links = self.rigid_links
+        vector, length = links.vectors(self.position_nd, self.box.lattice_dd), links.length_l
         error = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
         return np.asarray(error / np.maximum(length, self.diameter_n.mean()))
 
@@ -380,9 +389,9 @@ class Packing:
             Naming the argument, the pair that is farthest from its length, and the way out.
 
         """
-        if self.links is None or self.link_error <= tolerance:
+        if self.link_error <= tolerance:
             return
-        links, worst = self.links, int(self._link_error_l.argmax())
+        links, worst = self.rigid_links, int(self._link_error_l.argmax())
         distance = float(np.sqrt((links.vectors(self.position_nd, self.box.lattice_dd)[worst] ** 2).sum()))
         raise ValueError(
             f"{name} must have links at their lengths to {tolerance:g} for pm.{call}, got particles "
@@ -471,8 +480,8 @@ def no_own_images(name: str, packing: Packing) -> None:
         Naming the argument and the particle.
 
     """
-    links = packing.links
-    if links is not None and (links.i_l == links.j_l).any():
+    links = packing.rigid_links
+    if (links.i_l == links.j_l).any():
         particle = int(links.i_l[links.i_l == links.j_l][0])
         raise ValueError(
             f"{name} must have no link of a particle to its own image for this call, got particle {particle}"

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
-from packmech.shapes import Beads
 
 # name, value in words, what the value is or its unit
 Row = tuple[str, str, str]
@@ -195,10 +194,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def particles_in_words(packing: Packing) -> str:
     """Return how many discs or spheres, ellipses or spheroids, or rigid bodies there are, in words."""
-    kinds = ("disc", "sphere") if packing.shapes is None else ("ellipse", "spheroid")
-    one, many = kinds[packing.dimension - 2], f"{kinds[packing.dimension - 2]}s"
-    if isinstance(packing.shapes, Beads):
-        one, many = "rigid body", "rigid bodies"
+    one, many = packing.bodies.names
     return f"{packing.particles} {one if packing.particles == 1 else many}"
 
 

@@ -1,4 +1,4 @@
-"""Shapes of particles other than discs and spheres."""
+"""Shapes of particles: discs and spheres, ellipses and spheroids, rigid bodies of beads."""
 
 from __future__ import annotations
 
@@ -33,19 +33,130 @@ class _Turned:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, type(self)) and all(
-            np.array_equal(a, b) for a, b in zip(self._all(), other._all(), strict=True)
+            np.array_equal(one, other.arrays()[name]) for name, one in self.arrays().items()
         )
 
     def __hash__(self) -> int:
-        return hash(tuple(one.tobytes() for one in self._all()))
+        return hash(tuple(one.tobytes() for one in self.arrays().values()))
 
-    def _all(self) -> list[NDArray[Any]]:
-        return [getattr(self, one.name) for one in fields(self)]  # type: ignore[arg-type]
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that the shapes are made of, by name."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
 
     def _keep(self, **arrays: NDArray[Any]) -> None:
         for name, array in arrays.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True)
+class Discs:
+    """Discs (d = 2) or spheres (d = 3), which have no orientations: the shapes of a packing that was given none.
+
+    They answer what other shapes do: no coordinates of turns (K = 0), one site each. The sites are what particles are
+    made of: beads, or the particles themselves.
+
+    Parameters
+    ----------
+    count
+        Number of particles N.
+    dimension
+        Number of Cartesian axes, 2 or 3.
+
+    """
+
+    count: int
+    dimension: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What one of the particles is called, and several."""
+        return ("disc", "discs") if self.dimension == 2 else ("sphere", "spheres")
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that the shapes are made of: none."""
+        return {}
+
+    @property
+    def orientation_nq(self) -> NDArray[np.float64]:
+        """An (N, 0) array: nothing changes as particles turn."""
+        return np.zeros((self.count, 0))
+
+    def oriented(self, orientation_nq: NDArray[np.float64]) -> Discs:
+        """Return these shapes."""
+        return self
+
+    @property
+    def turns_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles that turn: none does."""
+        return np.zeros(self.count, dtype=bool)
+
+    @property
+    def start_n(self) -> NDArray[np.int64]:
+        """The (N + 1,) numbers of the first site of each particle: one site each."""
+        return np.arange(self.count + 1)
+
+    @property
+    def particle_b(self) -> NDArray[np.int64]:
+        """The (B,) particles that the sites belong to."""
+        return np.arange(self.count)
+
+    @property
+    def axis_bd(self) -> NDArray[np.float64]:
+        """Some (B, d) directions, since no axis differs from the others."""
+        return _any_axis(self.count, self.dimension)
+
+    def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the radii twice, for the (B,) semi-axes along some direction and across it [length]."""
+        return np.asarray(radius_n), np.asarray(radius_n)
+
+    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
+        return np.zeros((self.count, self.dimension))
+
+    def reach(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N,) radii [length]."""
+        return np.asarray(radius_n)
+
+    def gyration(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) radii of gyration, the square root of inertia over mass about an axis [length]."""
+        return np.asarray(np.sqrt(0.5 if self.dimension == 2 else 0.4) * np.asarray(radius_n))
+
+    def stiffening(self, radius_n: Any) -> tuple[float, float]:
+        """Return 1, and by how much the stiffness over mass of tangential springs exceeds that of contacts."""
+        return 1.0, 3.0 if self.dimension == 2 else 3.5
+
+    def spin_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k, k) rotations that one length of each coordinate makes where friction turns them; k = 1 or 3."""
+        k, share = (1, 0.5) if self.dimension == 2 else (3, 0.4)
+        return np.asarray(np.eye(k) / (np.sqrt(share) * np.asarray(radius_n))[:, None, None])
+
+    def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return an array (N, 0, 0): no coordinates of turns, and no rotations along which slopes are taken."""
+        return np.zeros((self.count, 0, 0))
+
+    def turned(self, rotation_nt: NDArray[np.float64]) -> Discs:
+        """Return these shapes, which no rotation changes."""
+        return self
+
+    def rotation_since(self, start: Any) -> NDArray[np.float64]:
+        """Return zeros, (N, 1) angles or (N, 3) rotation vectors."""
+        return np.zeros((self.count, 1 if self.dimension == 2 else 3))
+
+    def coordinates(self, now: Any, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, d) zeros: no lengths say how the shapes are turned."""
+        return np.zeros((self.count, self.dimension))
+
+    def at_coordinates(self, coordinate_nd: NDArray[np.float64], radius_n: Any) -> Discs:
+        """Return these shapes."""
+        return self
+
+    def select(self, kept_n: NDArray[Any]) -> Discs:
+        """Return the shapes of some of the particles."""
+        return Discs(len(np.arange(self.count)[kept_n]), self.dimension)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +206,11 @@ class Spheroids(_Turned):
         return int(self.director_nd.shape[1])
 
     @property
+    def names(self) -> tuple[str, str]:
+        """What one of the particles is called, and several."""
+        return ("ellipse", "ellipses") if self.dimension == 2 else ("spheroid", "spheroids")
+
+    @property
     def orientation_nq(self) -> NDArray[np.float64]:
         """The (N, d) directors: what changes as particles turn."""
         return self.director_nd
@@ -112,6 +228,20 @@ class Spheroids(_Turned):
     def start_n(self) -> NDArray[np.int64]:
         """The (N + 1,) numbers of the first site of each particle: one site each."""
         return np.arange(len(self) + 1)
+
+    @property
+    def particle_b(self) -> NDArray[np.int64]:
+        """The (B,) particles that the sites belong to."""
+        return np.arange(len(self))
+
+    @property
+    def axis_bd(self) -> NDArray[np.float64]:
+        """The (B, d) directions of the axes that may differ from the others: the directors."""
+        return self.director_nd
+
+    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
+        return np.zeros_like(self.director_nd)
 
     def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (N,) semi-axes along the directors and across them, for particles of these radii [length]."""
@@ -279,6 +409,11 @@ class Beads(_Turned):
         """Number of Cartesian axes, 2 or 3."""
         return int(self.offset_bd.shape[1])
 
+    @property
+    def names(self) -> tuple[str, str]:
+        """What one of the particles is called, and several."""
+        return "rigid body", "rigid bodies"
+
     def oriented(self, orientation_nq: NDArray[np.float64]) -> Beads:
         """Return the bodies with other orientations."""
         return Beads(self.start_n, self.offset_bd, self.size_b, self.gyration_nk, orientation_nq)
@@ -345,6 +480,16 @@ class Beads(_Turned):
         # a sum over the axes, not BLAS: the same bits for any number of threads
         turned = (self.frames()[owner] * self.offset_bd[:, None, :]).sum(axis=2)
         return np.asarray(turned * radius_n[owner, None])
+
+    @property
+    def axis_bd(self) -> NDArray[np.float64]:
+        """Some (B, d) directions: no axis of a bead differs from the others."""
+        return _any_axis(len(self.size_b), self.dimension)
+
+    def semi_axes(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the radii of the beads twice, for the (B,) semi-axes along some direction and across it [length]."""
+        radius_b = self.bead_radius(radius_n)
+        return radius_b, radius_b
 
     def bead_radius(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B,) radii of the beads [length]."""
@@ -417,6 +562,11 @@ class Beads(_Turned):
         return Beads(start, self.offset_bd[bead], self.size_b[bead], self.gyration_nk[kept], self.orientation_nq[kept])
 
 
+def _any_axis(count: int, dimension: int) -> NDArray[np.float64]:
+    """Return the direction of x for so many sites."""
+    return np.tile(np.eye(dimension)[0], (count, 1))
+
+
 def _quaternion_product(one_nq: NDArray[np.float64], other_nq: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the quaternions of the second rotations followed by the first ones."""
     a, u = one_nq[:, :1], one_nq[:, 1:]
@@ -425,10 +575,12 @@ def _quaternion_product(one_nq: NDArray[np.float64], other_nq: NDArray[np.float6
     return np.hstack([real, a * v + b * u + np.cross(u, v)])
 
 
+# what a packing may be given, and what its particles are in any case
 Shapes = Spheroids | Beads
+Bodies = Discs | Shapes
 
 
-def same_but_turned(one: Shapes, other: Shapes) -> bool:
+def same_but_turned(one: Bodies, other: Bodies) -> bool:
     """Return whether two shapes differ by how they are turned only."""
     if type(one) is not type(other) or len(one) != len(other):
         return False

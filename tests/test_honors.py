@@ -108,7 +108,6 @@ RESTING = {
     "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,
     "sweep_stress": lambda scene: pm.sweep_stress(scene, [-1e-3 * np.eye(2)])[0].packing.position_nd,
     "quasistatic_shear": lambda scene: pm.quasistatic_shear(scene, 1e-4, step=1e-4, locate="none").packing.position_nd,
-    "jamming_scaling": lambda scene: pm.jamming_scaling([scene], [1e-3]).value_sp["shear_modulus"],
     "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
     "hessian": lambda scene: pm.hessian(scene).toarray(),
     "dynamical_matrix": lambda scene: pm.dynamical_matrix(scene).toarray(),
@@ -297,6 +296,20 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         # forces across the contacts have no part in the trace of the stress
         differs = rough.shape != slack.shape or np.abs(rough - slack).max() > 1e-9
         assert differs is not (call == "pressure"), call
+
+
+def test_bonds_change_every_call_at_rest_that_honors_them():
+    packing = at_rest()
+    bonds = pm.bond_contacts(packing, compression=pm.Hertz(), tangential_stiffness=0.0)
+    # all contacts alike, so that it stays at rest
+    effects = (pm.Repulsion(), bonds)
+    # there are no links here, and what acts on centers turns nothing
+    honoring = [name for name in RESTING if CALLS[name].answer("bonds") == HONORED and name != "link_tension"]
+    assert {"energy", "forces", "hessian", "normal_modes", "elastic_moduli"} <= set(honoring)
+    for call in honoring:
+        one, other = (np.asarray(RESTING[call](pm.Scene(packing, given))) for given in (effects, effects[:1]))
+        differs = one.shape != other.shape or np.abs(one - other).max() > 1e-9
+        assert differs is not (call == "torques"), call
 
 
 # effects on single particles have no strain of the box

@@ -120,13 +120,12 @@ class EpisodeRecorder:
         recorded, now = self.recorded.packing, self.packing()
         if not np.array_equal(recorded.radius_n, now.radius_n) or recorded.dimension != now.dimension:
             return False
-        if recorded.shapes is not None or now.shapes is not None:
-            turned = type(recorded.shapes) is type(now.shapes)
-            return turned and recorded.shapes.oriented(now.shapes.orientation_nq) == now.shapes
-        if recorded.links is None or now.links is None:
-            return recorded.links is now.links
-        pairs = ((recorded.links.i_l, now.links.i_l), (recorded.links.j_l, now.links.j_l))
-        return all(np.array_equal(one, other) for one, other in pairs)
+        bodies, links, others = recorded.bodies, recorded.rigid_links, now.rigid_links
+        return (
+            type(bodies) is type(now.bodies)
+            and bodies.oriented(now.bodies.orientation_nq) == now.bodies
+            and all(np.array_equal(*ends) for ends in ((links.i_l, others.i_l), (links.j_l, others.j_l)))
+        )
 
     def frame(self, figures: Mapping[str, Any]) -> None:
         """Add a frame to the recording, if there is one, and end it when it is long enough."""

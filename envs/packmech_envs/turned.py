@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,11 +44,11 @@ class Turned:
     """
 
     def __init__(self, packing: pm.Packing, each: bool) -> None:
-        shapes: Any = packing.shapes
+        width = packing.bodies.orientation_nq.shape[1]
         self.each = each
         self.names: tuple[str, ...] = ()
         self._where: tuple[tuple[int, int], ...] = ()
-        if shapes is None:
+        if not width:
             if each:
                 raise ValueError("orientations must be left out for a scene of discs or spheres, got True")
             return
@@ -58,10 +56,9 @@ class Turned:
             self._where = _COMPONENTS[packing.dimension]
         self.names = tuple("order_" + "xyz"[a] + "xyz"[b] for a, b in self._where)
         if each:
-            letters = "xyz" if isinstance(shapes, pm.Spheroids) or shapes.dimension == 2 else "wxyz"
-            word = "director" if isinstance(shapes, pm.Spheroids) else "axis" if shapes.dimension == 2 else "quaternion"
-            width = shapes.orientation_nq.shape[1]
-            self.names += tuple(f"{word}_{n}_{letters[k]}" for n in range(len(shapes)) for k in range(width))
+            letters = "wxyz" if width == 4 else "xyz"
+            word = "director" if isinstance(packing.shapes, pm.Spheroids) else "quaternion" if width == 4 else "axis"
+            self.names += tuple(f"{word}_{n}_{letters[k]}" for n in range(packing.particles) for k in range(width))
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -75,8 +72,7 @@ class Turned:
             order = pm.nematic_order(packing).tensor_dd
             numbers = np.array([order[a, b] for a, b in self._where])
         if self.each:
-            shapes: Any = packing.shapes
-            orientation = shapes.orientation_nq
+            orientation = packing.bodies.orientation_nq
             if orientation.shape[1] == 4:
                 orientation = orientation * np.where(orientation[:, :1] < 0.0, -1.0, 1.0)
             numbers = np.concatenate([numbers, orientation.ravel()])

@@ -11,10 +11,9 @@ Rows hold a position in the first columns. One thread does all of it, so that th
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from packmech.constraints.link_system import (
@@ -29,7 +28,7 @@ from packmech.constraints.link_system import (
 )
 from packmech.contacts.cells import PairTable
 from packmech.contacts.excluded import rigid_clusters
-from packmech.jit.compiled import compiled_form, device
+from packmech.jit.compiled import device
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
@@ -155,7 +154,10 @@ def _is_linked(links, i, j, image_d):
 
 
 @device
-def _without_linked(links, found):
+def without_linked(links, found):
+    """Return the pairs of a search that may touch: neither linked nor of one rigid cluster."""
+    if links is None:
+        return found
     kept = 0
     bits = np.uint64(found.bits)
     mask = np.uint64((1 << found.bits) - 1)
@@ -169,7 +171,10 @@ def _without_linked(links, found):
 
 
 @device
-def _project_rows(links, axes, row, space):
+def project_rows(links, axes, row, space):
+    """Move the rows back onto the links and refill the system there; return the farthest that one moved."""
+    if links is None:
+        return 0.0
     system, spare = links.system, links.spare_nd
     lattice = space.frame.lattice_dd
     for i in range(row.shape[0]):
@@ -193,8 +198,45 @@ def _project_rows(links, axes, row, space):
 
 
 @device
-def _along(links, vector_nd):
-    project_velocity(links.system, vector_nd, vector_nd, links.multiplier_l)
+def refresh(links, row, space):
+    """Refill the system where the rows are, without moving them."""
+    if links is not None:
+        refill(links.system, row, space.frame.lattice_dd)
+
+
+@device
+def along_links(links, vector_nd):
+    """Project a vector onto the motions that the links admit, at the rows of the last `project_rows` or `refresh`."""
+    if links is not None:
+        project_velocity(links.system, vector_nd, vector_nd, links.multiplier_l)
+
+
+@device
+def speeds(links, axes, velocity_nd, square, largest):
+    """Project velocities; return v.v over all and the largest squared speed, known already where nothing is linked."""
+    if links is None:
+        return square, largest
+    along_links(links, velocity_nd)
+    square = largest = 0.0
+    for i in range(velocity_nd.shape[0]):
+        own = 0.0
+        for a in range(len(axes)):
+            own += velocity_nd[i, a] * velocity_nd[i, a]
+        square += own
+        largest = max(largest, own)
+    return square, largest
+
+
+@device
+def add_tensions(links, axes, virial_dd):
+    """Add the links' part of V times the stress, where forces were projected last."""
+    if links is not None:
+        system = links.system
+        for r in range(system.i_r.shape[0]):
+            pull = links.multiplier_l[system.order_r[r]] * system.distance_r[r]
+            for a in range(len(axes)):
+                for b in range(len(axes)):
+                    virial_dd[a, b] += pull * system.normal_rd[r, a] * system.normal_rd[r, b]
 
 
 @device
@@ -214,94 +256,3 @@ def projected(links, axes, force_nd, velocity_nd):
     if not links.number[ERROR] < _LOST:
         largest = np.inf
     return power, square, largest
-
-
-def has_links(links: Any) -> bool:
-    """Return whether the type of `Space.links` is one with links."""
-    return not isinstance(links, types.NoneType)
-
-
-def without_linked(links: CompiledLinks | None, found: PairTable) -> PairTable:
-    """Return the pairs of a search that may touch: neither linked nor of one rigid cluster."""
-    return found if links is None else _without_linked(links, found)
-
-
-@compiled_form(without_linked)
-def _choose_without_linked(links: Any, found: Any) -> Any:
-    if has_links(links):
-        return _without_linked
-    return lambda links, found: found
-
-
-def project_rows(links: CompiledLinks | None, axes: Any, row: NDArray[np.float64], space: Any) -> float:
-    """Move the rows back onto the links and refill the system there; return the farthest that one moved."""
-    return 0.0 if links is None else float(_project_rows(links, axes, row, space))
-
-
-@compiled_form(project_rows)
-def _choose_project_rows(links: Any, axes: Any, row: Any, space: Any) -> Any:
-    if has_links(links):
-        return _project_rows
-    return lambda links, axes, row, space: 0.0
-
-
-def refresh(links: CompiledLinks | None, row: NDArray[np.float64], space: Any) -> None:
-    """Refill the system where the rows are, without moving them."""
-    if links is not None:
-        refill(links.system, row, space.frame.lattice_dd)
-
-
-@compiled_form(refresh)
-def _choose_refresh(links: Any, row: Any, space: Any) -> Any:
-    def refill_it(links: Any, row: Any, space: Any) -> None:
-        refill(links.system, row, space.frame.lattice_dd)
-
-    def nothing(links: Any, row: Any, space: Any) -> None:
-        pass
-
-    return refill_it if has_links(links) else nothing
-
-
-def along_links(links: CompiledLinks | None, vector_nd: NDArray[np.float64]) -> None:
-    """Project a vector onto the motions that the links admit, at the rows of the last `project_rows` or `refresh`."""
-    if links is not None:
-        _along(links, vector_nd)
-
-
-@compiled_form(along_links)
-def _choose_along(links: Any, vector_nd: Any) -> Any:
-    def project_it(links: Any, vector_nd: Any) -> None:
-        _along(links, vector_nd)
-
-    def nothing(links: Any, vector_nd: Any) -> None:
-        pass
-
-    return project_it if has_links(links) else nothing
-
-
-def speeds(
-    links: CompiledLinks | None, axes: Any, velocity_nd: NDArray[np.float64], square: float, largest: float
-) -> Any:
-    """Project velocities; return v.v over all and the largest squared speed, known already where nothing is linked."""
-    return (square, largest) if links is None else _speeds(links, axes, velocity_nd)
-
-
-@device
-def _speeds(links, axes, velocity_nd):
-    _along(links, velocity_nd)
-    square = 0.0
-    largest = 0.0
-    for i in range(velocity_nd.shape[0]):
-        own = 0.0
-        for a in range(len(axes)):
-            own += velocity_nd[i, a] * velocity_nd[i, a]
-        square += own
-        largest = max(largest, own)
-    return square, largest
-
-
-@compiled_form(speeds)
-def _choose_speeds(links: Any, axes: Any, velocity_nd: Any, square: Any, largest: Any) -> Any:
-    if has_links(links):
-        return lambda links, axes, velocity_nd, square, largest: _speeds(links, axes, velocity_nd)
-    return lambda links, axes, velocity_nd, square, largest: (square, largest)

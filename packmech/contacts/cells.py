@@ -15,6 +15,7 @@ nearest image.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,37 @@ def frame_of(box: Box) -> Frame:
     inverse[:d, :d] = box.inverse_dd
     height[:d] = box.height_d
     return Frame(lattice, inverse, height)
+
+
+@device
+def set_frame(frame, lattice_dd):
+    """Write the lattice, its inverse and the distances between faces into the frame."""
+    a = lattice_dd
+    inverse = frame.inverse_dd
+    for i in range(3):
+        for j in range(3):
+            frame.lattice_dd[i, j] = a[i, j]
+            p, q = (j + 1) % 3, (j + 2) % 3
+            r, s = (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = a[p, r] * a[q, s] - a[p, s] * a[q, r]
+    determinant = a[0, 0] * inverse[0, 0] + a[0, 1] * inverse[1, 0] + a[0, 2] * inverse[2, 0]
+    for i in range(3):
+        square = 0.0
+        for j in range(3):
+            inverse[i, j] /= determinant
+            square += inverse[i, j] * inverse[i, j]
+        frame.height_d[i] = 1.0 / math.sqrt(square)
+
+
+@device
+def lattice_volume(lattice_dd):
+    """Return the volume of a cell."""
+    a = lattice_dd
+    return abs(
+        a[0, 0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
+        - a[0, 1] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
+        + a[0, 2] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
+    )
 
 
 @device

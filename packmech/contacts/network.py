@@ -182,6 +182,11 @@ class Contacts:
     def _share(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(radius_n[self.i_c] / (radius_n[self.i_c] + radius_n[self.j_c]))
 
+    def distance_change(self, start: Contacts) -> NDArray[np.float64]:
+        """Return the (C,) changes of the distances of the same pairs since the start, from those of their vectors."""
+        change = self.vector_cd - start.vector_cd
+        return distance_change(start.vector_cd, change)[0]
+
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)
@@ -200,6 +205,19 @@ class Contacts:
         """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
         ends = np.concatenate([self.i_c, self.j_c])
         return np.bincount(ends, minlength=self.particles)
+
+
+def distance_change(
+    vector_cd: NDArray[np.float64], change_cd: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return by how much lengths of vectors grow when these change, and the lengths before and after.
+
+    The length changes by (2 v.dv + dv.dv) / (r + r'), whose digits a difference of the lengths would lose.
+    """
+    before = np.sqrt((vector_cd**2).sum(axis=1))
+    after = np.sqrt(((vector_cd + change_cd) ** 2).sum(axis=1))
+    exact = 2.0 * (vector_cd * change_cd).sum(axis=1) + (change_cd**2).sum(axis=1)
+    return exact / np.maximum(before + after, np.finfo(float).tiny), before, after
 
 
 def distinct_pairs(

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import instance
 from packmech.contacts.bead_contact import bead_contacts, turned_arms
 from packmech.contacts.elements import normal_slopes
+from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import (
     Candidates,
     Contacts,
@@ -23,6 +24,7 @@ from packmech.contacts.network import (
     find_contacts,
     gap_limit,
     overlapping_or_all,
+    pair_contacts,
 )
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.honors import honors
@@ -338,6 +340,33 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, 
     if not second:
         return near.select(touching)
     return shape_contacts(packing, Candidates(*(part[touching] for part in pairs)), second=True)
+
+
+def near_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
+    """Return the pairs of sites that touch when particles are grown, and perhaps more; none that links rule out.
+
+    Parameters
+    ----------
+    packing
+        The packing, with shapes, links or neither.
+    scale, skin
+        Factor on the contact distance [1] and length added to it [length].
+
+    """
+    if packing.shapes is not None:
+        return candidate_shapes(packing, scale, skin)
+    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
+    if packing.links is None:
+        return pairs
+    apart = ~Excluded(packing).mask(*pairs)
+    return Candidates(*(part[apart] for part in pairs))
+
+
+def contacts_at(packing: Packing, pairs: Candidates, *, second: bool = False) -> Contacts | ShapeContacts:
+    """Return the geometry of pairs of sites of a packing with shapes or without; arguments as of `shape_contacts`."""
+    if packing.shapes is None:
+        return pair_contacts(packing, *pairs)
+    return shape_contacts(packing, pairs, second=second)
 
 
 def touching_pairs(

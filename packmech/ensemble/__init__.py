@@ -9,6 +9,6 @@ anywhere, so that any process may end at any time: what is there stays, what is 
 process of its own under limits, `run` hands them to an executor or runs them here, `table` and `statistics` read what
 came of them.
 
-`callers` is what calls that make many runs share: all members finished, failures that pass on, scenes kept once beside
-the members. `shear_series`, `cementing_curve` and `jamming_scaling` are these.
+`drawing` is the figure of an ensemble, and `shear_series` a call that is one itself: scenes are kept once beside its
+members, failures pass on.
 """

@@ -5,25 +5,33 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function, instance, integer, one_of, positive, real, two_axes
+from packmech.check import brief, function, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import Bonds, Friction
 from packmech.effects.bonds import bond_contacts
-from packmech.ensemble.callers import Finished, complete, folder_of, keep_scene, scene_at, scene_path
-from packmech.ensemble.folder import CHECKPOINT
+from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
+from packmech.ensemble.members import member_of
+from packmech.ensemble.run import run_ensemble
+from packmech.loop.checkpoint import fingerprint, scene_fingerprints
 from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
 from packmech.result import NotConverged
 from packmech.rheology.amplitude_sweep import check_amplitudes
 from packmech.rheology.oscillatory import oscillatory_shear
 from packmech.scene import Scene
+from packmech.scenes.scene_file import read_scene, write_scene
 
+# beside the members: scenes that their parameters name
+SCENES = "scenes"
 CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
 # called as (control, friction, repeat, amplitude)
 TrialProgress = Callable[[str, float | None, int, float], None]
@@ -268,29 +276,106 @@ def shear_series(
         for repeat in range(count)
         for (kind, friction), a in itertools.product(pairs, asked)
     ]
-    with folder_of(folder) as place:
+    with _folder_of(folder) as place:
         scenes = []
         for repeat in range(count):
             start = int(np.random.SeedSequence([source, repeat]).generate_state(1, dtype=np.uint32)[0])
             scenes.append(_kept(place, prepare(start), pairs))
         names = ("control", "friction", "repeat", "amplitude")
-        members = complete(
-            shear_trial,
-            [{"scene": scenes[key[2]], **dict(zip(names, key, strict=True)), **choices} for key in keys],
-            place,
-            workers=workers,
-            progress=None if progress is None else lambda done, of, number, member: progress(*keys[number]),
+        wanted = [{"scene": scenes[key[2]], **dict(zip(names, key, strict=True)), **choices} for key in keys]
+        members = _complete(
+            wanted, place, workers, lambda number: None if progress is None else progress(*keys[number])
         )
         trials = dict(zip(keys, map(_trial_of, members), strict=True))
     return ShearSeries(trials, tuple(_curve(trials, kind, friction, count, asked, error) for kind, friction in pairs))
 
 
+@contextmanager
+def _folder_of(folder: str | os.PathLike[str] | None) -> Iterator[Path]:
+    """Give the folder that was named, or for None one that is removed when the block ends."""
+    if folder is None:
+        with tempfile.TemporaryDirectory(prefix="packmech-") as place:
+            yield Path(place)
+        return
+    if not isinstance(folder, str | os.PathLike):
+        raise TypeError(f"folder must be a path or None, got {brief(folder)}")
+    yield Path(folder)
+
+
 def _kept(folder: Path, scene: Any, pairs: Sequence[tuple[str, float | None]]) -> str:
-    """Keep a scene that was prepared, after checking that it has what the controls change; return its name."""
+    """Write a scene that was prepared into the folder once, after checking that it has what the controls change.
+
+    Returned is its name, a hash of what it holds.
+    """
     instance("prepare(seed)", scene, Scene)
     for kind, friction in pairs:
         controlled(scene, kind, friction)
-    return keep_scene(folder, scene)
+    name = fingerprint([sorted(scene_fingerprints(scene).items()), scene.drive])[:32]
+    path = folder / SCENES / f"{name}.toml"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_scene(scene, path)
+    return name
+
+
+@lru_cache(maxsize=4)
+def _scene_at(path: Path) -> Scene:
+    """Return a scene that was kept, which never changes."""
+    return read_scene(path)
+
+
+def _complete(
+    wanted: Sequence[Mapping[str, Any]], folder: Path, workers: int | None, finished: Callable[[int], None] | None
+) -> list[dict[str, Any]]:
+    """Return what trials with these parameters left, after running those that are missing or failed before.
+
+    Here (no workers) the first exception passes on at once; else all are run before failures are raised. `finished` is
+    called with the number of each trial that is done.
+    """
+    if workers is not None:
+        integer("workers", workers, at_least=0)
+    members = [member_of(one) for one in wanted]
+    numbers = {one.id: k for k, one in enumerate(members)}
+    found: dict[int, dict[str, Any]] = {}
+    raised: list[Exception] = []
+
+    def take(number: int) -> None:
+        result = find(folder, members[number]).result
+        if result is not None and number not in found:
+            found[number] = result["values"] | read_arrays((folder / WORKSPACE / members[number].id).absolute())
+            if finished is not None:
+                finished(number)
+
+    @wraps(shear_trial)
+    def here(**given: Any) -> ShearTrial:
+        try:
+            return shear_trial(**given)
+        except Exception as error:
+            raised.append(error)
+            raise
+
+    def report(stage: str, figures: dict[str, Any]) -> None:
+        if raised:
+            raise raised[0]
+        if "member" in figures:
+            take(numbers[figures["member"]])
+
+    for number in range(len(members)):
+        take(number)
+    if len(found) < len(members):
+        grid = [{name: [value] for name, value in one.items()} for one in wanted]
+        job = here if workers == 0 else shear_trial
+        run_ensemble(job, grid, folder, workers=workers, retry=True, progress=report)
+    failed = [one for number, one in enumerate(members) if number not in found]
+    if failed:
+        failure = find(folder, failed[0]).failure or {}
+        reason, message = failure.get("reason", ""), failure.get("message", "")
+        kind = {"TypeError": TypeError, "ValueError": ValueError}.get(reason, RuntimeError)
+        raise kind(
+            f"{message} ({reason} of {failed[0].parameters}; {len(failed)} of {len(members)} members failed in "
+            f"{folder}, which has their tracebacks; the others are finished and stay)"
+        )
+    return [found[number] for number in range(len(members))]
 
 
 def _frictions(frictions: Any) -> list[float | None]:
@@ -314,7 +399,7 @@ def shear_trial(
     folder: Path, scene: str, control: str, friction: float | None, repeat: int, amplitude: float, **choices: Any
 ) -> ShearTrial:
     """Return what a member of a series is: one trial of a scene that is kept beside the members."""
-    strained = controlled(scene_at(scene_path(folder, scene)), control, friction)
+    strained = controlled(_scene_at(folder.parents[1] / SCENES / f"{scene}.toml"), control, friction)
     run = oscillatory_shear(strained, amplitude=amplitude, checkpoint=folder / CHECKPOINT, check=False, **choices)
     if not run.measured:
         raise NotConverged(run)
@@ -334,11 +419,8 @@ def shear_trial(
     )
 
 
-def _trial_of(member: Finished) -> ShearTrial:
-    kept = member.values | member.arrays()
-    # tables of before have no outcome
-    names = [field.name for field in dataclasses.fields(ShearTrial) if field.name in kept]
-    return ShearTrial(**{name: kept[name] for name in names})
+def _trial_of(kept: Mapping[str, Any]) -> ShearTrial:
+    return ShearTrial(**{field.name: kept[field.name] for field in dataclasses.fields(ShearTrial)})
 
 
 def _curve(

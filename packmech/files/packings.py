@@ -60,6 +60,8 @@ of the positions puts off its length is as long as its particles are apart.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import json
 import os
 import uuid
@@ -82,7 +84,7 @@ from packmech.generate.rigid import Body, beads_of, body_of, orientation_of
 from packmech.honors import LINK_TOLERANCE, honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
-from packmech.shapes import Beads, Shapes, Spheroids
+from packmech.shapes import Beads, Bodies, Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 PathLike = str | os.PathLike[str]
@@ -98,6 +100,8 @@ _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "ta
 _SPRING_BEADS = "tangential_bead_c2"
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
+# of the arrays of shapes: what their names begin with, and the version of the format that has them
+_SHAPES = {Discs: ("", 1), Spheroids: (_SPHEROIDS[0], 5), Beads: (_BEADS[0], 6)}
 _REQUIRED = ("position_nd", "radius_n", "lattice_dd")
 # all arrays that a file may hold of a packing
 _OWN = (
@@ -187,16 +191,17 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     instance("packing", packing, Packing)
     target = target_file(path)
     ending = _ending(target)
-    if packing.links is not None and ending in _TEXT:
+    links = packing.rigid_links
+    if len(links) and ending in _TEXT:
         raise ValueError(
-            f"packing must have no links for {ending} files (only .npz and .gsd keep them), got {len(packing.links)}"
+            f"packing must have no links for {ending} files (only .npz and .gsd keep them), got {len(links)}"
         )
     if packing.tangential is not None and ending in _TEXT:
         raise ValueError(
             f"packing must have no tangential displacements for {ending} files (only .npz and .gsd keep them), "
             f"got {len(packing.tangential)}: leave them out with packing.replace(tangential=None)"
         )
-    if packing.shapes is not None and ending in _TEXT:
+    if ending in _TEXT and not isinstance(packing.bodies, Discs):
         raise ValueError(
             f"packing must be of discs or spheres for {ending} files (only .npz and .gsd keep shapes), got "
             f"{type(packing.shapes).__name__}"
@@ -316,18 +321,21 @@ def _read_npz(path: Path) -> tuple[Packing, list[str]]:
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
     left_out = [name for name in arrays if name not in (*_OWN, "format_version", "law")]
-    box = Box(arrays["lattice_dd"])
-    links = _group(arrays, *_LINKS)
-    packing = Packing(
+    return _packing_in(arrays), [f"arrays {', '.join(left_out)}"] if left_out else []
+
+
+def _packing_in(arrays: Mapping[str, Any]) -> Packing:
+    """Return the packing that is written out in arrays."""
+    box, links = Box(arrays["lattice_dd"]), _group(arrays, *_LINKS)
+    return Packing(
         arrays["position_nd"],
         arrays["radius_n"],
         box,
-        None if links is None else Links(*links),
+        Links(*links) if links else None,
         arrays.get("mass_n"),
         _springs_in(arrays),
         _shapes_in(arrays),
     )
-    return packing, [f"arrays {', '.join(left_out)}"] if left_out else []
 
 
 def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
@@ -367,37 +375,35 @@ def _group(arrays: Mapping[str, Any], prefix: str, names: tuple[str, ...], of: s
 
 
 def _write_npz(packing: Packing, path: Path, law: Any) -> None:
-    version = 1 if packing.links is None else 2
-    version = version if packing.given_mass_n is None else 3
-    version = version if packing.tangential is None else 4
-    version = version if packing.shapes is None else 6 if isinstance(packing.shapes, Beads) else 5
-    version = 7 if packing.tangential is not None and packing.tangential.bead_c2 is not None else version
-    arrays: dict[str, Any] = {
-        "format_version": np.array(version),
-        "position_nd": packing.position_nd,
-        "radius_n": packing.radius_n,
-        "lattice_dd": packing.box.lattice_dd,
-    }
-    if packing.links is not None:
-        arrays |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
-    if packing.given_mass_n is not None:
-        arrays["mass_n"] = packing.given_mass_n
-    arrays |= _further_arrays(packing)
+    own = _arrays_of(packing)
+    # the arrays that make a file one of a later version
+    needs = {"link_i_l": 2, "mass_n": 3, "tangential_i_c": 4, _SPRING_BEADS: 7}
+    version = max(_SHAPES[type(packing.bodies)][1], *(needs.get(name, 1) for name in own))
+    arrays: dict[str, Any] = {"format_version": np.array(version), **own}
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
     with open(path, "wb") as file:
         np.savez(file, **arrays)
 
 
-def _further_arrays(packing: Packing) -> dict[str, Any]:
-    """Return the arrays of tangential displacements and of shapes, if there are any, by the names of files."""
-    found: dict[str, Any] = {}
-    shapes = _BEADS if isinstance(packing.shapes, Beads) else _SPHEROIDS
-    for (prefix, names, _), record in ((_TANGENTIAL, packing.tangential), (shapes, packing.shapes)):
-        if record is not None:
-            found |= {prefix + one: getattr(record, one) for one in names}
-    if packing.tangential is not None and packing.tangential.bead_c2 is not None:
-        found[_SPRING_BEADS] = packing.tangential.bead_c2
+def _arrays_of(packing: Packing) -> dict[str, Any]:
+    """Return all arrays of a packing by the names of files."""
+    found: dict[str, Any] = {
+        "position_nd": packing.position_nd,
+        "radius_n": packing.radius_n,
+        "lattice_dd": packing.box.lattice_dd,
+    }
+    if len(packing.rigid_links):
+        found |= {f"link_{name}": getattr(packing.rigid_links, name) for name in _LINK_ARRAYS}
+    if packing.given_mass_n is not None:
+        found["mass_n"] = packing.given_mass_n
+    springs = packing.tangential
+    if springs is not None:
+        found |= {f"tangential_{name}": getattr(springs, name) for name in _TANGENTIAL[1]}
+    prefix, _ = _SHAPES[type(packing.bodies)]
+    found |= {prefix + name: array for name, array in packing.bodies.arrays().items()}
+    if springs is not None and springs.bead_c2 is not None:
+        found[_SPRING_BEADS] = springs.bead_c2
     return found
 
 
@@ -499,30 +505,16 @@ def write_gsd(packing: Packing, path: Path) -> None:
     frame.particles.N = packing.particles
     frame.particles.position = _three_axes(visible.position_nd).astype(np.float32)
     frame.particles.image = _three_axes(visible.image_nd).astype(np.int32)
-    if not isinstance(packing.shapes, Beads):
-        frame.particles.diameter = packing.diameter_n.astype(np.float32)
     frame.particles.mass = packing.mass_n.astype(np.float32)
-    size_k, type_n = np.unique(packing.radius_n, return_inverse=True)
-    if packing.shapes is not None:
-        beads = isinstance(packing.shapes, Beads)
-        type_n = _show_beads(frame, packing) if beads else _show_spheroids(frame, packing)
-    elif len(size_k) > DISCRETE_SIZES:
-        type_n = np.zeros_like(type_n)
-    else:
-        # the schema does not store diameters that are all 1, and OVITO takes them for 0 then
-        frame.particles.type_shapes = [{"type": "Sphere", "diameter": 2.0 * size} for size in size_k.tolist()]
+    type_n = _show(packing.bodies, frame, packing)
     frame.particles.types = [_type_name(k) for k in range(int(type_n.max()) + 1)]
     frame.particles.typeid = type_n.astype(np.uint32)
-    frame.log = {
-        _LOG + "position_nd": packing.position_nd,
-        _LOG + "radius_n": packing.radius_n,
-        _LOG + "lattice_dd": packing.box.lattice_dd,
-    }
-    if packing.given_mass_n is not None:
-        frame.log[_LOG + "mass_n"] = packing.given_mass_n
-    frame.log |= {_LOG + name: array for name, array in _further_arrays(packing).items()}
-    if packing.links is not None:
-        _add_links(frame, packing.links)
+    own = _arrays_of(packing)
+    # chunks of the links stand last; the schema has no truth values
+    for name in sorted(own, key=_is_of_links):
+        frame.log[_LOG + name] = own[name].astype(np.uint8) if name == "link_shape_l" else own[name]
+    if len(packing.rigid_links):
+        _show_links(frame, packing.rigid_links)
     with gsd.hoomd.open(str(path), "w") as file:
         file.append(frame)
 
@@ -531,10 +523,27 @@ def _type_name(number: int) -> str:
     return chr(ord("A") + number) if number < 26 else f"A{number}"
 
 
-def _show_beads(frame: Any, packing: Packing) -> NDArray[np.int64]:
-    """Give the frame orientations and the union of spheres of each particle type; return the type of each particle."""
-    shapes = packing.shapes
-    assert isinstance(shapes, Beads)
+def _is_of_links(name: str) -> bool:
+    return name.startswith(_LINKS[0])
+
+
+@functools.singledispatch
+def _show(bodies: Bodies, frame: Any, packing: Packing) -> NDArray[np.int64]:
+    """Give the frame sizes, shapes of particle types and orientations; return the type of each particle.
+
+    Here of discs and spheres; other shapes are registered below.
+    """
+    frame.particles.diameter = packing.diameter_n.astype(np.float32)
+    size_k, type_n = np.unique(packing.radius_n, return_inverse=True)
+    if len(size_k) > DISCRETE_SIZES:
+        return np.zeros_like(type_n)
+    # the schema does not store diameters that are all 1, and OVITO takes them for 0 then
+    frame.particles.type_shapes = [{"type": "Sphere", "diameter": 2.0 * size} for size in size_k.tolist()]
+    return type_n
+
+
+@_show.register
+def _(shapes: Beads, frame: Any, packing: Packing) -> NDArray[np.int64]:
     length, bead = packing.radius_n[shapes.particle_b, None], np.hstack([shapes.offset_bd, shapes.size_b[:, None]])
     own = np.split(length * bead, shapes.start_n[1:-1])
     kinds: dict[bytes, int] = {}
@@ -558,10 +567,9 @@ def _show_beads(frame: Any, packing: Packing) -> NDArray[np.int64]:
     return np.array(type_n)
 
 
-def _show_spheroids(frame: Any, packing: Packing) -> NDArray[np.int64]:
-    """Give the frame orientations and the shape of each particle type; return the type of each particle."""
-    shapes = packing.shapes
-    assert isinstance(shapes, Spheroids)
+@_show.register
+def _(shapes: Spheroids, frame: Any, packing: Packing) -> NDArray[np.int64]:
+    frame.particles.diameter = packing.diameter_n.astype(np.float32)
     kinds, type_n = np.unique(np.column_stack([packing.radius_n, shapes.aspect_n]), axis=0, return_inverse=True)
     along, across = Spheroids(kinds[:, 1], np.ones((len(kinds), packing.dimension))).semi_axes(kinds[:, 0])
     frame.particles.type_shapes = [
@@ -777,10 +785,11 @@ def _left_out(frame: Any, seen: Packing, own_log: set[str]) -> list[str]:
     """Return what the frame holds and a packing has no place for."""
     particles = frame.particles
     found = [words for words, name, none in _NO_PLACE if (np.asarray(getattr(particles, name)) != none).any()]
-    if seen.shapes is None and (np.asarray(particles.orientation) != [1.0, 0.0, 0.0, 0.0]).any():
+    round_ = isinstance(seen.bodies, Discs)
+    if round_ and (np.asarray(particles.orientation) != [1.0, 0.0, 0.0, 0.0]).any():
         found.append("orientations (its types have no shape that could turn)")
     diameter = np.asarray(particles.diameter)
-    if seen.shapes is not None and not (diameter == 1.0).all():
+    if not round_ and not (diameter == 1.0).all():
         if not np.allclose(diameter, seen.diameter_n, rtol=_SINGLE, atol=0.0):
             found.append("particles/diameter (sizes are those of particles/type_shapes)")
     used = np.unique(particles.typeid)
@@ -815,9 +824,8 @@ def _shown(links: Links) -> NDArray[np.bool_]:
     return shown
 
 
-def _add_links(frame: Any, links: Links) -> None:
-    shape = links.shape_l
-    assert shape is not None
+def _show_links(frame: Any, links: Links) -> None:
+    """Give the frame the links as constraints and bonds."""
     shown = _shown(links)
     group = np.column_stack([links.i_l, links.j_l])[shown]
     frame.constraints.N = len(group)
@@ -826,16 +834,13 @@ def _add_links(frame: Any, links: Links) -> None:
     frame.bonds.N = len(group)
     frame.bonds.group = group.astype(np.uint32)
     frame.bonds.types = _BOND_TYPES
-    frame.bonds.typeid = shape[shown].astype(np.uint32)
-    for name in _LINK_ARRAYS:
-        array = getattr(links, name)
-        frame.log[f"{_LOG}link_{name}"] = array.astype(np.uint8) if name == "shape_l" else array
+    frame.bonds.typeid = links.shape_l[shown].astype(np.uint32)
 
 
-def _seen_links(frame: Any, position_nd: NDArray[np.float64], box: Box) -> Links | None:
+def _seen_links(frame: Any, position_nd: NDArray[np.float64], box: Box) -> Links:
     """Return the frame's constraints as links to the nearest image; those that are bonds of type "shape" as such."""
     if not frame.constraints.N:
-        return None
+        return Links.none(box.dimension)
     i, j = np.asarray(frame.constraints.group, dtype=np.int64).reshape(-1, 2).T
     image = -np.rint((position_nd[j] - position_nd[i]) @ box.inverse_dd.T).astype(np.int64)
     bonds = frame.bonds
@@ -849,8 +854,7 @@ def _seen_links(frame: Any, position_nd: NDArray[np.float64], box: Box) -> Links
     distance = np.sqrt((links.vectors(position_nd, box.lattice_dd) ** 2).sum(axis=1))
     error = np.abs(distance - links.length_l)
     rounded = (error > 0.1 * LINK_TOLERANCE * links.length_l) & (error <= _SINGLE * np.abs(box.lattice_dd).max())
-    length = np.where(rounded, distance, links.length_l)
-    return Links(links.i_l, links.j_l, links.image_ld, length, links.shape_l)
+    return dataclasses.replace(links, length_l=np.where(rounded, distance, links.length_l))
 
 
 def _three_axes(array_nd: NDArray[Any]) -> NDArray[Any]:
@@ -902,31 +906,20 @@ def read_gsd(path: Path, frame: int | None = None) -> tuple[Packing, list[str]]:
     left_out = _left_out(found, seen, {_LOG + name for name in own if name in _OWN})
     if any(own.get(name) is None for name in _REQUIRED):
         return seen.replace(links=_seen_links(found, seen.position_nd, box)), left_out
-    parts = _group(own, *_LINKS)
-    links = None
-    if parts is not None:
-        i_l, j_l, image_ld, length_l, shape_l = parts
-        links = Links(i_l, j_l, image_ld, length_l, shape_l.astype(bool))
-    exact = Packing(
-        own["position_nd"],
-        own["radius_n"],
-        Box(own["lattice_dd"]),
-        links,
-        own.get("mass_n"),
-        _springs_in(own),
-        _shapes_in(own),
-    )
-    if not (_agree(exact, seen) and _same_links(exact.links, found.constraints)):
+    if "link_shape_l" in own:
+        own["link_shape_l"] = own["link_shape_l"].astype(bool)
+    exact = _packing_in(own)
+    if not (_agree(exact, seen) and _same_links(exact.rigid_links, found.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact, left_out
 
 
-def _same_links(links: Links | None, constraints: Any) -> bool:
+def _same_links(links: Links, constraints: Any) -> bool:
     """Return whether the visible constraints are the links rounded to single precision."""
-    if links is None:
-        return not constraints.N
+    if not constraints.N:
+        return not _shown(links).any()
     shown = links.select(_shown(links))
-    group = np.asarray(constraints.group, dtype=np.int64).reshape(-1, 2) if constraints.N else np.zeros((0, 2))
+    group = np.asarray(constraints.group, dtype=np.int64).reshape(-1, 2)
     return bool(
         np.array_equal(group, np.column_stack([shown.i_l, shown.j_l]))
         and np.array_equal(np.asarray(constraints.value, dtype=np.float32), shown.length_l.astype(np.float32))
@@ -937,21 +930,15 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     """Return whether the visible packing is the exact one rounded to single precision."""
     if (exact.particles, exact.dimension) != (seen.particles, seen.dimension):
         return False
-    if type(exact.shapes) is not type(seen.shapes):
+    if type(exact.bodies) is not type(seen.bodies) or not np.array_equal(exact.bodies.start_n, seen.bodies.start_n):
         return False
-    if isinstance(exact.shapes, Beads) and isinstance(seen.shapes, Beads):
-        if not np.array_equal(exact.shapes.start_n, seen.shapes.start_n):
-            return False
-        turned, arm = _visible_directions(exact, exact.shapes.arms(exact.radius_n)), seen.shapes.arms(seen.radius_n)
-        if np.abs(turned - arm).max() > _SINGLE * float(exact.shapes.reach(exact.radius_n).max()):
-            return False
-    elif isinstance(exact.shapes, Spheroids) and isinstance(seen.shapes, Spheroids):
-        turned = _visible_directions(exact, exact.shapes.director_nd)
-        along = np.abs((turned * seen.shapes.director_nd).sum(axis=1))
-        if not (
-            np.allclose(exact.shapes.aspect_n, seen.shapes.aspect_n, rtol=_SINGLE) and (along > 1.0 - _SINGLE).all()
-        ):
-            return False
+    turned, arm = _visible_directions(exact, exact.bodies.arms(exact.radius_n)), seen.bodies.arms(seen.radius_n)
+    if np.abs(turned - arm).max() > _SINGLE * float(exact.bodies.reach(exact.radius_n).max()):
+        return False
+    aspect, other = (along / across for along, across in (one.bodies.semi_axes(one.radius_n) for one in (exact, seen)))
+    along = np.abs((_visible_directions(exact, exact.bodies.axis_bd) * seen.bodies.axis_bd).sum(axis=1))
+    if not (np.allclose(aspect, other, rtol=_SINGLE) and (along[aspect != 1.0] > 1.0 - _SINGLE).all()):
+        return False
     visible = _visible(exact)
     size = float(np.abs(visible.lattice_dd).max())
     apart = seen.position_nd - visible.position_nd

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
@@ -177,8 +178,8 @@ class Cluster:
 
     position_bd: NDArray[np.float64]
     radius_b: NDArray[np.float64]
-    links: NDArray[np.int64] | None = None
-    shape_l: NDArray[np.bool_] | None = None
+    links: NDArray[np.int64] = None  # type: ignore[assignment]  # those that hold the cluster rigid
+    shape_l: NDArray[np.bool_] = None  # type: ignore[assignment]  # an array is made of it
 
     def __post_init__(self) -> None:
         position = finite_array("position_bd", self.position_bd, shape=(None, None), what="bead")
@@ -218,10 +219,19 @@ class Cluster:
     @property
     def length_l(self) -> NDArray[np.float64]:
         """The (L,) lengths of the links [length]."""
-        assert self.links is not None
         vector = self.position_bd[self.links[:, 1]] - self.position_bd[self.links[:, 0]]
         length: NDArray[np.float64] = np.sqrt((vector**2).sum(axis=1))
         return length
+
+    @functools.cached_property
+    def bonds(self) -> list[Pair]:
+        """The pairs of beads that a bond joins: links that hold the shape are none."""
+        return [(int(i), int(j)) for i, j in self.links[~self.shape_l]]
+
+    @property
+    def longest_bond(self) -> float:
+        """Length of the longest bond [length]."""
+        return float(self.length_l[~self.shape_l].max(initial=0.0))
 
     def cluster(self, dimension: int) -> Cluster:
         """Return the cluster itself, which must have as many dimensions as the packing."""
@@ -231,13 +241,18 @@ class Cluster:
 
     def crossing(self) -> tuple[Pair, Pair] | None:
         """Return two bonds of the cluster that cross each other, if any do."""
-        assert self.links is not None and self.shape_l is not None
-        bonds = [(int(i), int(j)) for i, j in self.links[~self.shape_l]]
-        for k, one in enumerate(bonds):
-            for other in bonds[:k]:
+        for k, one in enumerate(self.bonds):
+            for other in self.bonds[:k]:
                 if cross(self.position_bd, one, other):
                     return other, one
         return None
+
+
+def drawn_clusters(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
+    """Return the cluster of every place: the same one, or each drawn by itself."""
+    shapes = [shape.drawn(rng) if isinstance(shape, RandomShape) else shape for _ in range(count)]
+    found = {key: one.cluster(dimension) for key, one in {id(one): one for one in shapes}.items()}
+    return [found[id(one)] for one in shapes]
 
 
 def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:

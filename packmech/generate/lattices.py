@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.contacts import find_contacts
-from packmech.contacts.shape_contacts import find_shape_contacts
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.packing import Packing, masses_of_density
 
@@ -447,8 +445,7 @@ def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool 
     if not apart:
         kept_n[order_n[:count]] = False
     else:
-        find: Any = find_contacts if packing.shapes is None else find_shape_contacts
-        contacts = find(packing, gap_tolerance=_TOUCHING)
+        contacts = touching_pairs(packing, _TOUCHING)
         free_n = np.ones(packing.particles, dtype=bool)
         for k in order_n:
             if free_n[k] and np.count_nonzero(~kept_n) < count:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array, real
-from packmech.generate.cluster_shapes import RandomShape, Shape
+from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
 from packmech.shapes import Shapes, Spheroids
@@ -22,7 +22,7 @@ _LARGEST_SPREAD = 0.3
 
 
 @runtime_checkable
-class Sizes(Protocol):
+class SizeDistribution(Protocol):
     """A distribution of radii: anything with this method can be given as ``sizes``."""
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -30,11 +30,11 @@ class Sizes(Protocol):
         ...
 
 
-def sizes_of(sizes: Sizes | None, default: Sizes) -> Sizes:
+def sizes_of(sizes: SizeDistribution | None, default: SizeDistribution) -> SizeDistribution:
     """Return the distribution that an argument `sizes` names, checked; the default for None."""
     if sizes is None:
         return default
-    if not isinstance(sizes, Sizes) or isinstance(sizes, type):
+    if not isinstance(sizes, SizeDistribution) or isinstance(sizes, type):
         raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
     return sizes
 
@@ -316,7 +316,7 @@ def random_packing(
     *,
     dimension: int,
     packing_fraction: float,
-    sizes: Sizes | None = None,
+    sizes: SizeDistribution | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
@@ -375,15 +375,17 @@ def random_packing(
     scaled = box_for(radius_n, packing_fraction, shape_dd)
     # einsum, not BLAS: the same bits for any number of threads
     position_nd = np.einsum("de,ne->nd", scaled.lattice_dd, rng.random((particles, dimension)))
-    turned = None if shapes is None else _random_shapes(shapes, particles, dimension, rng)
+    turned = _random_shapes(shapes, particles, dimension, rng)
     masses = masses_of_density(density, radius_n, dimension)
     return Packing(position_nd, radius_n, scaled, mass_n=masses, shapes=turned)
 
 
 def _random_shapes(
-    shapes: Ellipses | Shape | RandomShape, particles: int, dimension: int, rng: np.random.Generator
-) -> Shapes:
-    """Return shapes turned in all directions alike."""
+    shapes: Ellipses | Shape | RandomShape | None, particles: int, dimension: int, rng: np.random.Generator
+) -> Shapes | None:
+    """Return shapes turned in all directions alike, None where none are given."""
+    if shapes is None:
+        return None
     if isinstance(shapes, Ellipses):
         given = shapes.aspect
         aspect_n = (
@@ -392,12 +394,9 @@ def _random_shapes(
         return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
     if not isinstance(shapes, Shape | RandomShape):
         raise TypeError(f"shapes must be Ellipses or a shape of a cluster, such as Dimer(), got {shapes!r}")
-    own = [(shapes.drawn(rng) if isinstance(shapes, RandomShape) else shapes) for _ in range(particles)]
-    clusters = [one.cluster(dimension) for one in (own if isinstance(shapes, RandomShape) else own[:1])]
-    bodies = [body_of(one.position_bd, one.radius_b) for one in clusters]
-    if len(bodies) == 1:
-        bodies *= particles
-    return beads_of(bodies, rng.standard_normal((particles, 2 if dimension == 2 else 4)))
+    clusters = drawn_clusters(shapes, particles, dimension, rng)
+    found = {key: body_of(one.position_bd, one.radius_b) for key, one in {id(one): one for one in clusters}.items()}
+    return beads_of([found[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
 
 
 def fill_box(
@@ -405,7 +404,7 @@ def fill_box(
     particles: int,
     *,
     packing_fraction: float,
-    sizes: Sizes | None = None,
+    sizes: SizeDistribution | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     density: float | None = None,

@@ -14,7 +14,7 @@ from packmech.contacts.shape_contacts import bead_positions
 from packmech.honors import honors
 from packmech.links import image_offsets
 from packmech.packing import Packing
-from packmech.shapes import Beads
+from packmech.shapes import Beads, Discs
 
 # components of places smaller than this, relative to the body's radius, have no sign
 _NO_SIDE = 1e-6
@@ -117,14 +117,12 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
 
     """
     instance("packing", packing, Packing)
-    if packing.shapes is not None:
+    if not isinstance(packing.bodies, Discs):
         raise ValueError(f"packing must be one of discs or spheres, got {type(packing.shapes).__name__}")
-    position, links = packing.position_nd, packing.links
-    if links is not None:
-        offset, _ = image_offsets(links, packing.particles)
-        position = position + offset @ packing.box.lattice_dd.T
+    links = packing.rigid_links
+    position = packing.position_nd + image_offsets(links, packing.particles)[0] @ packing.box.lattice_dd.T
     if body_n is None:
-        if links is None:
+        if not len(links):
             raise ValueError("body_n must be given for a packing without links, got None")
         cluster = links.clusters(packing.particles)
         body = np.unique(cluster, return_inverse=True)[1]

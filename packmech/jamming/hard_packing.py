@@ -15,7 +15,7 @@ others are apart, all forces push, and forces balance.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -414,7 +414,8 @@ _CORRECTIONS = 8
 # rattlers may be shoved aside this often, by overlaps up to this [mean diameter]
 _SHOVES, _SHOVE = 50, 1e-6
 _DENSE_UNKNOWNS = 60
-_KICK = 1e-3
+# size of a kick off a saddle [radius], how many there are, and the barriers at which packings are certified
+_KICK, _KICKS, _BARRIERS = 1e-3, 3, (1e-12, 1e-13, 1e-14)
 
 
 @dataclass(frozen=True, eq=False)
@@ -586,6 +587,52 @@ def certify(
         if hard is not None:
             return hard, ""
     return None, reason
+
+
+def search_hard(
+    state: HardState,
+    radius_n: NDArray[np.float64],
+    basis_kdd: NDArray[np.float64],
+    iteration_limit: int,
+    *,
+    approach: Callable[[HardState, float], HardState] | None = None,
+    accept: Callable[[HardState], HardPacking | None] | None = None,
+) -> tuple[HardPacking | None, int]:
+    """Return the hard packing that a search from a state ends in, or None, and the number of iterations.
+
+    Where no packing can be certified the barrier is lowered further; a packing at a saddle is kicked off it.
+
+    Parameters
+    ----------
+    state, radius_n, basis_kdd, iteration_limit
+        As in `densify`.
+    approach
+        Returns the state at a barrier; None: `densify`.
+    accept
+        Returns the packing that a state has come close to, or None; None: `certify`.
+
+    """
+    rung = kicks = 0
+    began = state.iterations
+    while True:
+        if approach is None:
+            state = densify(state, radius_n, basis_kdd, barrier=_BARRIERS[rung], iteration_limit=iteration_limit)
+        else:
+            state = approach(state, _BARRIERS[rung])
+        hard = certify(state, radius_n, basis_kdd)[0] if accept is None else accept(state)
+        if hard is not None and not hard.floppy_modes:
+            return hard, state.iterations - began
+        if state.iterations >= iteration_limit:
+            return None, state.iterations - began
+        if hard is not None and kicks < _KICKS:
+            kicks, rung = kicks + 1, 0
+            near, used = kicked(hard.packing, basis_kdd, kicks), state.iterations
+            load = float(near.particles * near.dimension)
+            state = replace(start_state(near.position_nd, near.box.lattice_dd, radius_n, load), iterations=used)
+        elif hard is None and rung < len(_BARRIERS) - 1:
+            rung += 1
+        else:
+            return None, state.iterations - began
 
 
 def _room_for_rattlers(packing: Packing, state: HardState, live_n: NDArray[np.bool_]) -> Packing:

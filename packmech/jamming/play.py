@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import BoxStrain, finite_array, function, instance, integer, one_of, positive
-from packmech.constraints.jacobian import link_pairs
+from packmech.constraints.factor import link_pairs
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import distance_rows

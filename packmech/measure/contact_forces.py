@@ -27,6 +27,7 @@ from packmech.effects import (
 from packmech.effects.single import SingleTerms
 from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
+from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded
 from packmech.measure.friction import friction_of, sum_both, tangential_forces
 from packmech.measure.walls import rattlers_of_scene
 from packmech.scene import Scene
@@ -49,6 +50,8 @@ class ContactForces:
         (C,) normal forces, positive for repulsion [force].
     tangential_cd
         (C, d) tangential forces on particle i [force].
+    bonded
+        Bonds, which act between centers; None without.
 
     """
 
@@ -56,6 +59,7 @@ class ContactForces:
     contacts: Contacts | ShapeContacts
     normal_c: NDArray[np.float64]
     tangential_cd: NDArray[np.float64]
+    bonded: BondedPairs | None = None
 
     @functools.cached_property
     def limit(self) -> CoulombLimit:
@@ -88,7 +92,8 @@ class ContactForces:
         What rigid links add to them is not counted.
         """
         force = self.force_cd
-        return self._free(sum_both(self.contacts, force, -force) + self._pushes.force_nd)
+        net = sum_both(self.contacts, force, -force) + self._pushes.force_nd
+        return self._free(net if self.bonded is None else net + self.bonded.forces())
 
     @functools.cached_property
     def torque_nk(self) -> NDArray[np.float64]:
@@ -137,8 +142,10 @@ class ContactForces:
         """Mean force of contacts, and of pushes on single particles that are free [force]; 0 where nothing acts."""
         held = held_particles(self.scene.effects, self.scene.packing.particles)
         push, pushes = total_push(self._pushes.terms, held)
-        count = len(self.contacts) + pushes
-        return (float(np.abs(self.normal_c).sum()) + push) / count if count else 0.0
+        size, count = float(np.abs(self.normal_c).sum()) + push, len(self.contacts) + pushes
+        if self.bonded is not None:
+            size, count = size + float(np.abs(self.bonded.terms.first_c).sum()), count + len(self.bonded.pairs)
+        return size / count if count else 0.0
 
     @functools.cached_property
     def residual(self) -> float:
@@ -167,8 +174,11 @@ class ContactForces:
 
     @property
     def contact_stress_dd(self) -> NDArray[np.float64]:
-        """The (d, d) stress that contacts bear [energy/length^d], tension positive, row = force component."""
-        return np.asarray(self.force_cd.T @ self.contacts.vector_cd) / self.scene.packing.box.volume
+        """The (d, d) stress that contacts and bonds bear [energy/length^d], tension positive, row = force component."""
+        virial = np.asarray(self.force_cd.T @ self.contacts.vector_cd)
+        if self.bonded is not None:
+            virial = virial + self.bonded.virial()
+        return virial / self.scene.packing.box.volume
 
     @property
     def link_stress_dd(self) -> NDArray[np.float64]:
@@ -331,11 +341,12 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     instance("scene", scene, Scene)
     if scene.packing.shapes is not None:
         refuse_unknown_to_shapes(scene)
-    contacts = touching_pairs(scene.packing, second=second)
+    contacts = unbonded(touching_pairs(scene.packing, second=second), scene.effects)
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
     # 0 - u', so that a contact without a force has 0 and not -0
     normal = 0.0 - terms.first_c * contacts.push_c
-    return ContactForces(scene, contacts, normal, tangential_forces(scene, contacts, normal).force_cd)
+    across = tangential_forces(scene, contacts, normal).force_cd
+    return ContactForces(scene, contacts, normal, across, bonded_pairs(scene.effects, scene.packing))
 
 
 class SinglePush(NamedTuple):
@@ -393,7 +404,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction bonds gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 

@@ -36,14 +36,15 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
-    Equation 19 of the polymer source, with 1/w instead of its double sum. Friction adds that of the tangential springs
+    Equation 19 of the polymer source, with 1/w instead of its double sum. Bonds add that of their normal springs;
+    their tangential springs are slack at the start of a scene. Friction adds that of the tangential springs
     as they are stretched; gravity and walls theirs, with particles at their places in the cell. Ellipses and spheroids
     have the law's energy at s (r_i + r_j), s the scale at which a pair touches, and rigid bodies that of
     each bead. On a wall every particle has half the energy of itself and its mirror image (`Walls`).
@@ -66,11 +67,13 @@ def energy(scene: Scene) -> float:
     pairs, terms = found.contacts, single_push(scene).terms
     springs = tangential_forces(scene, pairs, found.normal_c).energy_c
     whole = float(np.add.reduce(contact_terms(scene.effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
+    if found.bonded is not None:
+        whole += float(np.add.reduce(found.bonded.terms.energy_c))
     return whole + float(np.add.reduce(springs)) + float(np.add.reduce(terms.energy_n))
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -98,7 +101,7 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -146,7 +149,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -175,7 +178,7 @@ def pressure(scene: Scene, *, parts: str = "total") -> float:
     return (0.0 - float(np.trace(stress_tensor(scene, parts=parts)))) / scene.packing.dimension
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction bonds gravity walls held links", at_rest=True, link_tolerance=STRAINED)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 

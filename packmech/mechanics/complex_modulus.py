@@ -33,8 +33,6 @@ from packmech.effects import (
     Bonds,
     Friction,
     is_bound,
-    law_first,
-    law_second,
     pair_first,
     refuse_tangential_bonds,
     refuse_unknown_to_shapes,
@@ -44,7 +42,7 @@ from packmech.effects import (
 from packmech.effects.single import places_in_cell
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.links import named_rows
+from packmech.measure.bonds import BondedPairs, bonded_pairs, bonds_of, unbonded
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.frictional import acting_friction
@@ -200,12 +198,10 @@ class _Pairs(NamedTuple):
         return tangential_elements(self.pairs, packing.radius_n, first_c, second_c, tangential_cd, stiffness)[0]
 
 
-def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
+def _touching(scene: Scene) -> _Pairs:
     """Return the contacts of a scene that are not bonded."""
     found = touching_pairs(scene.packing, None, second=True)
-    if bonds is not None:
-        named = (found.i_c, found.j_c, found.image_cd)
-        found = found.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0)
+    found = unbonded(found, scene.effects)
     terms, friction = closed_terms(scene, found), acting_friction(scene)
     acting, sigma = [one for one in scene.effects if not is_bound(one)], found.contact_distance_c
     damping = [
@@ -222,18 +218,13 @@ def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
     )  # fmt: skip
 
 
-def _bonded(packing: Packing, bonds: Bonds) -> _Pairs:
+def _bonded(bonds: Bonds, found: BondedPairs) -> _Pairs:
     """Return the bonds of a packing, whose tangential springs are slack at rest."""
-    vector = packing.position_nd[bonds.j_b] - packing.position_nd[bonds.i_b]
-    vector += bonds.image_bd @ packing.box.lattice_dd.T
-    distance, rest = np.sqrt((vector**2).sum(axis=1)), bonds.rest_length_b
-    normal, size = vector / np.where(distance > 0.0, distance, 1.0)[:, None], (packing.particles, packing.dimension)
-    pairs = Contacts(bonds.i_b, bonds.j_b, bonds.image_bd, normal, distance, rest, *size)
-    laws = [(bonds.compression if r < s else bonds.tension, r, s) for r, s in zip(distance, rest, strict=True)]
-    first = np.array([law_first(*one) for one in laws], dtype=float)
-    second = np.array([law_second(*one) for one in laws], dtype=float)
-    damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(vector)
-    return _Pairs(pairs, first, second, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping)
+    pairs, terms = found
+    damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(pairs.normal_cd)
+    return _Pairs(
+        pairs, terms.first_c, terms.second_c, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping
+    )
 
 
 @honors(
@@ -298,9 +289,9 @@ def complex_modulus(
     if packing.shapes is not None:
         refuse_unknown_to_shapes(scene)
         refuse_tangential_bonds(scene.effects, packing.shapes)
-    bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
-    touching = _touching(scene, bonds)
-    found = [touching] if bonds is None else [touching, _bonded(packing, bonds)]
+    bonds = bonds_of(scene.effects)
+    touching, bonded = _touching(scene), bonded_pairs(scene.effects, packing)
+    found = [touching] if bonds is None or bonded is None else [touching, _bonded(bonds, bonded)]
     if not any(len(one.pairs) for one in found):
         raise ValueError("scene must have contacts or bonds, got none")
     # bonds of other shapes than discs and spheres turn none

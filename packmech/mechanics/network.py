@@ -17,9 +17,10 @@ from packmech.contacts import Contacts
 from packmech.contacts.rattlers import rattlers_of, rattling_bodies
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.contacts.shape_rattlers import shape_rattlers
-from packmech.effects import Walls, acts_on_single, held_particles, single_effects, wall_sides
+from packmech.effects import ContactTerms, Walls, acts_on_single, held_particles, single_effects, wall_sides
 from packmech.jit.compiled import kernel
 from packmech.links import image_offsets
+from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded, with_bonds_as_links
 from packmech.measure.walls import rattlers_of_scene
 from packmech.packing import Packing
 
@@ -48,6 +49,8 @@ class Network:
         Which of these can move: not those of particles that are held.
     anchored
         Whether walls, held particles or potentials keep the packing at its place.
+    bonded
+        Bonds among the kept particles; None without.
 
     """
 
@@ -59,6 +62,7 @@ class Network:
     there_nq: NDArray[np.bool_]
     free_nq: NDArray[np.bool_]
     anchored: bool
+    bonded: BondedPairs | None = None
 
     @functools.cached_property
     def packing(self) -> Packing:
@@ -94,7 +98,8 @@ class Network:
         """The coordinates that can move once the best connected particle stays: no translation is left."""
         pinned = self.free_nq.copy()
         if len(pinned) and not self.anchored:
-            pinned[int(np.argmax(self.contacts.count_n())), : self.dimension] = False
+            pairs = self.contacts.count_n() + (0 if self.bonded is None else self.bonded.pairs.count_n())
+            pinned[int(np.argmax(pairs)), : self.dimension] = False
         return pinned.ravel()
 
 
@@ -108,7 +113,8 @@ def contact_network(
 ) -> Network:
     """Return the contacts within the gap tolerance, without those of rattlers unless these are to be kept.
 
-    Linked particles go together: a cluster is taken out if it can be moved as a whole. One that can only turn stays,
+    What links and bonds join goes together: a cluster is taken out if it can be moved as a whole. One that can only
+    turn stays,
     and so do its ends: they are zero modes that carry no strain. Walls and held particles hold others as contacts do,
     and what has a weight, or feels another potential, rattles only where it touches nothing.
 
@@ -137,10 +143,10 @@ def contact_network(
 
     """
     one_of("rattlers", rattlers, RATTLERS)
-    contacts = touching_pairs(packing, gap_tolerance, second=second)
+    contacts = unbonded(touching_pairs(packing, gap_tolerance, second=second), effects)
     kept = np.ones(packing.particles, dtype=bool)
     if rattlers == "remove":
-        kept = ~_rattling(packing, contacts, effects)
+        kept = ~_rattling(with_bonds_as_links(packing, effects), contacts, effects)
     return network_among(packing, contacts, kept, effects)
 
 
@@ -179,7 +185,12 @@ def network_among(
     if not whole:
         contacts = _among(left, contacts, kept_n)
     links = ConstraintFactor(left if len(index) else packing.replace(links=None))
-    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects))
+    bonded = bonded_pairs(effects, packing)
+    if bonded is not None and not whole:
+        keep = kept_n[bonded.pairs.i_c] & kept_n[bonded.pairs.j_c]
+        terms = ContactTerms(*(one[keep] for one in bonded.terms))
+        bonded = BondedPairs(_among(left, bonded.pairs, kept_n), terms)
+    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects), bonded)
 
 
 def _among(left: Packing, contacts: Contacts | ShapeContacts, kept_n: NDArray[np.bool_]) -> Any:
@@ -198,7 +209,7 @@ def _rattling(packing: Packing, contacts: Contacts | ShapeContacts, effects: tup
     if isinstance(contacts, ShapeContacts):
         walls = [one for _, _, _, one in wall_sides(effects, packing)]
         held = held_particles(effects, packing.particles)
-        if all(isinstance(one, Walls) for one in single_effects(effects)):
+        if packing.links is None and all(isinstance(one, Walls) for one in single_effects(effects)):
             return shape_rattlers(packing, contacts, walls, held)
         touching = contacts.count_n() > 0
         for one in walls:

@@ -30,6 +30,7 @@ from packmech.effects import (
     single_terms,
 )
 from packmech.linalg.mandel import mandel_basis, trace_vector
+from packmech.measure.bonds import refuse_tangential_springs
 from packmech.mechanics.assembly import Assembled, assemble, slopes_of
 from packmech.mechanics.network import Network, contact_network
 from packmech.packing import Packing
@@ -50,7 +51,7 @@ class System:
     terms
         Energies of the contacts and their derivatives, those that just touch taken from the closed side.
     elements
-        What is assembled: contacts, and links as bonds with a force and no stiffness.
+        What is assembled: contacts, bonds, and links as springs with a force and no stiffness.
     assembled
         Their sum, with what acts on single particles.
 
@@ -116,9 +117,26 @@ class System:
     @property
     def push(self) -> float:
         """The largest force of a contact under a unit strain."""
-        one, terms = self.network.contacts, self.terms
-        size = np.sqrt((one.slope_cx[:, : one.dimension] ** 2).sum(axis=1))
-        return float(((np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * size).max(initial=0.0))
+        largest = 0.0
+        for one, terms in self.springs:
+            size = np.sqrt((one.slope_cx[:, : one.dimension] ** 2).sum(axis=1))
+            push = (np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * size
+            largest = max(largest, float(push.max(initial=0.0)))
+        return largest
+
+    @property
+    def springs(self) -> list[tuple[Contacts | ShapeContacts, ContactTerms]]:
+        """Contacts and bonds with the derivatives of their energies."""
+        bonded = self.network.bonded
+        return [(self.network.contacts, self.terms), *([] if bonded is None else [(bonded.pairs, bonded.terms)])]
+
+    @property
+    def virial_of_springs(self) -> float:
+        """The sum of du/dr r over contacts and bonds, whatever the kind of second derivatives [energy]."""
+        found = 0.0
+        for one, terms in self.springs:
+            found += float(terms.first_c @ (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1))
+        return found
 
 
 def system_of(
@@ -175,6 +193,11 @@ def assembled_system(
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     elements = [elements_of(one, first, terms.second_c) if contacts is None else contacts]
+    if network.bonded is not None:
+        refuse_tangential_springs(scene.effects)
+        bonds, springs = network.bonded
+        pull = np.zeros_like(springs.first_c) if kind == "unstressed" else springs.first_c
+        elements.append(elements_of(bonds, pull, springs.second_c))
     if len(network.links) and (kind == "exact" or link_stiffness):
         tension = np.zeros(len(network.links))
         if kind == "exact":

@@ -10,7 +10,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.box import Box
 from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
@@ -54,38 +53,31 @@ def bodies_of(program: Program) -> kernels.Bodies:
     """Return the bodies of a program: clusters of linked rows, or single rows."""
     packing = program.scene.packing
     n, d = packing.particles, packing.dimension
-    links = program.row_links
+    links = program.space.links
     offset, rows = np.zeros((n, 3)), len(program.row)
     shapes = packing.shapes
     if packing.links is None or links is None:
         cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
         if shapes is not None:
             freedom += (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)[program.order_n]
-        i, j, image = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     else:
         cluster = packing.links.clusters(n)[program.order_n]
         _, offsets = row_links(packing.links, program.order_n, program.wrap_nd, program.change_dd)
         offset[:, :d] = offsets
         winding = image_offsets(packing.links, n)[1][program.order_n].copy()
-        freedom = d * np.bincount(cluster) - np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
-        i, j, image = links.i_l.copy(), links.j_l.copy(), np.zeros((len(links), 3))
-        image[:, :d] = links.image_ld
+        freedom = d * np.bincount(cluster) - np.bincount(cluster[links.system.i_r], minlength=int(cluster.max()) + 1)
     clusters = len(freedom)
     return kernels.Bodies(
         cluster_n=np.ascontiguousarray(cluster, dtype=np.int64),
         freedom_c=freedom.astype(np.int64),
         offset_nd=offset,
         winding_n=winding,
-        i_l=i,
-        j_l=j,
-        image_ld=image,
         volume=packing_fraction(packing) * packing.box.volume,
         last_nd=np.zeros((rows, 3)),
         last_dd=np.zeros((3, 3)),
         center_cd=np.zeros((clusters, 3)),
         contacts_c=np.zeros(clusters, dtype=np.int64),
         rattler_c=np.zeros(clusters, dtype=np.bool_),
-        shapes=None if shapes is None else shapes_of(program.effects),
     )
 
 
@@ -190,8 +182,6 @@ class QuenchBatch:
             raise TypeError(f"method must be Fire(), Fire2() or DampedDynamics(), got {method!r}")
         self._programs: list[Program] = []
         program = build_program(scene)
-        # what the shapes are is each packing's own
-        self._effects = program.effects if scene.packing.shapes is None else program.effects[:-1]
         self._axes = program.axes
         begun, goal = method.start(program), Goal(self.force_tolerance, floor)
         self._start_k, self._vectors = begun.number.copy(), begun.vector_kf
@@ -319,7 +309,7 @@ class QuenchBatch:
 
         """
         program = self._programs[self._index(index)]
-        self._update_box(program)
+        program.box = program.strained_box()
         return program.packing()
 
     def outcome(self, index: int) -> Outcome:
@@ -419,8 +409,8 @@ class QuenchBatch:
         """Put a program at its place, with the minimizer's state as it is, or as it starts."""
         number = self._start_k.copy() if number_k is None else number_k
         packing = (
-            program.row, program.force_nd, program.velocity_nd, program.space, program.pairs, bodies_of(program),
-            number, self._vectors.copy(),
+            program.effects, program.row, program.force_nd, program.velocity_nd, program.space, program.pairs,
+            bodies_of(program), number, self._vectors.copy(),
         )  # fmt: skip
         if self._packings is None:
             self._packings = kernels.new_list(packing)
@@ -443,7 +433,7 @@ class QuenchBatch:
         def work() -> None:
             while (low := next(lows)) < count:
                 kernels.advance_packings(
-                    self._packings, index_k, low, min(low + size, count), self._effects, self._axes, self._numbers,
+                    self._packings, index_k, low, min(low + size, count), self._axes, self._numbers,
                     settings, self._start_k, change_b, strain_b, self._figure_bk, self._stress_bdd,
                 )  # fmt: skip
 
@@ -473,12 +463,6 @@ class QuenchBatch:
             self._pool = ThreadPoolExecutor(self.threads - 1)
             weakref.finalize(self, self._pool.shutdown, wait=False)
         return self._pool
-
-    def _update_box(self, program: Program) -> None:
-        """Set the program's box to the one that the compiled loops strained."""
-        d = len(self._axes)
-        back = np.rint(np.linalg.inv(program.change_dd))
-        program.box = Box(program.space.frame.lattice_dd[:d, :d] @ back)
 
     def _wrap(self, b: int) -> None:
         """Choose short lattice vectors and wrap the particles into their cell; velocities and the minimizer go on."""

@@ -15,11 +15,14 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
+from packmech.contacts import find_contacts
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import pair_energy
 from packmech.effects.pair import pair_elastic
-from packmech.links import Links
 from packmech.loop.run_loop import RunLoop, RunSettings
+from packmech.measure.bonds import bonds_of, unbonded
+from packmech.measure.stress import stress_tensor
+from packmech.minimize.passes.bond_rows import bonds_of_rows
 from packmech.minimize.passes.kernels import (
     CONVERGED,
     FLOOR,
@@ -149,8 +152,6 @@ class Program:
         Whether the energy of two particles grows beyond measure as their centers meet.
     bearable_overlap
         Overlap [1] above which the scene's own law must not be the one to part the particles; 1 where it always may.
-    row_links
-        The links between rows, if there are any.
     build_seconds
         CPU seconds spent on building.
 
@@ -171,7 +172,6 @@ class Program:
     pairs: PairList
     diverges: bool
     bearable_overlap: float
-    row_links: Links | None = None
     build_seconds: float = 0.0
 
     @property
@@ -242,9 +242,13 @@ class Program:
         if rows > n:
             self.row[n:, :d] = coordinate[n:][self.order_n]
         self.velocity_nd[:] = 0.0
+        self._resolve()
+        strain_list(self.pairs, affine, 4.0 * float(self.sizes.largest_a.max()))
+
+    def _resolve(self) -> None:
+        d = len(self.axes)
         extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
         self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
-        strain_list(self.pairs, affine, 4.0 * float(self.sizes.largest_a.max()))
 
     def _set_box(self, box: Box) -> None:
         self.box = box
@@ -261,19 +265,19 @@ class Program:
         """Compile the links again, for the lattice vectors that the loops use."""
         packing = self.scene.packing
         if packing.links is not None:
-            self.row_links, links = compile_links(
-                packing, workable_links(packing), self.order_n, self.wrap_nd, self.change_dd
-            )
+            _, links = compile_links(packing, workable_links(packing), self.order_n, self.wrap_nd, self.change_dd)
             self.space = self.space._replace(links=links)
 
-    def _link_virial(self) -> NDArray[np.float64]:
-        """Return the links' part of V times the stress, at the last evaluation."""
-        links, d = self.space.links, len(self.axes)
-        if links is None or self.row_links is None:
-            return np.zeros((d, d))
-        vector = self.row_links.vectors(self.row[:, :d], self.space.frame.lattice_dd[:d, :d])
-        distance = np.sqrt((vector**2).sum(axis=1))
-        return np.asarray(np.einsum("l,la,lb->ab", links.multiplier_l / distance, vector, vector))
+    def strained_box(self) -> Box:
+        """Return the box as compiled loops strained it."""
+        d = len(self.axes)
+        back = np.rint(np.linalg.inv(self.change_dd))
+        return Box(self.space.frame.lattice_dd[:d, :d] @ back)
+
+    def keep_strained(self) -> None:
+        """Take over the box as compiled loops strained it and the rows."""
+        self._set_box(self.strained_box())
+        self._resolve()
 
     def coordinates(self) -> NDArray[np.float64]:
         """Return the (R, d) positions, and turns below them, in the order of the scene's packing [length]."""
@@ -308,15 +312,18 @@ class Program:
         force = np.empty((len(self.row), d))
         force[self.order_r] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
-        if self.row_links is not None:
-            stress += self._link_virial() / self.box.volume
+        contacts = int(totals.contacts)
+        if bonds_of(self.scene.effects) is not None:
+            # pair lists hold bonded pairs, which are no contacts
+            here = self.scene.replace(packing=self.packing())
+            stress, contacts = stress_tensor(here), len(unbonded(find_contacts(here.packing), here.effects))
         mean = sums.total / sums.touching if sums.touching else 0.0
         largest = math.sqrt(sums.largest)
         return Evaluation(
             energy=float(totals.energy),
             pressure=(0.0 - float(np.trace(stress))) / d,
             stress_dd=stress,
-            contacts=int(totals.contacts),
+            contacts=contacts,
             max_force=largest,
             mean_force=mean,
             residual=largest / mean if mean > 0 else 0.0,
@@ -588,7 +595,7 @@ def build_program(scene: Scene) -> Program:
     else:
         # what acts on single particles sees those in the cell
         wrap = np.floor(fraction)
-        effects = (*effects, *single)
+    effects = (*effects, *bonds_of_rows(scene, order, wrap), *single)
     shapes = packing.shapes
     rows = packing.particles * (1 if shapes is None else 2)
     effects = (*effects, *shape_rows(packing, order))

@@ -19,10 +19,9 @@ from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
-from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
 from packmech.protocols.pressure_path import follow_jammed
-from packmech.protocols.protocol import Protocol, finish, is_jammed, pairs_of, report_start, sequence
+from packmech.protocols.protocol import Protocol, check_jammed, finish, is_jammed, pairs_of, report_start, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
@@ -147,10 +146,7 @@ def anneal_shape(
         )
     elif seed is not None or rng is not None:
         raise ValueError("seed and rng must be left out for particles that have directors")
-    if not is_jammed(scene):
-        raise ValueError(
-            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
-        )
+    check_jammed(scene)
     runs: list[Run] = []
     ends = time.process_time() + settings.time_limit
     asked: dict[str, Any] = dict(
@@ -277,10 +273,7 @@ def tap(
     positive("pressure", pressure)
     positive("force_tolerance", force_tolerance)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
-    if not is_jammed(scene):
-        raise ValueError(
-            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
-        )
+    check_jammed(scene)
     runs: list[Run] = []
     ends = time.process_time() + settings.time_limit
     asked: dict[str, Any] = dict(pressure=pressure, strain=strain, force_tolerance=force_tolerance, method="tap")
@@ -318,7 +311,7 @@ def _jammed_again(
     """
     began = time.process_time()
     loop = RunLoop(dataclasses.replace(settings, time_limit=max(ends - began, 1e-9)))
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, force_tolerance, loop)
+    protocol = Protocol(scene, strain, force_tolerance, loop)
     protocol.continues = True
 
     def work() -> Outcome:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +15,8 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.second_order.soft_network import isochoric_part
 from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, judge, newton
 from packmech.packing import Packing, no_own_images
+from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.hard_vertex import find_hard_packing
-from packmech.protocols.jam import free_strains
 from packmech.protocols.linked_jam import find_onset
 from packmech.protocols.pressure_path import PressurePath, stays_on_branch
 from packmech.protocols.protocol import (
@@ -30,8 +32,10 @@ from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
-# first distance above the onset, and the largest ratio of successive ones
-_FIRST, _FACTOR, _MINIMUM_FACTOR = 1e-7, 2.0, 1.05
+# first distance above the onset
+_FIRST = 1e-7
+# steps in the logarithm of the distance
+_LENGTHS = StepLengths(math.log(2.0), math.log(2.0), growth=2.0, shortest=math.log(1.05))
 
 
 @honors("repulsion links shapes", at_rest=True)
@@ -112,7 +116,7 @@ def compress(
     tolerance = positive("force_tolerance", force_tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    protocol = Protocol(scene, strain, tolerance, loop)
     return follow_series(protocol, goals, _Ascent(protocol, float(goals[0]), limit).climb, "compress", pressures=False)
 
 
@@ -133,8 +137,9 @@ class _Ascent:
         self.tolerance = protocol.force_tolerance
         self.shears = isochoric_part(protocol.basis_kdd, protocol.scene.packing.dimension)
         self.place: _Onset | None = None
-        self.rearrangements = 0
-        self.iterations = 0
+        self.rearrangements = self.iterations = 0
+        # what was reached last, in balance or not
+        self.tried: SoftState
 
     def climb(self, goal: float) -> Outcome:
         """Go on to the distance; return how that ended."""
@@ -177,26 +182,27 @@ class _Ascent:
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""
-        factor = _FACTOR
-        state: SoftState | None = None
-        while state is None or depth < goal:
-            further = min(goal, depth * factor)
-            denser = at_packing_fraction(packing, onset + further)
-            trial = newton(denser, self.protocol.units, self.shears, None, iterations=25)
+        end, least = math.log(goal), max(self.tolerance, 1e-7)
+
+        def denser(packing: Packing, place: float) -> Packing:
+            return at_packing_fraction(packing, onset + (goal if place == end else math.exp(place)))
+
+        def reach(packing: Packing, place: float, further: float) -> Step[Packing, str] | None:
+            trial = newton(denser(packing, further), self.protocol.units, self.shears, None, iterations=25)
             self.iterations += trial.iterations
-            if not (
-                trial.sound(max(self.tolerance, 1e-7)) and stays_on_branch(self.protocol, (packing, trial.packing))
-            ):
-                if factor > _MINIMUM_FACTOR:
-                    factor = factor**0.5
-                    continue
-                self.rearrangements += 1
-                trial = self._rearranged(denser)
-                if not trial.sound(max(self.tolerance, 1e-7)):
-                    return trial
-            state, packing, depth = trial, trial.packing, further
-            factor = min(_FACTOR, factor**2)
-        return state
+            if not (trial.sound(least) and stays_on_branch(self.protocol, (packing, trial.packing))):
+                return None
+            self.tried = trial
+            return Step(trial.packing, further)
+
+        def rearrange(packing: Packing, place: float, further: float) -> Step[Packing, str] | None:
+            self.rearrangements += 1
+            self.tried = self._rearranged(denser(packing, further))
+            return Step(self.tried.packing, further, "rearranged") if self.tried.sound(least) else None
+
+        for _ in follow(reach, packing, math.log(depth), end, replace(_LENGTHS), rearrange):
+            pass
+        return self.tried
 
     def _rearranged(self, packing: Packing) -> SoftState:
         """Return the packing at this volume that Newton's method reaches going down."""

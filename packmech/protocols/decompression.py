@@ -12,8 +12,9 @@ from packmech.measure.counting import packing_fraction
 from packmech.mechanics.stability import stability
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, press
+from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, jam_hard, press
 from packmech.protocols.linked_jam import decompress_linked
+from packmech.protocols.method import JamMethod
 from packmech.protocols.pressure_path import PressurePath, follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.result import Outcome
@@ -22,7 +23,7 @@ _START = {2: 0.90, 3: 0.70}
 
 
 @dataclass(frozen=True)
-class Decompression:
+class Decompression(JamMethod):
     """Quench at a packing fraction well above jamming, then decompress in steps that divide the pressure.
 
     Every step relaxes by FIRE and extrapolates the pressure to the next target by the last slope. The last two
@@ -51,6 +52,8 @@ class Decompression:
 
     """
 
+    honors = {"isotropic": "links shapes", "free": "links shapes"}
+
     start_packing_fraction: float | None = None
     stop_pressure: float = 1e-4
     factor: float = 0.15
@@ -73,18 +76,15 @@ class Decompression:
                 return follow_jammed(protocol, pressure)
             protocol.continues = False
             return decompress_linked(protocol, start, pressure, self.quench_tolerance, self.quench_steps)
-        if protocol.continues:
-            return follow_jammed(
-                protocol, pressure, lambda near: find_hard_packing(protocol, near, self.iteration_limit)
-            )
         start = protocol.start_fraction(start, _START)
-        packing = decompress(
-            protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps
-        )  # fmt: skip
-        hard = find_hard_packing(protocol, packing, self.iteration_limit)
-        if hard is None:
-            return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, hard, pressure)
+        return jam_hard(
+            protocol,
+            pressure,
+            lambda: decompress(
+                protocol, start, self.stop_pressure, self.factor, self.quench_tolerance, self.quench_steps
+            ),
+            lambda near: find_hard_packing(protocol, near, self.iteration_limit),
+        )
 
 
 _HARD_ITERATIONS = 2000
@@ -92,7 +92,7 @@ _HALVING_START = {2: 0.84, 3: 0.64}
 
 
 @dataclass(frozen=True)
-class StepHalving:
+class StepHalving(JamMethod):
     """Compress or expand by small steps in packing fraction, relax, halve the step whenever the side changes.
 
     With every strain free, the exact hard packing near the result is found with the box among the unknowns, and
@@ -116,6 +116,9 @@ class StepHalving:
         Maximum number of compression steps.
 
     """
+
+    honors = {"isotropic": "links shapes", "free": ""}
+    ends_at = "an energy"
 
     start_packing_fraction: float | None = None
     increment: float = 1e-4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import typing
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,8 @@ import numpy as np
 from packmech.minimize.minimizers import registered_minimizers
 from packmech.minimize.quench import quench
 from packmech.protocols.cement import AVERAGES, MODULI, cement
-from packmech.protocols.jam import JamMethod, jam
+from packmech.protocols.jam import jam
+from packmech.protocols.method import registered_methods
 from packmech.protocols.shearing.shear_stabilize import shear_stabilize
 from packmech.result import Run
 from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
@@ -81,6 +81,6 @@ def _cement(drive: CementDrive, scene: Scene, *, progress: Progress | None) -> R
 
 
 QUENCH = DriveCode(_quench, {"method": registered_minimizers})
-JAM = DriveCode(_jam, {"method": lambda: typing.get_args(JamMethod), "minimizer": registered_minimizers})
+JAM = DriveCode(_jam, {"method": registered_methods, "minimizer": registered_minimizers})
 SHEAR_STABILIZE = DriveCode(_shear_stabilize)
 CEMENT = DriveCode(_cement)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
-from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, kicked, start_state
+from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, search_hard, start_state
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.second_order.soft_newton import judge
 from packmech.packing import Packing
+from packmech.protocols.method import JamMethod
 from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.protocols.soft import follow_pressure, search_pressure
@@ -23,9 +24,6 @@ from packmech.result import Outcome
 _ONSET, _ONSETS = 0.03, (0.001, 0.2)
 # dense enough that a quench ends jammed, and not much denser than the packing that is looked for
 START = {2: 0.87, 3: 0.68}
-_BARRIERS = (1e-12, 1e-13, 1e-14)
-# how often a packing found at a saddle is kicked off it
-_KICKS = 3
 
 
 def check_quench(start: float | None, tolerance: float, steps: int, *, minimum_steps: int = 1) -> None:
@@ -93,7 +91,7 @@ def decompress(
 
 
 @dataclass(frozen=True)
-class HardVertex:
+class HardVertex(JamMethod):
     """Quench at a packing fraction, then find the exact hard packing nearby, then press it to the pressure asked for.
 
     FIRE stops early, at rough balance: what it is slow at (soft modes, contacts that flicker, rattlers) is left to an
@@ -132,16 +130,41 @@ class HardVertex:
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
-        if protocol.continues:
-            return follow_jammed(
-                protocol, pressure, lambda near: find_hard_packing(protocol, near, self.iteration_limit)
-            )
         start = protocol.start_fraction(self.start_packing_fraction, START)
-        packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
-        hard = find_hard_packing(protocol, packing, self.iteration_limit)
-        if hard is None:
-            return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, hard, pressure)
+        return jam_hard(
+            protocol,
+            pressure,
+            lambda: decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps),
+            lambda near: find_hard_packing(protocol, near, self.iteration_limit),
+        )
+
+
+def jam_hard(
+    protocol: Protocol,
+    pressure: float,
+    begin: Callable[[], Packing],
+    search: Callable[[Packing], HardPacking | None],
+) -> tuple[Packing, Outcome]:
+    """Return the packing at the pressure, by way of the exact hard packing or followed where it is jammed already.
+
+    Parameters
+    ----------
+    protocol
+        The protocol.
+    pressure
+        Pressure to reach [energy_scale / diameter^d].
+    begin
+        Returns the packing that is not jammed as it stands, relaxed near jamming.
+    search
+        Returns the exact hard packing near a packing, in reduced units, or None.
+
+    """
+    if protocol.continues:
+        return follow_jammed(protocol, pressure, search)
+    hard = search(begin())
+    if hard is None:
+        return protocol.last, Outcome.NOT_JAMMED
+    return press(protocol, hard, pressure)
 
 
 def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int) -> HardPacking | None:
@@ -167,31 +190,20 @@ def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int
         if now.iterations % 10 == 0:
             protocol.loop.report("hard packing", iteration=now.iterations, barrier=now.barrier, overlap=now.violation)
 
-    rung = kicks = 0
-    while True:
+    def approach(before: HardState, barrier: float) -> HardState:
         with protocol.stage("hard packing") as figures:
-            before = state.iterations
             state = densify(
-                state, reduced.radius_n, basis, barrier=_BARRIERS[rung], iteration_limit=iteration_limit, watch=watch
+                before, reduced.radius_n, basis, barrier=barrier, iteration_limit=iteration_limit, watch=watch
             )
-            figures.residual, figures.steps = state.barrier, state.iterations - before
+            figures.residual, figures.steps = state.barrier, state.iterations - before.iterations
             figures.note = f"interior point, {figures.steps} factorizations; residual is the barrier"
             protocol.last = protocol.restored(Packing(state.position_nd, reduced.radius_n, Box(state.lattice_dd)))
-        hard = certified(protocol, state, reduced.radius_n)
-        if hard is not None and not hard.floppy_modes:
-            return hard
-        if state.iterations >= iteration_limit:
-            return None
-        if hard is not None and kicks < _KICKS:
-            kicks, rung = kicks + 1, 0
-            reduced = kicked(hard.packing, basis, kicks)
-            used = state.iterations
-            state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
-            state = dataclasses.replace(state, iterations=used)
-        elif hard is None and rung < len(_BARRIERS) - 1:
-            rung += 1
-        else:
-            return None
+        return state
+
+    def accept(state: HardState) -> HardPacking | None:
+        return certified(protocol, state, reduced.radius_n)
+
+    return search_hard(state, reduced.radius_n, basis, iteration_limit, approach=approach, accept=accept)[0]
 
 
 def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64]) -> HardPacking | None:

@@ -3,50 +3,67 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from packmech.check import BoxStrain, instance, one_of, positive
-from packmech.honors import honors
+from packmech.honors import declare
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
-from packmech.measure.friction import friction_of
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
+from packmech.protocols.method import JamMethod, held_columns, registered_methods
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol, finish, finish_pressed, is_jammed, report_start
+from packmech.protocols.protocol import Protocol, is_jammed, report_start
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
-
-def free_strains(strain: BoxStrain, dimension: int) -> NDArray[np.float64]:
-    """Return the (k, d, d) strains that a jamming protocol may use: the isotropic one alone, or all.
-
-    Parameters
-    ----------
-    strain
-        "isotropic" keeps the shape of the box; "free" frees every strain.
-    dimension
-        Number of Cartesian axes.
-
-    """
-    if strain == "isotropic":
-        isotropic: NDArray[np.float64] = np.eye(dimension)[None] / np.sqrt(dimension)
-        return isotropic
-    return mandel_basis(dimension).copy()
+# what methods that ship honor; one of a user's may honor more
+_HONORED = declare(
+    "jam", "repulsion friction links shapes", at_rest=True
+)  # fmt: skip
+# the first of them that suits a scene is taken where none is named
+_DEFAULTS: tuple[JamMethod, ...] = (HardVertex(), Decompression(), Press())
 
 
 def check_method(method: Any) -> None:
     """Raise TypeError for what is no method of `jam`."""
     if not isinstance(method, JamMethod):
-        raise TypeError(f"method must be HardVertex, ProgramChain, StepHalving, Decompression or Press, got {method!r}")
+        *names, last = (one.__name__ for one in registered_methods())
+        raise TypeError(f"method must be {', '.join(names)} or {last}, got {method!r}")
 
 
-@honors("repulsion friction links shapes", at_rest=True)
+def _default_method(scene: Scene, strain: BoxStrain) -> JamMethod:
+    """Return the method for a scene that names none: the first of those that suit it."""
+    return next((method for method in _DEFAULTS if method.suits(scene, strain)), _DEFAULTS[0])
+
+
+def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
+    """Refuse a method that does not know the strain, or not what the scene holds.
+
+    Raises
+    ------
+    ValueError
+        Naming the methods that do.
+
+    """
+    if method.suits(scene, strain):
+        return
+    named = {"isotropic": " in a box of fixed shape", "free": " with free strains"}
+    suitable = []
+    for one in registered_methods():
+        known = [each for each in named if one.suits(scene, each)]
+        if known:
+            suitable.append(one.__name__ + ("" if len(known) == len(named) else named[known[0]]))
+    held, where, way = held_columns(scene), "", ""
+    if "friction" in held:
+        where, way = " for a scene with friction", ": leave friction out with scene.without(pm.Friction)"
+    elif held:
+        where = ", for a packing with links or shapes"
+    raise ValueError(f"method must be {', or '.join(suitable)}{where}, got {method!r}{way}")
+
+
 def jam(
     scene: Scene,
     *,
@@ -88,8 +105,8 @@ def jam(
         shape.
     method
         HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
-        where only it, Press and StepHalving with a fixed box know the way) or Press() (with friction the default, and
-        the only one); their parameters are those of the protocol.
+        where only it, Press and StepHalving with a fixed box know the way), Press() (with friction the default, and the
+        only one), or one of one's own (`JamMethod`); their parameters are those of the protocol.
     start
         "continue", or "fresh": a jammed packing is scaled to the start of the protocol, too. Where strains become free
         that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "fresh".
@@ -142,7 +159,6 @@ def jam(
 
     """
     instance("scene", scene, Scene)
-    asked = 1e-8 if pressure is None else positive("pressure", pressure)
     one_of("strain", strain, ("isotropic", "free"))
     one_of("start", start, ("continue", "fresh"))
     tolerance = positive("force_tolerance", force_tolerance)
@@ -151,45 +167,30 @@ def jam(
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
-    frictional = friction_of(scene) is not None
-    # what only protocols that go down from pressure to pressure know
-    linked = not scene.packing.plain
     if method is None:
-        method = Press() if frictional else Decompression() if linked else HardVertex()
+        method = _default_method(scene, strain)
     check_method(method)
-    if frictional and not isinstance(method, Press):
-        raise ValueError(
-            f"method must be Press for a scene with friction, got {method!r}: leave friction out with "
-            "scene.without(pm.Friction)"
-        )
-    if isinstance(method, StepHalving) and pressure is not None:
-        raise ValueError(f"pressure must be left out for StepHalving, which ends at an energy, got {pressure!r}")
-    if linked and not (
-        isinstance(method, Decompression | Press) or (isinstance(method, StepHalving) and strain == "isotropic")
-    ):
-        raise ValueError(
-            "method must be Decompression, Press, or StepHalving in a box of fixed shape, for a packing with links or "
-            f"shapes, got {method!r}"
-        )
+    honored = dict.fromkeys((*_HONORED.columns, *method.honors.get(strain, "").split()))
+    replace(_HONORED, columns=tuple(honored)).check("scene", scene)
+    _check_suits(method, scene, strain)
+    name, goal = type(method).__name__, 1e-8 if pressure is None else positive("pressure", pressure)
+    at_pressure = method.ends_at == "a pressure"
+    if not at_pressure and pressure is not None:
+        raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {pressure!r}")
     began = time.process_time()
-    aim = None if isinstance(method, StepHalving) else asked
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    protocol = Protocol(scene, strain, tolerance, loop)
 
     def work() -> Outcome:
-        given = getattr(method, "start_packing_fraction", None)
-        protocol.continues = start == "continue" and given is None and is_jammed(scene)
-        protocol.last, outcome = method.follow(protocol, asked)
+        protocol.continues = start == "continue" and not method.begins_afresh and is_jammed(scene)
+        protocol.last, outcome = method.follow(protocol, goal)
         return outcome
 
     def finished(outcome: Outcome) -> Run:
         report_start(protocol)
-        ended = (protocol, protocol.last, outcome, aim, type(method).__name__, began)
-        return finish_pressed(*ended, method.force_tolerance) if isinstance(method, Press) else finish(*ended)
+        return method.finish(protocol, outcome, goal if at_pressure else None, began)
 
     with single_thread():
         return loop.run(work, finished)
 
-
-JamMethod = HardVertex | ProgramChain | StepHalving | Decompression | Press
 
 __all__ = ["Decompression", "HardVertex", "JamMethod", "Press", "ProgramChain", "StepHalving"]

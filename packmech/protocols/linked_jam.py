@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
-
-import numpy as np
 
 from packmech.contacts.network import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
@@ -13,6 +13,7 @@ from packmech.measure.stress import pressure
 from packmech.minimize.bodies_apart import separate
 from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, judge
 from packmech.packing import Packing
+from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.pressure_path import PressurePath, onset_depth, report_onset
 from packmech.protocols.protocol import Protocol, at_packing_fraction, is_jammed
 from packmech.result import Outcome
@@ -103,7 +104,8 @@ _DENSER, _DENSEST, PRESSED = 1.03, 8.0, 1e-3
 _TOUCHING = 1e-6
 # ratio of successive pressures: at first, the boldest, the one from which on searches take turns with shorter steps,
 # and the one at which following is given up
-_FIRST, _BOLDEST, _SEARCHED, _TIMID = 0.3, 0.03, 0.8, 0.97
+_FIRST, _BOLDEST, _SEARCHED, _TIMID = (-math.log(ratio) for ratio in (0.3, 0.03, 0.8, 0.97))
+_LENGTHS = StepLengths(_FIRST, _BOLDEST, growth=1.5, shortest=_SEARCHED, least=2.0 * _TIMID)
 _FIRE_TOLERANCES = (1e-2, 1e-3, 1e-4)
 _FIRE_STEPS = 20_000
 # crystals of molecules lie in valleys whose walls are contacts that just touch: steps of Newton's method are no longer
@@ -241,52 +243,60 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
         Pressures [energy_scale / diameter^d].
 
     """
-    state, now, factor = None, start, _FIRST
     name = "decompression with links" if packing.links is not None else "decompression"
+    lengths = replace(_LENGTHS)
+    now, end, vain, taken, searched = start, math.log(goal), 0, 0, 0
+
+    def at(place: float) -> float:
+        return goal if place == end else math.exp(place)
+
     with protocol.stage(name) as figures:
-        taken = searched = vain = 0
-        state = _at(protocol, packing, now, name)
-        while state is not None and now > goal:
-            ahead = max(goal, now * factor)
-            trial = _descended(protocol, state.packing, ahead, name)
+
+        def reach(state: SoftState, place: float, further: float) -> Step[SoftState, str] | None:
+            nonlocal vain
+            trial = _descended(protocol, state.packing, at(further), name)
             figures.steps += trial.iterations
             figures.force_evaluations += trial.evaluations
-            if not trial.sound(protocol.force_tolerance):
-                if ahead < _SEARCHED * now and vain < _VAIN:
-                    # a shorter step costs a few factorizations, a search thousands of passes
-                    factor = float(np.sqrt(ahead / now))
-                    vain += trial.evaluations
-                    continue
-                found, evaluations = _searched(protocol, protocol.restored(state.packing), ahead, name)
-                figures.force_evaluations += evaluations
-                searched += 1
-                if found is None:
-                    vain += trial.evaluations + evaluations
-                    factor = float(np.sqrt(factor))
-                    if factor > _TIMID or searched >= _SEARCHES or vain >= _VAIN:
-                        break
-                    continue
-                trial = found
-            else:
-                factor = max(_BOLDEST, factor**1.5)
+            if trial.sound(protocol.force_tolerance):
+                return Step(trial, further)
+            # a shorter step costs a few factorizations, a search thousands of passes
+            if vain >= _VAIN:
+                lengths.shortest = lengths.least = math.inf
+            vain += trial.evaluations
+            return None
+
+        def search(state: SoftState, place: float, further: float) -> Step[SoftState, str] | None:
+            nonlocal vain, searched
+            found, evaluations = _searched(protocol, protocol.restored(state.packing), at(further), name)
+            figures.force_evaluations += evaluations
+            searched += 1
+            if found is not None:
+                return Step(found, further, "searched")
+            vain += evaluations
+            if searched >= _SEARCHES or vain >= _VAIN:
+                lengths.least = math.inf
+            return None
+
+        first = _at(protocol, packing, now, name)
+        if first is None:
+            figures.note = "no balance at the first pressure"
+            return protocol.last, Outcome.NOT_JAMMED
+        state = first
+        for step in follow(reach, state, math.log(now), end, lengths, search) if now > goal else ():
             taken += 1
-            before = onset_depth(state.packing)
-            state, now = trial, ahead
-            report_onset(protocol, before, onset_depth(state.packing))
+            report_onset(protocol, onset_depth(state.packing), onset_depth(step.after.packing))
+            state, now = step.after, at(step.place)
             protocol.last = protocol.restored(state.packing)
             figures.residual = state.residual
             protocol.loop.report(name, pressure=now, packing=protocol.last, residual=state.residual)
         figures.note = f"{taken} pressures, {searched} of them searched by FIRE with the box"
-        if state is not None and now > goal:
+        if now > goal:
             contacts = len(touching_pairs(protocol.last))
             figures.note += (
                 f"; given up in a valley that Newton's method follows too slowly between {contacts} contacts, "
                 f"which is common in crystals; in balance at pressure {now:.2e}"
             )
-    if state is None:
-        return protocol.last, Outcome.NOT_JAMMED
-    if now > goal:
-        return protocol.last, Outcome.STALLED
+            return protocol.last, Outcome.STALLED
     return protocol.restored(state.packing), judge(state, protocol.force_tolerance)
 
 

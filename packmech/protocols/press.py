@@ -15,10 +15,19 @@ from packmech.dynamics.spans import Spans, with_dashpot
 from packmech.effects import BackgroundDamping, Repulsion
 from packmech.measure.contact_forces import contact_forces
 from packmech.measure.counting import packing_fraction
+from packmech.mechanics.stability import stability
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
-from packmech.protocols.protocol import PRESSED, Protocol, at_packing_fraction
-from packmech.result import Outcome
+from packmech.protocols.method import JamMethod
+from packmech.protocols.protocol import (
+    BORNE_BY_RATTLERS,
+    PRESSED,
+    Protocol,
+    at_packing_fraction,
+    run_of,
+    share_of,
+)
+from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 # time between two looks at the stress, over that of a contact
@@ -34,7 +43,7 @@ _LOOK = 10
 
 
 @dataclass(frozen=True)
-class Press:
+class Press(JamMethod):
     """Press particles together in time, with friction or without, until they are at rest under the pressure.
 
     A packing that is at rest under the pressure already stays as it is.
@@ -62,6 +71,8 @@ class Press:
         Maximum number of time steps.
 
     """
+
+    honors = {"isotropic": "friction links shapes", "free": "friction links shapes"}
 
     rate: float = 1e-4
     drag: float = 0.1
@@ -113,6 +124,37 @@ class Press:
                 figures.note = f"kinetic energy {pressing.report()['kinetic_energy']:.1e} of pressure times volume"
         protocol.report.update(pressing.report())
         return pressing.packing, outcome
+
+    def finish(self, protocol: Protocol, outcome: Outcome, asked: float | None, began: float) -> Run:
+        """Return the run that ended with the protocol's last packing, judged by the forces of all its contacts."""
+        packing = protocol.last
+        found = contact_forces(protocol.scene.replace(packing=packing))
+        counts = found.to_dict()
+        pressure = counts.pop("pressure")
+        stress = found.stress_dd + pressure * np.eye(packing.dimension)
+        report = {
+            "method": type(self).__name__,
+            "strain": protocol.strain,
+            "packing_fraction": packing_fraction(packing),
+            "pressure": pressure / protocol.scene.pressure_unit,
+            "pressure_asked": asked,
+            "particles": packing.particles,
+            **counts,
+            "stress_anisotropy": float(np.abs(stress).max() / abs(pressure)) if pressure else 0.0,
+            **protocol.report,
+        }
+        contacts, rattling = found.contacts, found.rattlers_n
+        report["backbone_pressure"] = share = share_of(
+            -(found.force_cd * contacts.vector_cd).sum(axis=1), ~(rattling[contacts.i_c] | rattling[contacts.j_c])
+        )
+        if outcome.ok and outcome is not Outcome.UNJAMMED:
+            judged_as = stability(found.scene, found.largest_imbalance)
+            report.update(judged_as.to_dict())
+            if share < 1.0 - BORNE_BY_RATTLERS:
+                outcome = Outcome.NOT_JAMMED
+            elif judged_as.negative:
+                outcome = Outcome.UNSTABLE
+        return run_of(protocol, packing, outcome, found.residual, report, began, self.force_tolerance)
 
 
 class _Pressing:

@@ -12,19 +12,17 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure as pressure_of
 from packmech.measure.stress import stress_tensor
-from packmech.minimize.second_order.soft_network import REACH, Load, isochoric_part
+from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, isochoric_part
 from packmech.minimize.second_order.soft_newton import (
     SoftState,
-    descend,
     find_bottom,
     judge,
-    network_of,
-    newton,
     standing,
 )
 from packmech.packing import Packing
+from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import CHANGES, Protocol, pairs_of, report_changes
-from packmech.protocols.soft import extrapolated, search_pressure
+from packmech.protocols.soft import equilibrium, extrapolated, search_pressure
 from packmech.result import Outcome
 
 # largest ratio of successive pressures, the first one tried, and the smallest before contacts are let rearrange
@@ -33,7 +31,6 @@ _FACTOR, _FIRST, _MINIMUM_FACTOR = 4.0, 2.0, 1.05
 _ALMOST = 0.01
 # logarithms of a ratio of pressures that count as much as a change of the rest of the load by the pressure
 _TURN = 10.0
-_ITERATIONS = 25
 # net force over mean contact force, and shear stress over pressure, that count as balance on the way, at least
 _ISOTROPIC = 1e-7
 # the last part of a short way that is not divided again
@@ -78,64 +75,79 @@ class PressurePath:
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
         self.pairs = pairs_of(touching_pairs(scene.packing))
+        self.tolerance = max(protocol.force_tolerance, _ISOTROPIC)
+        # of the way in hand: its loads, how often it rearranged, the work, and the packing tried last
+        self.way = _Way(1.0, 1.0, None, None)
+        self.rearrangements = self.iterations = 0
+        self.tried: SoftState
 
     def go(self, pressure: float, rest_dd: NDArray[np.float64] | None = None) -> Outcome:
         """Go on to a load, its pressure in units of [energy_scale / diameter^d]; return how that ended.
 
         A packing that is at rest under the load stays as it is, to the last bit.
         """
-        protocol, rearrangements, iterations = self.protocol, 0, 0
-        tolerance = max(protocol.force_tolerance, _ISOTROPIC)
+        protocol = self.protocol
+        self.rearrangements = self.iterations = 0
         self.sheared &= rest_dd is None
-        way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
-        place, factor = way.start, _FIRST
+        self.way = way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
         # a way that almost nothing would be left of cannot be divided
-        shortest = max(min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.apart(way.start, way.end)), 2.0 * _ALMOST)
+        shortest = max(min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.length), 2.0 * _ALMOST)
+        lengths = StepLengths(math.log(_FIRST), math.log(_FACTOR), 1.5, shortest, left=_ALMOST)
         if rest_dd is not None:
             self.before = None
         with protocol.stage("following the pressure" if rest_dd is None else "following the stress") as figures:
-            state = standing(self.packing, protocol.units, protocol.basis_kdd, way.load(way.end))
-            there = self._there(state)
-            while not there:
-                protocol.loop.check_time()
-                further = way.further(place, factor)
-                load = way.load(further)
-                state = self._step(place, further, load)
-                iterations += state.iterations
-                if not (state.sound(tolerance) and self._followed(state, way, place, further)):
-                    reach = way.apart(place, further)
-                    if reach > shortest:
-                        factor = math.exp(0.5 * reach)
-                        continue
-                    rearrangements += 1
-                    state = find_bottom(self.packing, protocol.units, protocol.basis_kdd, load, tolerance)
-                    iterations += state.iterations
-                    if not state.sound(tolerance):
-                        state = search_pressure(protocol, self.packing, load)
-                    self.before = None
-                    if not state.sound(tolerance):
-                        break
-                elif way.apart(place, further) > _ALMOST:
-                    self.before = self.packing, place
-                if further == way.end and not state.sound(protocol.force_tolerance):
-                    # a contact that barely touches slows Newton's steps: those that only go down pass it
-                    lower = find_bottom(
-                        state.packing, protocol.units, protocol.basis_kdd, load, protocol.force_tolerance
-                    )
-                    iterations += lower.iterations
-                    if lower.sound(tolerance) and lower.residual < state.residual:
-                        state = lower
-                self.packing, place, self.sheared = state.packing, further, False
-                self.pressure, self.rest_dd = way.pressure(place), way.rest(place)
-                protocol.last = protocol.restored(self.packing)
-                if further == way.end:
-                    break
-                factor = min(_FACTOR, factor**1.5)
+            state = self.tried = standing(self.packing, protocol.units, protocol.basis_kdd, way.load(way.length))
+            if not self._there(state):
+                for step in follow(self._reach, self.packing, 0.0, way.length, lengths, self._rearrange):
+                    self.packing, self.sheared = step.after, False
+                    self.pressure, self.rest_dd = way.pressure(step.place), way.rest(step.place)
+                    protocol.last = protocol.restored(self.packing)
+                state = self.tried
             protocol.last = protocol.restored(state.packing)
-            figures.residual, figures.steps, figures.force_evaluations = state.residual, iterations, iterations
-            figures.note = f"{rearrangements} rearrangements"
-        self.pairs = report_changes(protocol, rearrangements, self.pairs)
+            figures.residual = state.residual
+            figures.steps = figures.force_evaluations = self.iterations
+            figures.note = f"{self.rearrangements} rearrangements"
+        self.pairs = report_changes(protocol, self.rearrangements, self.pairs)
         return judge(state, protocol.force_tolerance)
+
+    def _reach(self, packing: Packing, place: float, further: float) -> Step[Packing, str] | None:
+        """Return the step to a place, looked for on the line through the last two packings; None where it jumps."""
+        protocol, way = self.protocol, self.way
+        protocol.loop.check_time()
+        start = packing
+        if self.before is not None:
+            start = extrapolated(*self.before, start, way.coordinate(place), way.coordinate(further))
+        self.tried = state = equilibrium(start, protocol.units, protocol.basis_kdd, way.load(further))
+        self.iterations += state.iterations
+        if not (state.sound(self.tolerance) and self._followed(packing, state.packing, place, further)):
+            return None
+        if abs(further - place) > _ALMOST:
+            self.before = packing, way.coordinate(place)
+        return self._arrived(further, None)
+
+    def _rearrange(self, packing: Packing, place: float, further: float) -> Step[Packing, str] | None:
+        """Return the step to where the way down in enthalpy leads; None where there is no balance."""
+        protocol, load = self.protocol, self.way.load(further)
+        self.rearrangements += 1
+        self.before = None
+        state = find_bottom(packing, protocol.units, protocol.basis_kdd, load, self.tolerance)
+        self.iterations += state.iterations
+        self.tried = state if state.sound(self.tolerance) else search_pressure(protocol, packing, load)
+        return self._arrived(further, "rearranged") if self.tried.sound(self.tolerance) else None
+
+    def _arrived(self, place: float, event: str | None) -> Step[Packing, str]:
+        """Return the step to a packing in balance, at the end to the tolerance that was asked for where it can be."""
+        protocol, state = self.protocol, self.tried
+        if place == self.way.length and not state.sound(protocol.force_tolerance):
+            # a contact that barely touches slows Newton's steps: those that only go down pass it
+            load = self.way.load(place)
+            lower = find_bottom(
+                state.packing, protocol.units, protocol.basis_kdd, load, protocol.force_tolerance
+            )  # fmt: skip
+            self.iterations += lower.iterations
+            if lower.sound(self.tolerance) and lower.residual < state.residual:
+                self.tried = lower
+        return Step(self.tried.packing, place, event)
 
     def go_down(self) -> Packing | None:
         """Return the packing at a pressure low enough to look for its onset, or None where it was lost on the way."""
@@ -146,7 +158,7 @@ class PressurePath:
         """Return whether the packing, as it stands, is in stable balance under the load."""
         return state.sound(self.protocol.force_tolerance) and state.stress_error <= max(_THERE, state.least_error)
 
-    def _followed(self, state: SoftState, way: _Way, place: float, further: float) -> bool:
+    def _followed(self, packing: Packing, reached: Packing, place: float, further: float) -> bool:
         """Return whether the step ended where the packing goes by itself, not in another minimum.
 
         Where it stays stable its volume V only falls with the pressure p, through changes of contacts, too. So its
@@ -154,8 +166,7 @@ class PressurePath:
         pressure before by one between 0 and -dV dp. What lies outside has jumped.
         Other loads have no enthalpy: see `stays_on_branch`.
         """
-        before, now = way.load(place), way.load(further)
-        packing, reached = self.packing, state.packing
+        before, now = self.way.load(place), self.way.load(further)
         if self.sheared:
             # where it stands no enthalpy is at a minimum
             return pairs_of(touching_pairs(packing)) == pairs_of(touching_pairs(reached))
@@ -163,19 +174,9 @@ class PressurePath:
             return stays_on_branch(self.protocol, (packing, reached), (before, now))
         if moved_beyond_affine(packing, reached) > REACH:
             return False
-        growth = network_of(packing, self.protocol.units, self.protocol.basis_kdd, before).growth_to(reached)
+        growth = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, before).growth_to(reached)
         largest = (packing.box.volume - reached.box.volume) * (now - before)
         return -_SLACK * largest <= growth <= (1.0 + _SLACK) * largest
-
-    def _step(self, place: float, further: float, load: float | Load) -> SoftState:
-        """Return the packing at another load, looked for on the line through the last two."""
-        start = self.packing
-        if self.before is not None:
-            start = extrapolated(*self.before, start, place, further)
-        units, basis = self.protocol.units, self.protocol.basis_kdd
-        if not start.plain:
-            return descend(start, units, basis, load)
-        return newton(start, units, basis, load, iterations=_ITERATIONS)
 
 
 def moved_beyond_affine(packing: Packing, reached: Packing) -> float:
@@ -208,8 +209,8 @@ def stays_on_branch(
         return False
     units, basis = protocol.units, protocol.basis_kdd
     first, last = (None, None) if loads is None else loads
-    there = network_of(before, units, basis, first).growth_to(after)
-    back = network_of(after, units, basis, last).growth_to(before)
+    there = SoftNetwork(before, units, basis, first).growth_to(after)
+    back = SoftNetwork(after, units, basis, last).growth_to(before)
     return min(there, back) >= _UNEVEN * (there + back)
 
 
@@ -274,43 +275,32 @@ def report_onset(protocol: Protocol, before: tuple[float, float], after: tuple[f
 
 
 class _Way:
-    """The way from one load to another: by the pressure, or along a line where the rest of the load changes."""
+    """The way from one load to another: by the pressure, or along a line where the rest of the load changes.
+
+    Places on it are lengths in logarithms of the pressure, from 0 to `length`.
+    """
 
     def __init__(
         self, now: float, goal: float, rest_dd: NDArray[np.float64] | None, goal_dd: NDArray[np.float64] | None
     ) -> None:
         self._now, self._goal, self._rest_dd, self._goal_dd = now, goal, rest_dd, goal_dd
-        self._far = 0.0
-        self.start, self.end = now, goal
+        self.length = abs(math.log(goal / now))
         if rest_dd is not None and goal_dd is not None:
-            turn = float(np.abs(goal_dd - rest_dd).max())
-            self._far = max(abs(math.log(goal / now)), turn * _TURN)
-            self.start, self.end = 1.0, 2.0
+            self.length = max(self.length, _TURN * float(np.abs(goal_dd - rest_dd).max()))
 
-    def apart(self, place: float, other: float) -> float:
-        """Return how far two places are apart, in logarithms of the pressure."""
-        return self._far * abs(other - place) if self._goal_dd is not None else abs(math.log(other / place))
-
-    def further(self, place: float, factor: float) -> float:
-        """Return the next place; at the end already where a step of almost nothing would be left."""
-        reach = math.log(factor)
-        if self.apart(place, self.end) < reach + _ALMOST:
-            return self.end
-        if self._goal_dd is not None:
-            return place + reach / self._far
-        return place * math.exp(math.copysign(reach, math.log(self.end / place)))
+    def coordinate(self, place: float) -> float:
+        """Return what packings on the way are straight lines of: the pressure, or the part of the way."""
+        return self.pressure(place) if self._goal_dd is None else 1.0 + place / self.length
 
     def pressure(self, place: float) -> float:
         """Return the pressure at a place."""
-        if self._goal_dd is None:
-            return place
-        return self._goal if place == self.end else self._now * (self._goal / self._now) ** (place - self.start)
+        return self._goal if place == self.length else self._now * (self._goal / self._now) ** (place / self.length)
 
     def rest(self, place: float) -> NDArray[np.float64] | None:
         """Return the rest of the load at a place, over its pressure."""
-        if self._goal_dd is None or self._rest_dd is None or place == self.end:
+        if self._goal_dd is None or self._rest_dd is None or place == self.length:
             return self._goal_dd
-        return self._rest_dd + (place - self.start) * (self._goal_dd - self._rest_dd)
+        return self._rest_dd + place / self.length * (self._goal_dd - self._rest_dd)
 
     def load(self, place: float) -> float | Load:
         """Return the load at a place."""

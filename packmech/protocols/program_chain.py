@@ -13,8 +13,8 @@ from packmech.contacts.network import candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import HardPacking, HardState, kicked
 from packmech.linalg.linear_programs import LinearProgram, Solution, solve_clarabel, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, press
-from packmech.protocols.pressure_path import follow_jammed
+from packmech.protocols.hard_vertex import START, certified, check_quench, decompress, jam_hard
+from packmech.protocols.method import JamMethod
 from packmech.protocols.protocol import Protocol
 from packmech.result import Outcome
 
@@ -22,7 +22,7 @@ _STRAIN_BOUND = 0.05
 
 
 @dataclass(frozen=True)
-class ProgramChain:
+class ProgramChain(JamMethod):
     """Quench, decompress a little, then a chain of sparse linear programs to the exact hard packing, then the soft one.
 
     Each program minimizes the trace of the strain over displacements within a trust radius such that no pair closer
@@ -63,14 +63,13 @@ class ProgramChain:
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
-        if protocol.continues:
-            return follow_jammed(protocol, pressure, lambda near: self._chain(protocol, near))
         start = protocol.start_fraction(self.start_packing_fraction, START)
-        packing = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
-        hard = self._chain(protocol, packing)
-        if hard is None:
-            return protocol.last, Outcome.NOT_JAMMED
-        return press(protocol, hard, pressure)
+        return jam_hard(
+            protocol,
+            pressure,
+            lambda: decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps),
+            lambda near: self._chain(protocol, near),
+        )
 
     def _chain(self, protocol: Protocol, packing: Packing) -> HardPacking | None:
         reduced = protocol.reduced(packing)

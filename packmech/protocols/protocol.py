@@ -26,22 +26,22 @@ from packmech.effects import contact_terms, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
+from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.loop.run_loop import RunLoop, TimeUp
-from packmech.measure.contact_forces import contact_forces, force_balance, resting_forces
+from packmech.measure.contact_forces import force_balance, resting_forces
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.mechanics.stability import stability
 from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
 from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Minimization, Minimizer, Program, Relaxation, build_program
 from packmech.minimize.quench import find_crossings, pairs_crossing
-from packmech.minimize.second_order.soft_network import Load, Units, length_unit, scaled_load
-from packmech.minimize.second_order.soft_newton import FLOORS, network_of, rounding_floor
+from packmech.minimize.second_order.soft_network import Load, SoftNetwork, Units, length_unit, scaled_load
+from packmech.minimize.second_order.soft_newton import FLOORS, rounding_floor
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
@@ -54,7 +54,7 @@ _PORTION, _WATCHED = 5_000_000, 20
 # rounding of positions, relative to the smallest radius, above which particles are wrapped into the cell first
 _ROUNDING = 1e-11
 # part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
-_BORNE_BY_RATTLERS = 1e-2
+BORNE_BY_RATTLERS = 1e-2
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 PRESSED = 1e-6
 
@@ -63,6 +63,21 @@ def is_jammed(scene: Scene) -> bool:
     """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
     found = resting_forces(scene)
     return found.mean_force > 0.0 and found.residual <= _BALANCED and found.pressure > 0.0
+
+
+def check_jammed(scene: Scene) -> None:
+    """Refuse a scene whose packing cannot be followed because it is not jammed.
+
+    Raises
+    ------
+    ValueError
+        If its forces do not press or are not balanced.
+
+    """
+    if not is_jammed(scene):
+        raise ValueError(
+            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
+        )
 
 
 class Figures:
@@ -83,10 +98,8 @@ class Protocol:
     ----------
     scene
         The scene.
-    basis_kdd
-        (k, d, d) free strains.
     strain
-        Their name.
+        What the box may do.
     force_tolerance
         Net force over mean contact force that counts as balance [1].
     loop
@@ -94,21 +107,16 @@ class Protocol:
 
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        basis_kdd: NDArray[np.float64],
-        strain: BoxStrain,
-        force_tolerance: float,
-        loop: RunLoop,
-    ) -> None:
+    def __init__(self, scene: Scene, strain: BoxStrain, force_tolerance: float, loop: RunLoop) -> None:
         if scene.packing.shapes is not None:
             refuse_unknown_to_shapes(scene, single=False)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())
-        self.scene, self.basis_kdd, self.strain, self.force_tolerance = scene, basis_kdd, strain, force_tolerance
-        self.loop = loop
+        self.scene, self.strain, self.force_tolerance, self.loop = scene, strain, force_tolerance, loop
+        # the (k, d, d) free strains
+        d = scene.packing.dimension
+        self.basis_kdd = np.einsum("sk,sab->kab", strain_directions(d, strain), mandel_basis(d))
         self.stages: list[Stage] = []
         self.last = scene.packing
         self.report: dict[str, Any] = {}
@@ -459,7 +467,7 @@ def finish(
     outcome = judged(protocol, packing, outcome, residual, report, share)
     if pressed and outcome.ok and outcome is not Outcome.UNJAMMED:
         outcome = Outcome.UNSTABLE
-    return _run_of(protocol, packing, outcome, residual, report, began)
+    return run_of(protocol, packing, outcome, residual, report, began)
 
 
 def share_of(virial_c: NDArray[np.float64], kept_c: NDArray[np.bool_]) -> float:
@@ -490,13 +498,13 @@ def judged(
     """
     floor = 0.0
     if outcome is not Outcome.UNJAMMED and report["pressure"]:
-        floor = rounding_floor(network_of(protocol.reduced(packing), protocol.units, protocol.basis_kdd[:0], None))
+        floor = rounding_floor(SoftNetwork(protocol.reduced(packing), protocol.units, protocol.basis_kdd[:0], None))
         report["rounding_floor"] = floor
         if share is not None:
             report["backbone_pressure"] = share
     if outcome not in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
         return outcome
-    if share is not None and share < 1.0 - _BORNE_BY_RATTLERS:
+    if share is not None and share < 1.0 - BORNE_BY_RATTLERS:
         return Outcome.NOT_JAMMED
     asked, tolerance = report["pressure_asked"], protocol.force_tolerance
     least = max(tolerance, FLOORS * floor)
@@ -567,10 +575,10 @@ def _finish_shaped(
     along = (one.slope_cx[:, :d] * one.vector_cd).sum(axis=1)
     held = -float(terms.first_c @ along) / (d * packing.box.volume)
     outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
-    return _run_of(protocol, packing, outcome, residual, report, began)
+    return run_of(protocol, packing, outcome, residual, report, began)
 
 
-def _run_of(
+def run_of(
     protocol: Protocol,
     packing: Packing,
     outcome: Outcome,
@@ -586,7 +594,7 @@ def _run_of(
         conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, PRESSED)))
     if "backbone_pressure" in report:
         borne = 1.0 - report["backbone_pressure"]
-        conditions.append(Condition("part of the pressure that rattlers bear", borne, _BORNE_BY_RATTLERS))
+        conditions.append(Condition("part of the pressure that rattlers bear", borne, BORNE_BY_RATTLERS))
     if report.get("negative_modes") is not None:
         conditions.append(Condition("unstable directions", report["negative_modes"], 0))
     if "distance" in report:
@@ -605,45 +613,6 @@ def _run_of(
         report=report,
         unmet=unmet_conditions(outcome, *conditions),
     )
-
-
-def finish_pressed(
-    protocol: Protocol,
-    packing: Packing,
-    outcome: Outcome,
-    asked: float | None,
-    method: str,
-    began: float,
-    tolerance: float,
-) -> Run:
-    """Return the run of a protocol that pressed a packing to its own force tolerance, as `finish` does of others."""
-    found = contact_forces(protocol.scene.replace(packing=packing))
-    counts = found.to_dict()
-    pressure = counts.pop("pressure")
-    stress = found.stress_dd + pressure * np.eye(packing.dimension)
-    report = {
-        "method": method,
-        "strain": protocol.strain,
-        "packing_fraction": packing_fraction(packing),
-        "pressure": pressure / protocol.scene.pressure_unit,
-        "pressure_asked": asked,
-        "particles": packing.particles,
-        **counts,
-        "stress_anisotropy": float(np.abs(stress).max() / abs(pressure)) if pressure else 0.0,
-        **protocol.report,
-    }
-    contacts, rattling = found.contacts, found.rattlers_n
-    report["backbone_pressure"] = share = share_of(
-        -(found.force_cd * contacts.vector_cd).sum(axis=1), ~(rattling[contacts.i_c] | rattling[contacts.j_c])
-    )
-    if outcome.ok and outcome is not Outcome.UNJAMMED:
-        judged_as = stability(found.scene, found.largest_imbalance)
-        report.update(judged_as.to_dict())
-        if share < 1.0 - _BORNE_BY_RATTLERS:
-            outcome = Outcome.NOT_JAMMED
-        elif judged_as.negative:
-            outcome = Outcome.UNSTABLE
-    return _run_of(protocol, packing, outcome, found.residual, report, began, tolerance)
 
 
 def sequence(name: str, values: Iterable[float], what: str) -> NDArray[np.float64]:

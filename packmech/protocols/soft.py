@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +12,16 @@ from packmech.box import Box
 from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
 from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
 from packmech.minimize.second_order.soft_network import Load, Units, scaled_load
-from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, newton
+from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, newton
 from packmech.packing import Packing
+from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
 
 _FIRST_TOLERANCE = 1e-3
 _SEARCH_ROUNDS = 3
 _FIRE_STEPS = 30_000
+# largest number of Newton's steps from one packing on a way to the next
+_NEWTON_STEPS = 25
 # mean relative overlap up to which the soft packing is as good as one linear step from the hard one
 _FIRST_DEPTH = 1e-7
 # gaps up to this fraction of the contact distance may close on the way to the first soft packing
@@ -27,6 +31,10 @@ _OPEN, _FURTHEST = 1e-9, 1e6
 _ROUNDS, _TURN = 8, 1e-3
 # where rounding of positions leaves no digits of the overlaps
 _MINIMUM_DEPTH = 1e-11
+# steps in the logarithm of the depth
+_DEEPER = StepLengths(
+    next=math.log(4.0), longest=math.log(4.0), growth=1.5, shortest=2.0 * math.log(1.02)
+)  # fmt: skip
 
 
 def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> SoftState:
@@ -65,6 +73,13 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
         protocol.last = protocol.restored(best.packing)
         figures.residual, figures.force_evaluations = best.residual, figures.steps
     return best
+
+
+def equilibrium(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], load: float | Load | None) -> SoftState:
+    """Return the balance nearby under a load: by Newton's method, with links or shapes by its steps that go down."""
+    if packing.plain:
+        return newton(packing, units, basis_kdd, load, iterations=_NEWTON_STEPS)
+    return descend(packing, units, basis_kdd, load)
 
 
 def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
@@ -207,21 +222,23 @@ def follow_pressure(
         now = pressure_at(depth)
         state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
         used += state.iterations
-    before, before_depth = hard.packing, 0.0
-    factor = 4.0
-    while depth < goal and factor > 1.02:
-        further = min(goal, depth * factor)
-        now = pressure if further == goal else pressure_at(further)
-        ahead = extrapolated(before, before_depth, state.packing, depth, further)
-        trial = newton(ahead, units, basis_kdd, now, iterations=20)
-        used += trial.iterations
-        if trial.sound(tolerance):
-            before, before_depth = state.packing, depth
-            state, depth = trial, further
-            factor = min(4.0, factor**1.5)
-        else:
-            factor = factor**0.5
-    return replace(state, iterations=used, reached=depth / goal)
+    before, iterations = (hard.packing, 0.0), used
+
+    def reach(state: SoftState, place: float, further: float) -> Step[SoftState, None] | None:
+        nonlocal before, iterations
+        depth, at = math.exp(place), pressure if further == end else pressure_at(math.exp(further))
+        ahead = extrapolated(*before, state.packing, depth, math.exp(further))
+        trial = newton(ahead, units, basis_kdd, at, iterations=20)
+        iterations += trial.iterations
+        if not trial.sound(tolerance):
+            return None
+        before = state.packing, depth
+        return Step(trial, further)
+
+    end, reached = math.log(goal), depth / goal
+    for step in follow(reach, state, math.log(depth), end, replace(_DEEPER)) if depth < goal else ():
+        state, reached = step.after, math.exp(step.place - end)
+    return replace(state, iterations=iterations, reached=reached)
 
 
 def extrapolated(before: Packing, at: float, now: Packing, depth: float, further: float) -> Packing:

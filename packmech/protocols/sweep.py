@@ -13,9 +13,8 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.stress import stress_tensor
 from packmech.minimize.second_order.soft_network import Load
 from packmech.packing import no_own_images
-from packmech.protocols.jam import free_strains
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, follow_series, is_jammed, sequence
+from packmech.protocols.protocol import Protocol, check_jammed, follow_series, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -89,9 +88,9 @@ def sweep_pressure(
     goals = sequence("pressures", pressures, "pressure")
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
-    _jammed(scene)
+    check_jammed(scene)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
-    protocol = Protocol(scene, free_strains(strain, scene.packing.dimension), strain, tolerance, loop)
+    protocol = Protocol(scene, strain, tolerance, loop)
     return follow_series(protocol, goals, PressurePath(protocol).go, "sweep_pressure", pressures=True)
 
 
@@ -167,9 +166,9 @@ def sweep_stress(
         if np.trace(one) >= 0.0:
             raise ValueError(f"stresses[{k}] must have a positive pressure -trace / {d}, got {one.tolist()}")
     tolerance = positive("force_tolerance", force_tolerance)
-    _jammed(scene)
+    check_jammed(scene)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
-    protocol = Protocol(scene, free_strains("free", d), "free", tolerance, loop)
+    protocol = Protocol(scene, "free", tolerance, loop)
     path = PressurePath(protocol)
 
     def go(k: float) -> Outcome:
@@ -183,11 +182,3 @@ def sweep_stress(
         return outcome
 
     return follow_series(protocol, np.arange(len(goals), dtype=float), go, "sweep_stress", pressures=False)
-
-
-def _jammed(scene: Scene) -> None:
-    """Refuse a scene whose packing cannot be followed because it is not jammed."""
-    if not is_jammed(scene):
-        raise ValueError(
-            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
-        )

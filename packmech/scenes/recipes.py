@@ -34,7 +34,7 @@ from packmech.generate import (
     Normal,
     RingCluster,
     Shape,
-    Sizes,
+    SizeDistribution,
     StarCluster,
     Trimer,
     Uniform,
@@ -174,7 +174,7 @@ def _prepared(
     packing_fraction: float,
     seed: int,
     dimension: int = 2,
-    sizes: Sizes = _SIZES,
+    sizes: SizeDistribution = _SIZES,
     side: float | None = None,
     lattice_vectors: Vectors | None = None,
     law: Law = _LAW,
@@ -247,7 +247,7 @@ def _inline(
         raise ValueError("link_lengths must be given with link_pairs, got nothing")
     else:
         pairs, images = _pairs("link_", link_pairs, link_images, box.dimension)
-        shape = None if link_shapes is None else np.array(link_shapes, dtype=bool)
+        shape: Any = None if link_shapes is None else np.array(link_shapes, dtype=bool)
         links = Links(pairs[:, 0], pairs[:, 1], images, np.array(link_lengths), shape)
     bodies = {
         "bead_offsets": bead_offsets,
@@ -314,15 +314,9 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     }
     if packing.given_mass_n is not None:
         table["masses"] = packing.given_mass_n.tolist()
-    links, shapes = packing.links, packing.shapes
-    if isinstance(shapes, Beads):
-        for name in ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"):
-            table[FIELD_OF[name]] = getattr(shapes, name).tolist()
-    elif shapes is not None:
-        table["aspects"] = shapes.aspect_n.tolist()
-        table["directors"] = shapes.director_nd.tolist()
-    if links is not None:
-        assert links.shape_l is not None
+    table |= {FIELD_OF[name]: array.tolist() for name, array in packing.bodies.arrays().items()}
+    links = packing.rigid_links
+    if len(links):
         table["link_pairs"] = np.column_stack([links.i_l, links.j_l]).tolist()
         table["link_images"] = links.image_ld.tolist()
         table["link_lengths"] = links.length_l.tolist()

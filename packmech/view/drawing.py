@@ -23,7 +23,7 @@ from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Beads, Spheroids
+from packmech.shapes import Spheroids
 
 # dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
 BACKGROUND = (13, 17, 26)
@@ -132,11 +132,7 @@ def pair_lines(
 
 def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
     """Return lines and tensions of the bonds, then those of the links that hold shapes."""
-    links = packing.links
-    if links is None:
-        none = np.zeros((0, 2, packing.dimension)), np.zeros(0)
-        return (*none, *none)
-    assert links.shape_l is not None
+    links = packing.rigid_links
     tension_l = relative_tension(packing, contacts, effects)
     vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
     segments, link_s = pair_lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
@@ -147,10 +143,8 @@ def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tu
 
 def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     """Return the (L,) forces of the links over the mean contact force, tension positive [1]; 0 without effects."""
-    links = packing.links
-    if links is None:
-        return np.zeros(0)
-    if effects and len(contacts):
+    links = packing.rigid_links
+    if len(links) and effects and len(contacts):
         first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
         mean = float(np.abs(first_c).mean())
         if mean > 0.0:
@@ -245,11 +239,10 @@ def particle_colors(
     span = float(np.ptp(packing.radius_n))
     share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
     color_nc = between(SMALL, LARGE, share_n)
-    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_among(effects)
-    if isinstance(packing.shapes, Beads):
-        bodies = np.flatnonzero(np.diff(packing.shapes.start_n) > 1)
-        color_nc[bodies] = hues[np.arange(len(bodies)) % len(hues)]
-    if links is not None:
+    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.rigid_links, bonds_among(effects)
+    joined = np.flatnonzero(np.diff(packing.bodies.start_n) > 1)
+    color_nc[joined] = hues[np.arange(len(joined)) % len(hues)]
+    if len(links):
         linked = np.union1d(links.i_l, links.j_l)
         color_nc[linked] = hues[number_by_first(links.clusters(packing.particles)[linked]) % len(CLUSTERS)]
     elif bonds is not None:
@@ -307,28 +300,68 @@ def _relative_force(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]
         return np.zeros(0)
     if not effects:
         return np.ones(len(contacts))
-    force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
-    if isinstance(contacts, ShapeContacts):
-        force_c = force_c * contacts.push_c
+    force_c = force_magnitudes(contacts, effects)
     mean = float(force_c.mean())
     return force_c / mean if mean > 0 else np.zeros(len(contacts))
 
 
-def ellipse_outlines(
-    center_kd: NDArray[np.float64], shapes: Spheroids, radius_k: NDArray[np.float64], corners: int = 32
-) -> NDArray[np.float64]:
-    """Return (K, corners + 1, 2) closed lines around ellipses at given centers."""
-    along, across = shapes.semi_axes(radius_k)
-    angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
-    axis = shapes.director_nd
-    aside = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
-    swept = np.cos(angle)[None, :, None] * (along[:, None] * axis)[:, None]
-    return np.asarray(center_kd[:, None] + swept + np.sin(angle)[None, :, None] * (across[:, None] * aside)[:, None])
+def force_magnitudes(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    """Return the (C,) magnitudes of the forces that effects exert at contacts [force]."""
+    force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
+    return force_c * contacts.push_c if isinstance(contacts, ShapeContacts) else force_c
 
 
-def orientations(shapes: Spheroids) -> NDArray[np.float64]:
-    """Return (N, 4) quaternions (x, y, z, w) that turn the x axis to the directors of spheroids."""
-    x, y, z = shapes.director_nd.T
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """What particles are drawn as: discs and spheres, or ellipses and spheroids, one or more for each of them.
+
+    Attributes
+    ----------
+    place_bd
+        (B, d) centers [length].
+    along_b, across_b
+        (B,) semi-axes along the axis and across it [length].
+    axis_bd
+        (B, d) directions of the axes.
+    owner_b
+        (B,) particles that they belong to.
+    round
+        Whether all are discs or spheres.
+
+    """
+
+    place_bd: NDArray[np.float64]
+    along_b: NDArray[np.float64]
+    across_b: NDArray[np.float64]
+    axis_bd: NDArray[np.float64]
+    owner_b: NDArray[np.int64]
+    round: bool
+
+    def outlines(self, corners: int = 32) -> NDArray[np.float64]:
+        """Return (B, corners + 1, 2) closed lines around ellipses."""
+        angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)[:, None]
+        aside_bd = np.stack([-self.axis_bd[:, 1], self.axis_bd[:, 0]], axis=1)
+        along, across = (self.along_b[:, None] * self.axis_bd)[:, None], (self.across_b[:, None] * aside_bd)[:, None]
+        return np.asarray(self.place_bd[:, None] + np.cos(angle) * along + np.sin(angle) * across)
+
+
+def sites_of(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64] | None = None) -> Sites:
+    """Return what to draw of particles, or of copies of some of them (owner_k), with centers at these places."""
+    bodies = packing.bodies
+    owner_k = np.arange(packing.particles) if owner_k is None else owner_k
+    count_k = np.diff(bodies.start_n)[owner_k]
+    # sites of a particle follow each other: from the first one of each, counted up
+    of_b = np.repeat(np.arange(len(owner_k)), count_k)
+    site_b = np.arange(len(of_b)) + np.repeat(bodies.start_n[owner_k] - np.cumsum(count_k) + count_k, count_k)
+    along, across = bodies.semi_axes(packing.radius_n)
+    place_bd = center_kd[of_b] + bodies.arms(packing.radius_n)[site_b]
+    shown = along[site_b], across[site_b], bodies.axis_bd[site_b], owner_k[of_b]
+    return Sites(place_bd, *shown, round=not isinstance(bodies, Spheroids))
+
+
+def orientations(axis_bd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (B, 4) quaternions (x, y, z, w) that turn the x axis to the axes of spheroids."""
+    x, y, z = axis_bd.T
     # the shortest rotation; opposite directors are the same shape
     sign = np.where(x < 0.0, -1.0, 1.0)
     found = np.stack([np.zeros(len(x)), -sign * z, sign * y, 1.0 + np.abs(x)], axis=1)
@@ -338,8 +371,7 @@ def orientations(shapes: Spheroids) -> NDArray[np.float64]:
 def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Periodic copies of particles that reach into the cell from outside."""
     centers, owners = [], []
-    radius_n = packing.radius_n if packing.shapes is None else packing.shapes.reach(packing.radius_n)
-    reach_nd = radius_n[:, None] / packing.box.height_d
+    reach_nd = packing.bodies.reach(packing.radius_n)[:, None] / packing.box.height_d
     fraction_nd = packing.position_nd @ packing.box.inverse_dd.T
     for shift in itertools.product((-1, 0, 1), repeat=packing.dimension):
         if any(shift):

@@ -17,7 +17,6 @@ from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
-from packmech.shapes import Beads, Spheroids
 from packmech.view import drawing
 from packmech.view.trajectory import Curve, DrawnFrame, Frame, Trajectory, draw_moving, trajectory_of_run
 
@@ -177,8 +176,7 @@ class _RunPicture:
         boxes = [drawing.shown_box(one.packing.box)[0] for one in trajectory.frames]
         corners = [drawing.box_outline(box) for box in boxes]
         place_kd = np.concatenate([self._projected(np.concatenate(lines))[:, :2] for lines in corners])
-        shapes, radius_n = self.packing.shapes, self.packing.radius_n
-        pad = 2.2 * float((radius_n if shapes is None else shapes.reach(radius_n)).max())
+        pad = 2.2 * float(self.packing.bodies.reach(self.packing.radius_n).max())
         low, high = place_kd.min(axis=0) - pad, place_kd.max(axis=0) + pad
         self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         width, height = 0.64 * SIZE[0] * 72.0, 0.9 * SIZE[1] * 72.0
@@ -304,23 +302,13 @@ class _RunPicture:
 
     def _outlines(self, packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64]) -> _Outlines:
         """Return what particles, or the beads of bodies, look like from where the eye is."""
-        shapes, radius_k = packing.shapes, packing.radius_n[owner_k]
-        if isinstance(shapes, Beads) and len(owner_k):
-            own = shapes.select(owner_k)
-            center_kd = center_kd[own.particle_b] + own.arms(radius_k)
-            radius_k, owner_k = own.bead_radius(radius_k), owner_k[own.particle_b]
-        place_ks = self._projected(center_kd)
-        width_k = height_k = 2.0 * radius_k
-        angle_k = np.zeros(len(owner_k))
-        if isinstance(shapes, Spheroids):
-            along_n, across_n = shapes.semi_axes(packing.radius_n)
-            along_k, across_k = along_n[owner_k], across_n[owner_k]
-            axis_ks = self._projected(shapes.director_nd[owner_k])[:, :2]
-            # a spheroid seen from afar is an ellipse, as long as its director is seen
-            square = (along_k**2 - across_k**2) * (axis_ks**2).sum(axis=1)
-            width_k, height_k = 2.0 * np.sqrt(across_k**2 + square), 2.0 * across_k
-            angle_k = np.degrees(np.arctan2(axis_ks[:, 1], axis_ks[:, 0]))
-        return _Outlines(place_ks, width_k, height_k, angle_k, owner_k)
+        sites = drawing.sites_of(packing, center_kd, owner_k)
+        axis_ks = self._projected(sites.axis_bd)[:, :2]
+        # a spheroid seen from afar is an ellipse, as long as its axis is seen
+        square = (sites.along_b**2 - sites.across_b**2) * (axis_ks**2).sum(axis=1)
+        width_k, height_k = 2.0 * np.sqrt(sites.across_b**2 + square), 2.0 * sites.across_b
+        angle_k = np.degrees(np.arctan2(axis_ks[:, 1], axis_ks[:, 0])) * (sites.along_b != sites.across_b)
+        return _Outlines(self._projected(sites.place_bd), width_k, height_k, angle_k, sites.owner_b)
 
     def _lines(self, drawn: DrawnFrame) -> list[Any]:
         unit, d = self.packing.reference_diameter, self.packing.dimension

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer
-from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
-from packmech.effects import Bonds, contact_terms
+from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.effects import Bonds
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Beads, Spheroids
+from packmech.shapes import Discs
 from packmech.view import drawing
 
 # the largest side of a picture [pixel]
@@ -146,19 +146,17 @@ def drawn_contacts(
         Naming the argument that is wrong.
 
     """
-    of_packing, finder = (
-        (Contacts, "find_contacts") if packing.shapes is None else (ShapeContacts, "find_shape_contacts")
-    )
     if contacts is None:
         if force_c is not None or sliding_c is not None:
             name = "force_c" if force_c is not None else "sliding_c"
             raise ValueError(f"{name} must come with the contacts that it belongs to, got no contacts")
-        if packing.shapes is not None:
-            contacts = find_shape_contacts(packing, gap_tolerance=TOUCH)
-        else:
-            contacts = find_contacts(packing, gap_tolerance=TOUCH)
-    elif not isinstance(contacts, of_packing) or contacts.particles != packing.particles:
-        raise TypeError(f"contacts must be those of the packing (pm.{finder}), got {type(contacts).__name__}")
+        contacts = touching_pairs(packing, TOUCH)
+    else:
+        of_packing, finder = (
+            (Contacts, "find_contacts") if isinstance(packing.bodies, Discs) else (ShapeContacts, "find_shape_contacts")
+        )
+        if not isinstance(contacts, of_packing) or contacts.particles != packing.particles:
+            raise TypeError(f"contacts must be those of the packing (pm.{finder}), got {type(contacts).__name__}")
     sliding = np.zeros(len(contacts), dtype=bool)
     if sliding_c is not None:
         sliding = _booleans("sliding_c", sliding_c, len(contacts))
@@ -178,9 +176,7 @@ def contact_forces(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...])
     acting = tuple(one for one in effects if hasattr(type(one), "pair_energy"))
     if not acting or not len(contacts) or contacts.overlap_c.max() <= TOUCH:
         return np.ones(len(contacts))
-    force = np.abs(contact_terms(acting, contacts.distance_c, contacts.contact_distance_c).first_c)
-    if isinstance(contacts, ShapeContacts):
-        force = force * contacts.push_c
+    force = drawing.force_magnitudes(contacts, acting)
     # centers that coincide under a law that diverges there: as strong as the strongest that is a number
     finite = np.isfinite(force) & (force < 1e150)
     force[~finite] = force[finite].max(initial=1.0)
@@ -228,8 +224,7 @@ class _Picture:
         if self.flat:  # the sides that a rectangle of the same volume would have keep the scale under shear
             room = np.maximum(room, ROOM * self.cell.box.volume / extent[::-1])
         else:
-            shapes = packing.shapes
-            room = room + 2.0 * beads * (packing.radius_n if shapes is None else shapes.reach(packing.radius_n)).max()
+            room = room + 2.0 * beads * packing.bodies.reach(packing.radius_n).max()
         self.scale = float((np.array(size) / room).min())
         self.middle_s = 0.5 * (low + high)
 
@@ -260,34 +255,21 @@ class _Picture:
         return finished(image)
 
     def _paint_discs(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8]) -> None:
-        shapes, radius = self.packing.shapes, self.packing.radius_n
-        largest = float((radius if shapes is None else shapes.reach(radius)).max())
+        largest = float(self.packing.bodies.reach(self.packing.radius_n).max())
         reach = 0.5 * np.array(self.size) + self.scale * largest
-
-        def paint(center: NDArray[np.float64], seen: Any, color: NDArray[np.float64]) -> None:
-            if shapes is None or not len(center):
-                paint_discs(image, center, self.scale * radius[seen], color)
-                return
-            # pixels go down
-            down = np.array([1.0, -1.0])
-            if isinstance(shapes, Beads):
-                own, size = shapes.select(seen), self.scale * radius[seen]
-                place = center[own.particle_b] + own.arms(size) * down
-                paint_discs(image, place, own.bead_radius(size), color[own.particle_b])
-                return
-            along, across = shapes.semi_axes(self.scale * radius)
-            paint_ellipses(image, center, along[seen], across[seen], shapes.director_nd[seen] * down, color)
-
-        for shift in np.ndindex(3, 3):
-            moved = self.cell.inside_nd + self.cell.box.lattice_dd @ (np.array(shift) - 1.0)
-            center = self.place(moved)
-            if shift == (1, 1):
-                continue  # the cell itself comes last, over its copies
-            seen = np.all(np.abs(center - 0.5 * np.array(self.size)) < reach, axis=1)
-            color = drawing.dimmed(color_nc[seen]).astype(np.float64)
-            paint(center[seen], seen, color)
-        center = self.place(self.cell.inside_nd)
-        paint(center, slice(None), color_nc.astype(np.float64))
+        # the cell itself comes last, over its copies
+        for shift in (*(one for one in np.ndindex(3, 3) if one != (1, 1)), (1, 1)):
+            center = self.cell.inside_nd + self.cell.box.lattice_dd @ (np.array(shift) - 1.0)
+            seen = np.flatnonzero(np.all(np.abs(self.place(center) - 0.5 * np.array(self.size)) < reach, axis=1))
+            sites = drawing.sites_of(self.packing, center[seen], seen)
+            color = color_nc[sites.owner_b]
+            color = (color if shift == (1, 1) else drawing.dimmed(color)).astype(np.float64)
+            place, along = self.place(sites.place_bd), self.scale * sites.along_b
+            if sites.round:
+                paint_discs(image, place, along, color)
+            else:  # pixels go down
+                axis = sites.axis_bd * np.array([1.0, -1.0])
+                paint_ellipses(image, place, along, self.scale * sites.across_b, axis, color)
 
     def _paint_space(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8], lines: list[_Lines]) -> None:
         corner = self.place(np.concatenate(drawing.box_outline(self.cell.box)))[:, 2]
@@ -299,19 +281,17 @@ class _Picture:
             return np.asarray(ground + share[:, None] * (np.asarray(color, dtype=np.float64) - ground))
 
         depth = np.full(image.shape[:2], -np.inf)
-        center = self.place(self.cell.inside_nd)
-        shapes, radius = self.packing.shapes, self.beads * self.scale * self.packing.radius_n
-        if isinstance(shapes, Beads):
-            center = center[shapes.particle_b] + shapes.arms(radius) @ self.axes_ds
-            color_nc, radius = color_nc[shapes.particle_b], shapes.bead_radius(radius)
-        order = np.argsort(center[:, 2], kind="stable")
-        color = lit(color_nc[order], center[order, 2])
-        if isinstance(shapes, Spheroids):
-            along, across = shapes.semi_axes(radius)
-            axis = shapes.director_nd @ self.axes_ds
-            paint_spheroids(image, depth, center[order], along[order], across[order], axis[order], color)
+        sites = drawing.sites_of(self.packing, self.cell.inside_nd)
+        # bodies are made smaller as wholes
+        middle_bd = self.cell.inside_nd[sites.owner_b]
+        place = self.place(middle_bd + self.beads * (sites.place_bd - middle_bd))
+        order = np.argsort(place[:, 2], kind="stable")
+        along, across = (self.beads * self.scale * one[order] for one in (sites.along_b, sites.across_b))
+        place, color = place[order], lit(color_nc[sites.owner_b[order]], place[order, 2])
+        if sites.round:
+            paint_spheres(image, depth, place, along, color)
         else:
-            paint_spheres(image, depth, center[order], radius[order], color)
+            paint_spheroids(image, depth, place, along, across, (sites.axis_bd @ self.axes_ds)[order], color)
         end = self.place(np.concatenate([one.end_sed for one in lines]))
         middle = end[:, :, 2].mean(axis=1)
         color = lit(np.concatenate([one.color_sc for one in lines]), middle)
@@ -344,10 +324,7 @@ class _Picture:
         return found
 
     def _links(self, contacts: Any, effects: tuple[Any, ...]) -> list[_Lines]:
-        links = self.packing.links
-        if links is None:
-            return []
-        assert links.shape_l is not None
+        links = self.packing.rigid_links
         tension_l = drawing.relative_tension(self.packing, contacts, effects)
         unit, d = self.packing.reference_diameter, self.packing.dimension
         found = []

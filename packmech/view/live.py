@@ -203,7 +203,7 @@ class _Writer:
         self.frames, self.next_step = 0, 0
         packing = scene.packing
         # frames are drawn as packings at rest: contacts of what is linked or has shapes are found there
-        self.linked, self.resting = packing.links is not None, not packing.plain
+        self.resting = not packing.plain
         self.block: list[Frame] = []
         self.size = max(1, BLOCK_NUMBERS // (packing.particles * packing.dimension * 12))
         # what the layout is made of: figures, the first step, the last frame, and those with the widest boxes
@@ -243,13 +243,9 @@ class _Writer:
             )
         if not np.array_equal(packing.radius_n, mine.radius_n):
             raise ValueError("packing must have the scene's radii, got others")
-        if (packing.links is None) == self.linked:
+        if bool(len(packing.rigid_links)) != bool(len(mine.rigid_links)):
             raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
-        if packing.shapes is not None and mine.shapes is not None:
-            same = same_but_turned(packing.shapes, mine.shapes)
-        else:
-            same = packing.shapes is mine.shapes
-        if not same:
+        if not same_but_turned(packing.bodies, mine.bodies):
             raise ValueError(f"packing must have shapes as the scene has, got {packing.shapes!r:.40}")
         return packing
 

@@ -30,7 +30,7 @@ from packmech.measure.stress import pressure
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
-from packmech.shapes import Beads, Spheroids
+from packmech.shapes import Beads, Discs, Spheroids
 from packmech.view import drawing
 from packmech.view.trajectory import (
     Curve,
@@ -145,6 +145,9 @@ def property_values(properties: Mapping[str, Any]) -> rr.AnyValues:
 
 # half the width of an ellipse's outline [reference diameter]
 SHAPE_RIM = 0.03
+# under `state`, of the shapes: the entity of the arrays that stay as they are, and that of the one that turns
+STAYING = {Discs: "", Spheroids: "aspect", Beads: "beads"}
+TURNING = {Discs: {}, Spheroids: {"director": "director_nd"}, Beads: {"orientation": "orientation_nq"}}
 
 
 class World:
@@ -164,6 +167,7 @@ class World:
     def __init__(self, stream: rr.RecordingStream, packing: Packing, color_nc: NDArray[np.uint8]) -> None:
         self.stream, self.packing, self.color_nc = stream, packing, color_nc
         self.flat = packing.dimension == 2
+        self.sites = drawing.sites_of(packing, packing.position_nd)
         self.points: Any = rr.Points2D if self.flat else rr.Points3D
         self.strips: Any = rr.LineStrips2D if self.flat else rr.LineStrips3D
         self.arrows: Any = rr.Arrows2D if self.flat else rr.Arrows3D
@@ -194,7 +198,7 @@ class World:
             stream.log("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
             for name, place in {"particles/copies": 20.0, "particles": 30.0, "box": 60.0, **order}.items():
                 kind: Any = rr.Arrows2D if name in arrows else rr.LineStrips2D
-                if name.startswith("particles") and not isinstance(packing.shapes, Spheroids):
+                if name.startswith("particles") and self.sites.round:
                     kind = rr.Points2D
                 stream.log(f"world/{name}", kind.from_fields(draw_order=place), static=True)
         else:
@@ -205,93 +209,61 @@ class World:
             radii = None if width is None else width * packing.reference_diameter
             stream.log(f"world/{name}", kind.from_fields(radii=radii, colors=color), static=True)
         stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
-        if isinstance(packing.shapes, Spheroids):
-            stream.log("state/aspect", rr.AnyValues(aspect_n=packing.shapes.aspect_n), static=True)
-        elif packing.shapes is not None:
-            names = ("start_n", "offset_bd", "size_b", "gyration_nk")
-            # rows one after the other: columns of this kind are flat
-            bodies = {name: getattr(packing.shapes, name).ravel() for name in names}
-            stream.log("state/beads", rr.AnyValues(**bodies), static=True)
+        kind = type(packing.bodies)
+        turning = TURNING[kind].values()
+        # rows one after the other: columns of this kind are flat
+        staying: Any = {name: one.ravel() for name, one in packing.bodies.arrays().items() if name not in turning}
+        if staying:
+            stream.log(f"state/{STAYING[kind]}", rr.AnyValues(**staying), static=True)
         if summary:
             stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
 
     def _static_particles(self) -> Any:
-        """Return what does not change of the particles: sizes and colors."""
-        packing, shapes = self.packing, self.packing.shapes
-        if shapes is None:
-            return self.points.from_fields(radii=packing.radius_n, colors=self.color_nc)
-        if isinstance(shapes, Beads):
-            radii = shapes.bead_radius(packing.radius_n)
-            return self.points.from_fields(radii=radii, colors=self.color_nc[shapes.particle_b])
+        """Return what does not change of the particles: sizes and colors, of ellipses the outlines' width."""
+        sites = self.sites
+        if sites.round:
+            return self.points.from_fields(radii=sites.along_b, colors=self.color_nc[sites.owner_b])
         if self.flat:
-            # outlines, whose corners change
-            return rr.LineStrips2D.from_fields(radii=SHAPE_RIM * packing.reference_diameter)
-        along, across = shapes.semi_axes(packing.radius_n)
+            return rr.LineStrips2D.from_fields(radii=SHAPE_RIM * self.packing.reference_diameter)
         return rr.Ellipsoids3D.from_fields(
-            half_sizes=np.stack([along, across, across], axis=1),
-            colors=self.color_nc,
+            half_sizes=np.stack([sites.along_b, sites.across_b, sites.across_b], axis=1),
+            colors=self.color_nc[sites.owner_b],
             fill_mode=rr.components.FillMode.Solid,
         )
 
-    def _send_shapes(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
-        """Send particles with shapes of several frames: ellipses as outlines, spheroids as such, bodies as beads."""
-        if isinstance(self.packing.shapes, Beads):
-            self._send_beads(clock, packing_f, drawing_f)
-            return
-        shapes_f = [one.shapes for one in packing_f if isinstance(one.shapes, Spheroids)]
-        count_f = [len(one.center_nd) for one in drawing_f]
-        radius = self.packing.radius_n
-        if not self.flat:
-            columns = rr.Ellipsoids3D.columns(
-                centers=np.concatenate([one.center_nd for one in drawing_f]),
-                quaternions=np.concatenate([drawing.orientations(one) for one in shapes_f]),
+    def _send_particles(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
+        """Send the particles of several frames, and in a plane their periodic copies."""
+        pairs = list(zip(packing_f, drawing_f, strict=True))
+        inner = [drawing.sites_of(packing, drawn.center_nd) for packing, drawn in pairs]
+        place = np.concatenate([one.place_bd for one in inner])
+        if self.sites.round:
+            columns: Any = self.points.columns(positions=place)
+        elif self.flat:
+            columns = rr.LineStrips2D.columns(
+                strips=[line for one in inner for line in one.outlines()],
+                colors=np.concatenate([self.color_nc[one.owner_b] for one in inner]),
             )
-            self.send(clock, "world/particles", columns, count_f)
-            return
-        inner = [
-            drawing.ellipse_outlines(one.center_nd, shapes, radius)
-            for one, shapes in zip(drawing_f, shapes_f, strict=True)
-        ]
-        colors = np.concatenate([self.color_nc] * len(inner))
-        strips = rr.LineStrips2D.columns(strips=list(np.concatenate(inner)), colors=colors)
-        self.send(clock, "world/particles", strips, count_f)
-        owner_f = [one.copy_of_k for one in drawing_f]
-        outer = [
-            drawing.ellipse_outlines(one.copy_center_kd, shapes.select(owner), radius[owner])
-            for one, shapes, owner in zip(drawing_f, shapes_f, owner_f, strict=True)
-        ]
-        owner_k = np.concatenate(owner_f)
-        copies = rr.LineStrips2D.columns(
-            strips=list(np.concatenate(outer)), colors=drawing.dimmed(self.color_nc[owner_k]),
-            radii=np.full(len(owner_k), SHAPE_RIM * self.packing.reference_diameter),
-        )  # fmt: skip
-        self.send(clock, "world/particles/copies", copies, [len(one) for one in owner_f])
-
-    def _send_beads(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
-        radius = self.packing.radius_n
-        shapes_f = [one.shapes for one in packing_f if isinstance(one.shapes, Beads)]
-        place_f = [
-            one.center_nd[shapes.particle_b] + shapes.arms(radius)
-            for one, shapes in zip(drawing_f, shapes_f, strict=True)
-        ]
-        columns = self.points.columns(positions=np.concatenate(place_f))
-        self.send(clock, "world/particles", columns, [len(one) for one in place_f])
+        else:
+            turned = np.concatenate([drawing.orientations(one.axis_bd) for one in inner])
+            columns = rr.Ellipsoids3D.columns(centers=place, quaternions=turned)
+        self.send(clock, "world/particles", columns, [len(one.owner_b) for one in inner])
         if not self.flat:
             return
-        places, sizes, colors, count_f = [], [], [], []
-        for one, shapes in zip(drawing_f, shapes_f, strict=True):
-            if not len(one.copy_of_k):
-                count_f.append(0)
-                continue
-            own, size = shapes.select(one.copy_of_k), radius[one.copy_of_k]
-            places.append(one.copy_center_kd[own.particle_b] + own.arms(size))
-            sizes.append(own.bead_radius(size))
-            colors.append(drawing.dimmed(self.color_nc[one.copy_of_k][own.particle_b]))
-            count_f.append(len(own.size_b))
-        copies = self.points.columns(
-            positions=np.concatenate(places), radii=np.concatenate(sizes), colors=np.concatenate(colors)
-        )
-        self.send(clock, "world/particles/copies", copies, count_f)
+        outer = [drawing.sites_of(packing, drawn.copy_center_kd, drawn.copy_of_k) for packing, drawn in pairs]
+        colors = drawing.dimmed(self.color_nc[np.concatenate([one.owner_b for one in outer])])
+        if self.sites.round:
+            columns = self.points.columns(
+                positions=np.concatenate([one.place_bd for one in outer]),
+                radii=np.concatenate([one.along_b for one in outer]),
+                colors=colors,
+            )
+        else:
+            columns = rr.LineStrips2D.columns(
+                strips=[line for one in outer for line in one.outlines()],
+                colors=colors,
+                radii=np.full(len(colors), SHAPE_RIM * self.packing.reference_diameter),
+            )
+        self.send(clock, "world/particles/copies", columns, [len(one.owner_b) for one in outer])
 
     def send(self, clock: Clock, path: str, columns: Any, sizes: Sequence[int]) -> None:
         """Send columns of several frames, so many rows of each."""
@@ -304,25 +276,11 @@ class World:
 
     def send_packings(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
         """Send particles, periodic copies, links and box of several frames, and their exact arrays."""
-        center_f, owner_f = [one.center_nd for one in drawing_f], [one.copy_of_k for one in drawing_f]
-        centers, owner_k = np.concatenate(center_f), np.concatenate(owner_f)
-        count_f = [len(one) for one in center_f]
-        if self.packing.shapes is not None:
-            self._send_shapes(clock, packing_f, drawing_f)
-            turned = [one.shapes.orientation_nq for one in packing_f if one.shapes is not None]
-            name = "orientation" if isinstance(self.packing.shapes, Beads) else "director"
-            self.send_state(clock, name, "orientation_nq" if name == "orientation" else "director_nd", turned)
-        else:
-            self.send(clock, "world/particles", self.points.columns(positions=centers), count_f)
-        if self.flat and self.packing.shapes is None:
-            copies = self.points.columns(
-                positions=np.concatenate([one.copy_center_kd for one in drawing_f]),
-                radii=self.packing.radius_n[owner_k],
-                colors=drawing.dimmed(self.color_nc[owner_k]),
-            )
-            self.send(clock, "world/particles/copies", copies, [len(one) for one in owner_f])
+        self._send_particles(clock, packing_f, drawing_f)
+        for entity, name in TURNING[type(self.packing.bodies)].items():
+            self.send_state(clock, entity, name, [one.bodies.orientation_nq for one in packing_f])
         self.send_lines(clock, "box", [one.outline_ed for one in drawing_f])
-        if self.packing.links is not None:
+        if len(self.packing.rigid_links):
             self._send_links(clock, packing_f, drawing_f)
         self.send_state(clock, "position", "position_nd", [one.position_nd for one in packing_f])
         self.send_state(clock, "lattice", "lattice_dd", [one.box.lattice_dd for one in packing_f])
@@ -342,8 +300,7 @@ class World:
                 radii=drawing.tension_radii(tension_s, diameter, d, shape=shape),
                 colors=drawing.tension_colors(tension_s, shape=shape),
             )
-        images = [packing.links.image_ld for packing in packing_f if packing.links is not None]
-        self.send_state(clock, "link_image", "image_ld", images)
+        self.send_state(clock, "link_image", "image_ld", [packing.rigid_links.image_ld for packing in packing_f])
 
     def send_state(self, clock: Clock, path: str, name: str, array_f: Sequence[NDArray[Any]]) -> None:
         """Send an exact array of several frames."""
@@ -356,7 +313,7 @@ def blueprint(trajectory: Trajectory, motions: Sequence[Motion] = (), *, summary
 
     Only panels that have something to show are there.
     """
-    flat, linked = trajectory.final.dimension == 2, trajectory.final.links is not None
+    flat, linked = trajectory.final.dimension == 2, len(trajectory.final.rigid_links) > 0
     particles = ["/world/particles/**"]
     pictures: Views
     # in space lines inside solid spheres are not seen, so they have views of their own
@@ -449,9 +406,9 @@ def world_view(trajectory: Trajectory, name: str, shown: Sequence[str]) -> rrb.V
     low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)
     if final.dimension == 2:
         extent = float(np.max(high - low))
-        pad = MARGIN * extent + float(final.radius_n.max())
-        if final.links is not None:  # bonds across the edge end in a center outside
-            pad += min(float(final.links.length_l.max()), 0.1 * extent)
+        # links across the edge end in a center outside
+        beyond = min(float(final.rigid_links.length_l.max(initial=0.0)), 0.1 * extent)
+        pad = MARGIN * extent + float(final.radius_n.max()) + beyond
         # 2D views point down; /world is mirrored, and so are these bounds
         bounds = rrb.VisualBounds2D(x_range=[low[0] - pad, high[0] + pad], y_range=[-high[1] - pad, -low[1] + pad])
         return rrb.Spatial2DView(
@@ -666,13 +623,13 @@ def log_resting(world: World, motions: Sequence[Motion] = (), summary: str = "")
 
 
 def _link_order(world: World) -> dict[str, float]:
-    return {} if world.packing.links is None else {"links/shapes": 44.0, "links/bonds": 46.0}
+    return {"links/shapes": 44.0, "links/bonds": 46.0} if len(world.packing.rigid_links) else {}
 
 
 def _log_links(world: World) -> None:
     """Log what does not change of links."""
-    packing, links = world.packing, world.packing.links
-    if links is not None:
+    packing, links = world.packing, world.packing.rigid_links
+    if len(links):
         if not world.flat:  # spheres at full size would hide their links
             beads = world.points.from_fields(radii=drawing.BEAD * packing.radius_n, colors=world.color_nc)
             world.stream.log("world/links/beads", beads, static=True)

@@ -32,6 +32,7 @@ from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
 from packmech.scene import Scene
+from packmech.shapes import Discs
 
 # what a part of the examination may raise for a packing that does not allow it; the other parts still count
 REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
@@ -216,7 +217,7 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain), run=run)
-    if verdict and scene.packing.shapes is None:
+    if verdict and isinstance(scene.packing.bodies, Discs):
         with _part(report, "verdict", progress):
             _verdict(report, *asked)
     elif verdict:
@@ -268,23 +269,10 @@ def _part(report: Report, name: str, progress: Callable[[str], None]) -> Iterato
 
 
 def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
-    packing = scene.packing
-    if packing.shapes is not None:
-        return _counts_of_shapes(scene, strain)
-    linked: dict[str, Any] = {}
-    held_links = 0
-    rough = contact_forces(scene) if friction_of(scene) is not None else None
-    rattler_n = rattlers_in(scene)
-    if packing.links is not None:
-        held_links = _links(packing, rattler_n, linked)
-    walls = wall_contacts(scene)
-    # weights and walls need no count of contacts to balance
-    acting = acts_on_single(scene.effects)
-    contacts = find_contacts(packing)
-    held_c = ~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]
-    backbone = packing.particles - int(rattler_n.sum())
-    largest, mean = force_balance(scene) if _carries_force(packing, contacts) else (0.0, 0.0)
-    unit = scene.pressure_unit
+    packing, unit = scene.packing, scene.pressure_unit
+    counted = (_counts_of_discs if isinstance(packing.bodies, Discs) else _counts_of_shapes)(scene, strain)
+    bears = counted.pop("bears", True)
+    largest, mean = force_balance(scene) if bears else (0.0, 0.0)
     return {
         "particles": packing.particles,
         "dimension": packing.dimension,
@@ -293,41 +281,42 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "pressure_unit": unit,
         "energy": energy(scene) / scene.energy_scale,
         "stress": (stress_tensor(scene) / unit).tolist(),
-        "rattlers": packing.particles - backbone,
-        "contacts": int(held_c.sum()),
-        "isostatic_contacts": None
-        if acting
-        else isostatic_contacts(backbone, packing.dimension, strain, held_links)
-        if rough is None
-        else math.ceil(0.5 * backbone * rough.isostatic_coordination),
-        **({"wall_contacts": len(walls)} if acting else {}),
+        **counted,
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
+    }
+
+
+def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
+    """Return the counts of a packing of discs or spheres, and whether its contacts bear a force."""
+    packing = scene.packing
+    rattler_n = rattlers_in(scene)
+    linked = _links(packing, rattler_n)
+    # weights and walls need no count of contacts to balance
+    acting = acts_on_single(scene.effects)
+    contacts = find_contacts(packing)
+    backbone = packing.particles - int(rattler_n.sum())
+    isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
+    at_limit: dict[str, Any] = {}
+    if friction_of(scene) is not None:
+        rough = contact_forces(scene)
+        isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
+        at_limit = {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}
+    return {
+        "bears": _carries_force(packing, contacts),
+        "rattlers": packing.particles - backbone,
+        "contacts": int((~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]).sum()),
+        "isostatic_contacts": None if acting else isostatic,
+        **({"wall_contacts": len(wall_contacts(scene))} if acting else {}),
         **linked,
-        **(
-            {}
-            if rough is None
-            else {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}
-        ),
+        **at_limit,
     }
 
 
 def _counts_of_shapes(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
-    packing, unit = scene.packing, scene.pressure_unit
-    largest, mean = force_balance(scene)
-    counted = _counts_on_walls(scene) if acts_on_single(scene.effects) else shaped_count(packing, strain)
-    return {
-        "particles": packing.particles,
-        "dimension": packing.dimension,
-        "packing_fraction": packing_fraction(packing),
-        "pressure": pressure(scene) / unit + 0.0,
-        "pressure_unit": unit,
-        "energy": energy(scene) / scene.energy_scale,
-        "stress": (stress_tensor(scene) / unit).tolist(),
-        **{name: value for name, value in counted.items() if name not in ("particles", "excess_contacts")},
-        "strain": strain,
-        "force_residual": largest / mean if mean > 0.0 else None,
-    }
+    """Return the counts of a packing with shapes."""
+    counted = _counts_on_walls(scene) if acts_on_single(scene.effects) else shaped_count(scene.packing, strain)
+    return {name: value for name, value in counted.items() if name not in ("particles", "excess_contacts")}
 
 
 def _counts_on_walls(scene: Scene) -> dict[str, Any]:
@@ -341,18 +330,19 @@ def _counts_on_walls(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _links(packing: Packing, rattling_n: NDArray[np.bool_], numbers: dict[str, Any]) -> int:
-    """Return how many links hold the backbone; add the counts of the links."""
-    links = packing.links
-    assert links is not None and links.shape_l is not None
+def _links(packing: Packing, rattling_n: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the counts of the links, if there are any: all of them, and those that hold the backbone."""
+    links = packing.rigid_links
+    if not len(links):
+        return {}
     within = ~rattling_n[links.i_l] & ~rattling_n[links.j_l] & ~ConstraintFactor(packing).dependent_l
-    numbers["links"] = len(links)
-    numbers["shape_links"] = int(links.shape_l.sum())
-    numbers["backbone_links"] = int(within.sum())
-    numbers["link_error"] = packing.link_error
-    if packing.dimension == 2:
-        numbers["crossing_links"] = len(crossing_links(packing))
-    return int(within.sum())
+    return {
+        "links": len(links),
+        "shape_links": int(links.shape_l.sum()),
+        "backbone_links": int(within.sum()),
+        "link_error": packing.link_error,
+        **({"crossing_links": len(crossing_links(packing))} if packing.dimension == 2 else {}),
+    }
 
 
 def _carries_force(packing: Packing, contacts: Contacts) -> bool:

@@ -24,7 +24,6 @@ from packmech.packing import Packing
 from packmech.result import Run, Trace
 from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
-from packmech.shapes import Shapes
 from packmech.view import drawing
 
 Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -148,27 +147,19 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
         ends = Frame(0, 0.0, scene.packing), Frame(max(run.steps, 1), float(max(run.steps, 1)), run.packing)
         return Trajectory(ends, scene.effects, {} if trace is None else curves_of_trace(trace))
-    chosen = _evenly(len(trace.step_t), frames - 1)
-    kept = [
-        Frame(
-            int(trace.step_t[t]),
-            float(trace.step_t[t]),
-            scene.packing.replace(
-                position_nd=trace.position_tnd[t],
-                box=scene.packing.box if trace.lattice_tdd is None else Box(trace.lattice_tdd[t]),
-                shapes=_turned_to(scene.packing, None if trace.orientation_tnq is None else trace.orientation_tnq[t]),
-            ),
-        )
-        for t in chosen
-    ]
+    kept = _frames_of(
+        scene,
+        trace.step_t,
+        trace.step_t,
+        trace.position_tnd,
+        trace.lattice_tdd,
+        None,
+        None,
+        trace.orientation_tnq,
+        frames - 1,
+    )
     last = max(int(run.steps), kept[-1].step + 1)
     return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
-
-
-def _turned_to(packing: Packing, orientation_nq: NDArray[np.float64] | None) -> Shapes | None:
-    """Return the shapes of a packing with other orientations."""
-    shapes = packing.shapes
-    return shapes if shapes is None or orientation_nq is None else shapes.oriented(orientation_nq)
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -244,23 +235,25 @@ def _in_motion(
 def _frames_of(
     scene: Scene,
     step_f: NDArray[np.int64],
-    time_f: NDArray[np.float64],
+    time_f: NDArray[Any],
     position_fnd: NDArray[np.float64],
-    lattice_fdd: NDArray[np.float64],
+    lattice_fdd: NDArray[np.float64] | None,
     spin_fnk: NDArray[np.float64] | None,
     touching_f: Sequence[Touching] | None,
     orientation_fnq: NDArray[np.float64] | None,
     frames: int,
 ) -> tuple[Frame, ...]:
-    mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, scene.packing.dimension)
+    """Return evenly chosen frames; boxes and orientations are those of the scene where none were kept."""
+    packing = scene.packing
+    mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, packing.dimension)
     return tuple(
         Frame(
             int(step_f[f]),
             float(time_f[f]),
-            scene.packing.replace(
+            packing.replace(
                 position_nd=position_fnd[f],
-                box=Box(lattice_fdd[f]),
-                shapes=_turned_to(scene.packing, None if orientation_fnq is None else orientation_fnq[f]),
+                box=packing.box if lattice_fdd is None else Box(lattice_fdd[f]),
+                shapes=packing.bodies if orientation_fnq is None else packing.bodies.oriented(orientation_fnq[f]),
             ),
             None if touching_f is None else touching_f[f],
             None if mark is None else mark[f],
@@ -350,10 +343,10 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
 
 def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
     """Return the positions moved by lattice vectors so that links have the images that they have in the start."""
-    if start.links is None or packing.links is None or start.links == packing.links:
+    if start.links == packing.links:
         return packing.position_nd
-    now, _ = image_offsets(packing.links, packing.particles)
-    before, _ = image_offsets(start.links, start.particles)
+    now, _ = image_offsets(packing.rigid_links, packing.particles)
+    before, _ = image_offsets(start.rigid_links, start.particles)
     moved: NDArray[np.float64] = packing.position_nd + (now - before) @ packing.box.lattice_dd.T
     return moved
 
@@ -466,17 +459,16 @@ def draw_moving(frame: Frame, effects: Sequence[Any]) -> DrawnFrame:
         slides_s = touching.sliding_c[pair_s]
         sticking, sticking_force = segments[~slides_s], force_s[~slides_s]
         sliding, sliding_force = segments[slides_s], force_s[slides_s]
-    links = packing.links
-    if links is not None:  # their forces are not kept
-        line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
-        shape_s = np.asarray(links.shape_l)[link_s]
-        drawn = replace(
-            drawn,
-            bond_sed=line_sed[~shape_s],
-            bond_tension_s=np.zeros(int((~shape_s).sum())),
-            shape_sed=line_sed[shape_s],
-            shape_tension_s=np.zeros(int(shape_s.sum())),
-        )
+    links = packing.rigid_links
+    line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
+    shape_s = links.shape_l[link_s]
+    drawn = replace(  # the forces of links are not kept
+        drawn,
+        bond_sed=line_sed[~shape_s],
+        bond_tension_s=np.zeros(int((~shape_s).sum())),
+        shape_sed=line_sed[shape_s],
+        shape_tension_s=np.zeros(int(shape_s.sum())),
+    )
     bonds = drawing.bonds_among(effects)
     bond, pull = none, zero
     if bonds is not None:

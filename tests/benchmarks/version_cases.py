@@ -1330,16 +1330,6 @@ def cement(pm, freeze):
     return found
 
 
-@case("cement/curve, resumed")
-def cementing_curve(pm):
-    given = {"particles": [16], "packings": 2, "dimension": 2, "sizes": pm.Bidisperse(), "step": 0.1}
-    whole = pm.cementing_curve(orders=2, **given)
-    with tempfile.TemporaryDirectory() as folder:
-        pm.cementing_curve(folder, orders=1, **given)
-        resumed = pm.cementing_curve(folder, orders=2, **given)
-    return {"whole": whole, "resumed": resumed}
-
-
 # -- motion ------------------------------------------------------------------------------------------------------------
 
 METHODS = {"Verlet": lambda pm: pm.VelocityVerlet(), "Euler": lambda pm: pm.SemiImplicitEuler()}

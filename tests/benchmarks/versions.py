@@ -374,7 +374,6 @@ STATED: dict[str, dict[str, Any]] = {
     "compress": {"strain": "isotropic", "force_tolerance": 1e-9, "iteration_limit": 2000},
     "shear_stabilize": {"force_tolerance": 1e-10, "step_limit": 200_000},
     "cement": {"seed": 0, "step": 0.05, "freeze": "angles", "kind": "unstressed", "gap_tolerance": 1e-9},
-    "cementing_curve": {"seed": 0, "step": 0.05, "freeze": "angles", "pressure": 1e-8},
     "QuenchBatch": {
         "batch": 1,
         "relax": "full",

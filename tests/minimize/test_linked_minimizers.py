@@ -69,7 +69,7 @@ def test_links_hold_at_every_step_that_is_kept():
 def test_a_scene_without_links_carries_nothing_of_them():
     packing = pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=1)
     program = build_program(pm.Scene(packing, (pm.Repulsion(),)))
-    assert program.space.links is None and program.row_links is None
+    assert program.space.links is None
 
 
 def test_linked_pairs_and_pairs_of_rigid_clusters_are_no_contacts_in_the_loop():

@@ -7,7 +7,8 @@ import pytest
 
 import packmech as pm
 from packmech.minimize.program import build_program
-from packmech.minimize.second_order.newton import Newton, _Landscape, newton, polish
+from packmech.minimize.second_order.newton import Newton, newton, polish
+from packmech.minimize.second_order.soft_network import SoftNetwork, Units
 
 
 def nearly_at_rest(particles, dimension, fraction, seed, tolerance=1e-6):
@@ -72,9 +73,8 @@ def test_convergence_is_quadratic():
 
 def test_energy_change_is_right_far_below_the_rounding_of_the_energy():
     scene = nearly_at_rest(64, 2, 0.9, 1)
-    landscape = _Landscape(scene.packing, scene.effects, 0.3)
-    start = landscape.at(scene.packing.position_nd)
-    near = start.near
+    network = SoftNetwork(scene.packing, Units(scene.effects, 1.0, 1.0), np.zeros((0, 2, 2)), None, reach=0.3)
+    near = network.listed
     # exact image shifts: the box is square, so coordinates are sums of doubles
     lattice = scene.packing.box.lattice_dd
     for size in (1e-3, 1e-6, 1e-9, 1e-12):
@@ -94,7 +94,7 @@ def test_energy_change_is_right_far_below_the_rounding_of_the_energy():
                 overlap = max(1 - distance / sigma, Fraction(0))
                 pair.append(overlap * overlap / 2)
             change += pair[1] - pair[0]
-        found = landscape.energy_change(start, position)
+        found = network.growth_to(scene.packing.replace(position_nd=position))
         # forces are known to their rounding floor, and so is the change, not to the rounding of the energy
         step = np.abs(position - scene.packing.position_nd).sum()
         bound = 0.05 * rounding_floor(scene) * step

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.jamming import hard_path
+from packmech.protocols.shearing import hard_discs
 
 
 @functools.cache
@@ -266,7 +266,7 @@ def test_a_crystal_with_rattlers_is_sheared_to_where_its_contacts_part_and_on():
 
 
 def test_a_path_that_loses_the_packing_says_why_and_keeps_the_last_hard_one(monkeypatch):
-    monkeypatch.setattr(hard_path, "search_hard", lambda *_: (None, 0))
+    monkeypatch.setattr(hard_discs, "search_hard", lambda *_: (None, 0))
     run = pm.shear_families(jammed().packing, 0.06, step=0.01, check=False)
     assert run.outcome is pm.Outcome.NOT_JAMMED
     assert run.report["stopped"].startswith("no hard packing was found, beyond strain 0.03")

@@ -58,7 +58,7 @@ def test_aspect_one_is_drawn_as_discs_and_spheres_are():
 
 def test_quaternions_turn_the_first_axis_to_the_director():
     shapes = pm.Spheroids(np.full(50, 2.0), np.random.default_rng(1).normal(size=(50, 3)))
-    x, y, z, w = drawing.orientations(shapes).T
+    x, y, z, w = drawing.orientations(shapes.director_nd).T
     first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
     assert np.abs(np.abs((first * shapes.director_nd).sum(axis=1)) - 1.0).max() < 1e-12
 
@@ -147,3 +147,13 @@ def test_pictures_of_runs_show_shapes_as_they_are(tmp_path, name, wide):
     part = seen[:, : int(0.64 * seen.shape[1])]
     y, x = np.nonzero(part[:, :, 2] - part[:, :, 0] > 40)
     assert np.ptp(x) / np.ptp(y) == pytest.approx(wide, rel=0.03)
+
+
+def test_a_body_in_space_is_drawn_with_its_upper_bead_above():
+    beads = pm.Packing([[0.0, 0.0, 0.0], [0.0, 0.0, 1.2]], [0.8, 0.4], pm.Box.cubic(6.0, 3))
+    body = pm.rigid_packing(beads.replace(position_nd=beads.position_nd + 3.0), [0, 0])
+    picture = pm.draw_frame(body, size=(300, 300)).astype(int)
+    # the hue of a body is bluer than the edges of the box
+    row, column = np.nonzero(picture[:, :, 2] - picture[:, :, 0] > 30)
+    third = np.ptp(row) // 3
+    assert np.ptp(column[row < row.min() + third]) < 0.8 * np.ptp(column[row > row.max() - third])

@@ -8,13 +8,14 @@ Bitzek et al., Phys. Rev. Lett. 97, 170201 (2006), and its second form, GuÃ©nolÃ
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import project_rows, speeds
+from packmech.constraints.compiled_links import speeds
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
-from packmech.minimize.passes.pair_list import DISPLACED, follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, move_pass, net_forces, survey
+from packmech.minimize.passes.pair_list import DISPLACED
+from packmech.minimize.passes.strains import judge_all, move_box, pull_box, with_rates
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -65,7 +66,12 @@ class Fire(NamedTuple):
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps; return the status code."""
-        return program.advance(fire_steps, _Numbers(*self[:-1], 0.0, 0.0), goal, progress, steps, self.largest_step)
+        return self.advance_strained(program, None, goal, progress, steps)
+
+    def advance_strained(self, program: Program, strains: Any, goal: Goal, progress: Progress, steps: int) -> int:
+        """Advance by up to `steps` steps, in free strains of the box, too, where there are any."""
+        numbers = _Numbers(*self[:-1], 0.0, 0.0, strains)
+        return program.advance(fire_steps, numbers, goal, progress, steps, self.largest_step)
 
 
 class Fire2(NamedTuple):
@@ -98,7 +104,7 @@ class Fire2(NamedTuple):
 
 
 class _Numbers(NamedTuple):
-    """The numbers of either form, the part of an uphill step taken back, and whether mixing sees the kick."""
+    """The numbers of either form, the part of an uphill step taken back, whether mixing sees the kick, and strains."""
 
     dt: float
     dt_max: float
@@ -110,6 +116,7 @@ class _Numbers(NamedTuple):
     mixing_decay: float
     step_back: float
     mix_kicked: float
+    strains: Any = None
 
 
 def _check(method: Fire | Fire2) -> None:
@@ -131,7 +138,7 @@ def _start(method: Fire | Fire2, program: Program) -> Progress:
 
 
 @device
-def steer(settings, uphill, dt, mixing, downhill):
+def _steer(settings, uphill, dt, mixing, downhill):
     """Return the next time step, mixing and number of steps downhill: slow down uphill, speed up after a delay."""
     if uphill:
         return max(settings.dt_min, settings.shrink * dt), settings.mixing, 0.0
@@ -151,22 +158,23 @@ def fire_steps(
     speed2 = number[_SPEED2]
     fastest2 = number[_FASTEST2]
     stiffness = number[_STIFFNESS]
+    strains = settings.strains
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
     while True:
-        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
         now = int(number[_STEP]) + step
+        found = sums
+        sums = pull_box(strains, effects, axes, row, space, pairs, found)
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
             stiffness = survey(effects, row, pairs).stiffness
             if stiffness > 0.0:
                 mobility = 5.0 / stiffness
-        status = judge(sums, stiffness, space, goal)
+        status = judge_all(strains, found, stiffness, space, goal)
         if status != RUNNING or step == steps:
             break
         step += 1
@@ -177,7 +185,7 @@ def fire_steps(
                     row[i, a] -= back * velocity_nd[i, a]
             pairs.number[DISPLACED] += back * math.sqrt(fastest2)
         if now > 0:
-            dt, alpha, downhill = steer(settings, stopped, dt, alpha, downhill)
+            dt, alpha, downhill = _steer(settings, stopped, dt, alpha, downhill)
         kick = dt * mobility
         if stopped:
             keep = 0.0
@@ -195,10 +203,10 @@ def fire_steps(
             keep *= largest_step / reach
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
-        moved = dt * math.sqrt(fastest2) + project_rows(space.links, axes, row, space)
+        space = move_box(strains, axes, row, space, pairs, keep, push, dt)
+        pairs = followed(axes, row, space, pairs, dt * math.sqrt(fastest2))
         speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
-        if is_stale(pairs, moved):
-            pairs = follow(axes, row, space, pairs)
+        speed2, fastest2 = with_rates(strains, speed2, fastest2)
     number[_DT] = dt
     number[_ALPHA] = alpha
     number[_DOWNHILL] = downhill

@@ -9,20 +9,19 @@ and a tuple `axes` as long as the dimension, so that a plane does not pay for th
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import CompiledLinks, has_links, projected, refresh
+from packmech.constraints.compiled_links import CompiledLinks, add_tensions, project_rows, projected, refresh
 from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, kernel
-from packmech.minimize.passes.pair_list import BLOCK, follow, is_stale
+from packmech.jit.compiled import device, inlined, inner_kernel, kernel
+from packmech.minimize.passes.pair_list import BLOCK, follow, is_stale, pair_at
 from packmech.minimize.passes.shape_rows import (
     flat_spin,
-    has_shapes,
     keep_turned,
     shape_touch,
     shapes_of,
@@ -105,25 +104,6 @@ def _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, squ
     return abs(first), 1
 
 
-def _push_pair(
-    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: int, j: int,
-    dx: float, dy: float, dz: float, square: float, sigma: float,
-) -> Any:  # fmt: skip
-    push = _push_shapes if has_shapes(effects) else _push_round
-    return push(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
-
-
-@compiled_form(_push_pair, inline=True)
-def _choose_push_pair(
-    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: Any, j: Any,
-    dx: Any, dy: Any, dz: Any, square: Any, sigma: Any,
-) -> Any:  # fmt: skip
-    push = _push_shapes if has_shapes(effects) else _push_round
-    return lambda effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma: push(
-        effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma
-    )
-
-
 @device
 def _slope(effects, rho, sigma, rate):
     first = 0.0
@@ -143,15 +123,16 @@ def _law(effects, rho, sigma):
 
 
 @inlined
-def _push_shapes(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
-    """Add forces and torques of a pair of shapes whose surrounding discs overlap; return their size and number.
+def _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Add forces and torques of a pair whose surrounding discs or spheres overlap; return their size and number.
 
     Torques go to the rows of the turns, where `turn_rows` makes forces of them.
     """
+    if shapes is None:
+        return _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
         dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
-    shapes = shapes_of(effects)
     n = shapes.radius_n.shape[0]
     total = 0.0
     touching = 0
@@ -198,7 +179,8 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     shift_kd = pairs.shift_kd
     n = pairs.anchor_nd.shape[0]
-    keep_turned(effects, row)
+    shapes = shapes_of(effects)
+    keep_turned(shapes, row)
     total = 0.0
     touching = 0
     power = 0.0
@@ -217,7 +199,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
             square += dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
-            more, one = _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+            more, one = _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
             total += more
             touching += one
     i_p = pairs.i_p
@@ -235,11 +217,13 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 square += dz * dz
             sigma = row[i, 3] + row[j, 3]
             if square < sigma * sigma:
-                more, one = _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+                more, one = _push_pair(
+                    shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma
+                )
                 total += more
                 touching += one
         # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
-        more, pushed = push_rows(effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
+        more, pushed = push_rows(shapes, effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
         total += more
         touching += pushed
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
@@ -253,26 +237,32 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 power += fz * velocity_nd[i, 2]
             whole += own
             largest = max(largest, own)
-    more, square, own = turn_rows(effects, axes, row, force_nd, velocity_nd)
+    more, square, own = turn_rows(shapes, axes, row, force_nd, velocity_nd)
     return Sums(total, touching, power + more, whole + square, max(largest, own))
 
 
 @device
-def _project_forces(links, axes, force_nd, velocity_nd, sums):
+def project_forces(links, axes, force_nd, velocity_nd, sums):
+    """Project the forces of a pass onto the motions that the links admit; return the sums over what is left."""
+    if links is None:
+        return sums
     power, square, largest = projected(links, axes, force_nd, velocity_nd)
     return Sums(sums.total, sums.touching, power, square, largest)
 
 
-def project_forces(links: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Sums) -> Sums:
-    """Project the forces of a pass onto the motions that the links admit; return the sums over what is left."""
-    return sums if links is None else _project_forces(links, axes, force_nd, velocity_nd, sums)
+@inlined
+def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs):
+    """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left."""
+    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    return project_forces(space.links, axes, force_nd, velocity_nd, sums)
 
 
-@compiled_form(project_forces)
-def _choose_project_forces(links: Any, axes: Any, force_nd: Any, velocity_nd: Any, sums: Any) -> Any:
-    if has_links(links):
-        return _project_forces
-    return lambda links, axes, force_nd, velocity_nd, sums: sums
+@inlined
+def followed(axes, row, space, pairs, moved):
+    """Bring rows back onto their links after none moved farther than `moved`; return pairs that are valid there."""
+    if is_stale(pairs, moved + project_rows(space.links, axes, row, space)):
+        pairs = follow(axes, row, space, pairs)
+    return pairs
 
 
 @inner_kernel
@@ -323,140 +313,120 @@ class Survey(NamedTuple):
     contacts: int
 
 
+@device
+def _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+    """Add the stiffness and the virial of a touching pair of discs or spheres; return its energy, overlap, and 1."""
+    r = math.sqrt(square)
+    energy, first, second = _law(effects, r, sigma)
+    stiffness_n[i] += abs(second)
+    stiffness_n[j] += abs(second)
+    if r > 0.0:
+        first /= r
+    virial[0, 0] += first * dx * dx
+    virial[0, 1] += first * dx * dy
+    virial[1, 1] += first * dy * dy
+    virial[0, 2] += first * dx * dz
+    virial[1, 2] += first * dy * dz
+    virial[2, 2] += first * dz * dz
+    return energy, (sigma - r) / sigma, 1
+
+
+@device
+def _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+    """Do the same for all contacts of two particles; return their energy, the largest overlap, and their number."""
+    if shapes is None:
+        return _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
+    if square == 0.0:
+        dx = 1e-9 * sigma
+    energy = deepest = 0.0
+    contacts = 0
+    for k in range(touches(shapes, i, j)):
+        touch = shape_touch(shapes, i, j, k, dx, dy, dz, shapes.dimension)
+        if not touch.touching:
+            continue
+        contacts += 1
+        deepest = max(deepest, (touch.sigma - touch.rho) / touch.sigma)
+        own, first, second = _law(effects, touch.rho, touch.sigma)
+        energy += own
+        turn_i = (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz) / shapes.gyration_n[i] ** 2
+        turn_j = (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz) / shapes.gyration_n[j] ** 2
+        steep = abs(second) * (touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
+        stiffness_n[i] += steep + abs(second) * turn_i
+        stiffness_n[j] += steep + abs(second) * turn_j
+        # symmetric in all where torques balance
+        virial[0, 0] += first * touch.x * dx
+        virial[0, 1] += 0.5 * first * (touch.x * dy + touch.y * dx)
+        virial[1, 1] += first * touch.y * dy
+        virial[0, 2] += 0.5 * first * (touch.x * dz + touch.z * dx)
+        virial[1, 2] += 0.5 * first * (touch.y * dz + touch.z * dy)
+        virial[2, 2] += first * touch.z * dz
+    return energy, deepest, contacts
+
+
+@device
+def contacts_of(shapes, row, i, j, sx, sy, sz):
+    """Return in how many places two rows touch at an image, whose shift is given."""
+    dx = row[j, 0] - row[i, 0] + sx
+    dy = row[j, 1] - row[i, 1] + sy
+    dz = row[j, 2] - row[i, 2] + sz
+    sigma = row[i, 3] + row[j, 3]
+    square = dx * dx + dy * dy + dz * dz
+    if square >= sigma * sigma:
+        return 0
+    if shapes is None:
+        return 1
+    if square == 0.0:
+        dx = 1e-9 * sigma
+    number = 0
+    for k in range(touches(shapes, i, j)):
+        number += shape_touch(shapes, i, j, k, dx, dy, dz, shapes.dimension).touching
+    return number
+
+
 @inner_kernel
-def _survey_round(effects, row, pairs):
+def survey(effects, row, pairs):
+    """Return the Survey of the touching pairs, without what links bear."""
+    shapes = shapes_of(effects)
+    keep_turned(shapes, row)
     stiffness_n = np.zeros(row.shape[0])
     energy = 0.0
     virial = np.zeros((3, 3))
     deepest = 0.0
     contacts = 0
-    within = pairs.count_b[0]
-    for p in range(within + pairs.count_b[1]):
-        if p < within:
-            i = pairs.i_p[p]
-            j = pairs.j_p[p]
-            sx = sy = sz = 0.0
-        else:
-            i = pairs.crossing_i_p[p - within]
-            j = pairs.crossing_j_p[p - within]
-            k = pairs.crossing_k_p[p - within]
-            sx, sy, sz = pairs.shift_kd[k, 0], pairs.shift_kd[k, 1], pairs.shift_kd[k, 2]
+    for p in range(pairs.count_b[0] + pairs.count_b[1]):
+        i, j, sx, sy, sz = pair_at(pairs, p)
         dx = row[j, 0] - row[i, 0] + sx
         dy = row[j, 1] - row[i, 1] + sy
         dz = row[j, 2] - row[i, 2] + sz
         square = dx * dx + dy * dy + dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
-            r = math.sqrt(square)
-            contacts += 1
-            deepest = max(deepest, (sigma - r) / sigma)
-            first = 0.0
-            second = 0.0
-            for one in literal_unroll(effects):
-                energy += pair_energy(one, r, sigma)
-                first += pair_first(one, r, sigma, 0.0)
-                second += pair_second(one, r, sigma)
-            stiffness_n[i] += abs(second)
-            stiffness_n[j] += abs(second)
-            if r > 0.0:
-                first /= r
-            virial[0, 0] += first * dx * dx
-            virial[0, 1] += first * dx * dy
-            virial[1, 1] += first * dy * dy
-            virial[0, 2] += first * dx * dz
-            virial[1, 2] += first * dy * dz
-            virial[2, 2] += first * dz * dz
+            own, overlap, count = _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
+            energy += own
+            deepest = max(deepest, overlap)
+            contacts += count
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
-    more, stiffness = survey_rows(effects, row, stiffness_n)
+    more, stiffness = survey_rows(shapes, effects, row, stiffness_n)
     energy += more
     for i in range(row.shape[0]):
         stiffness = max(stiffness, stiffness_n[i])
     return Survey(energy, virial, stiffness, deepest, contacts)
 
 
-@inner_kernel
-def _survey_shapes(effects, row, pairs):
-    shapes = shapes_of(effects)
-    keep_turned(effects, row)
-    stiffness_n = np.zeros(row.shape[0])
-    n = shapes.radius_n.shape[0]
-    energy = 0.0
-    virial = np.zeros((3, 3))
-    deepest = 0.0
-    contacts = 0
-    within = pairs.count_b[0]
-    for p in range(within + pairs.count_b[1]):
-        if p < within:
-            i = pairs.i_p[p]
-            j = pairs.j_p[p]
-            sx = sy = sz = 0.0
-        else:
-            i = pairs.crossing_i_p[p - within]
-            j = pairs.crossing_j_p[p - within]
-            k = pairs.crossing_k_p[p - within]
-            sx, sy, sz = pairs.shift_kd[k, 0], pairs.shift_kd[k, 1], pairs.shift_kd[k, 2]
-        dx = row[j, 0] - row[i, 0] + sx
-        dy = row[j, 1] - row[i, 1] + sy
-        dz = row[j, 2] - row[i, 2] + sz
-        square = dx * dx + dy * dy + dz * dz
-        sigma = row[i, 3] + row[j, 3]
-        if square < sigma * sigma:
-            if square == 0.0:
-                dx = 1e-9 * sigma
-            for touch_k in range(touches(shapes, i, j)):
-                touch = shape_touch(shapes, i, j, touch_k, dx, dy, dz, shapes.dimension)
-                if not touch.touching:
-                    continue
-                contacts += 1
-                deepest = max(deepest, (touch.sigma - touch.rho) / touch.sigma)
-                own, first, second = _law(effects, touch.rho, touch.sigma)
-                energy += own
-                turn_i = (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz) / shapes.gyration_n[i] ** 2
-                turn_j = (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz) / shapes.gyration_n[j] ** 2
-                steep = abs(second) * (touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
-                stiffness_n[i] += steep + abs(second) * turn_i
-                stiffness_n[j] += steep + abs(second) * turn_j
-                # symmetric in all where torques balance
-                virial[0, 0] += first * touch.x * dx
-                virial[0, 1] += 0.5 * first * (touch.x * dy + touch.y * dx)
-                virial[1, 1] += first * touch.y * dy
-                virial[0, 2] += 0.5 * first * (touch.x * dz + touch.z * dx)
-                virial[1, 2] += 0.5 * first * (touch.y * dz + touch.z * dy)
-                virial[2, 2] += first * touch.z * dz
-    virial[1, 0] = virial[0, 1]
-    virial[2, 0] = virial[0, 2]
-    virial[2, 1] = virial[1, 2]
-    more, stiffness = survey_rows(effects, row, stiffness_n)
-    energy += more
-    for i in range(n):
-        stiffness = max(stiffness, stiffness_n[i])
-    return Survey(energy, virial, stiffness, deepest, contacts)
-
-
-def survey(effects: Any, row: Any, pairs: Any) -> Survey:
-    """Return the Survey of the touching pairs."""
-    found: Survey = (_survey_shapes if has_shapes(effects) else _survey_round)(effects, row, pairs)
-    return found
-
-
-@compiled_form(survey)
-def _choose_survey(effects: Any, row: Any, pairs: Any) -> Any:
-    own = _survey_shapes if has_shapes(effects) else _survey_round
-    return lambda effects, row, pairs: own(effects, row, pairs)
-
-
 @kernel
 def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
-    """Return Sums, Survey and the pair list at the positions in row; the forces are left in force_nd."""
+    """Return Sums, Survey (with what links bear) and the pair list at the positions in row; forces stay in force_nd."""
     if is_stale(pairs, np.inf):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
     refresh(space.links, row, space)
     sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
-    return sums, survey(effects, row, pairs), pairs
+    found = survey(effects, row, pairs)
+    add_tensions(space.links, axes, found.virial_dd)
+    return sums, found, pairs
 
 
 @device

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import without_linked
 from packmech.contacts.cells import find_pairs
-from packmech.jit.compiled import device, inner_kernel
+from packmech.jit.compiled import device, inlined, inner_kernel
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -113,6 +113,18 @@ def place_images(frame, pairs):
             for b in range(3):
                 shift += frame.lattice_dd[a, b] * pairs.image_kd[k, b]
             pairs.shift_kd[k, a] = shift
+
+
+@inlined
+def pair_at(pairs, p):
+    """Return the particles of an inner pair and the shift of its image; those within the cell come first."""
+    within = pairs.count_b[0]
+    if p < within:
+        return pairs.i_p[p], pairs.j_p[p], 0.0, 0.0, 0.0
+    c = p - within
+    k = pairs.crossing_k_p[c]
+    shift = pairs.shift_kd
+    return pairs.crossing_i_p[c], pairs.crossing_j_p[c], shift[k, 0], shift[k, 1], shift[k, 2]
 
 
 @device

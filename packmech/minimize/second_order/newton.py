@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,24 +13,14 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from packmech.check import instance, integer, positive
-from packmech.contacts import Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.elements import elements_of
 from packmech.contacts.rattlers import rattlers_of
-from packmech.effects import (
-    contact_terms,
-    held_particles,
-    needs_second,
-    refuse_single,
-    single_effects,
-    single_terms,
-    total_push,
-)
+from packmech.effects import needs_second, refuse_single, single_terms
 from packmech.jit.blas import single_thread
-from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factorize
-from packmech.measure.stress import sum_forces
-from packmech.mechanics.assembly import Assembled, assemble
-from packmech.mechanics.stability import stability_bound
-from packmech.minimize.second_order.soft_network import Units, energy_change, length_unit
+from packmech.linalg.factor import NotDefinite, factorize
+from packmech.mechanics.assembly import assemble
+from packmech.mechanics.stability import stability
+from packmech.minimize.second_order.soft_network import SoftNetwork, Units, length_unit
 from packmech.minimize.second_order.soft_newton import descend, judge
 from packmech.packing import Packing
 from packmech.result import Condition, NotConverged, Outcome, Run, unmet_conditions
@@ -98,7 +88,7 @@ class Newton(NamedTuple):
     largest_step
         No particle moves farther than this in one step [smallest diameter].
     skin
-        Pairs are searched within this reach beyond contact [smallest diameter].
+        Pairs are searched within this reach beyond contact [contact distance].
 
     """
 
@@ -111,182 +101,89 @@ class Newton(NamedTuple):
         positive("method.skin", self.skin)
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Positions with their touching contacts, net forces, and what acts on single particles."""
-
-    position_nd: NDArray[np.float64]
-    near: Contacts
-    touching: Contacts
-    first_c: NDArray[np.float64]
-    second_c: NDArray[np.float64]
-    net_nd: NDArray[np.float64]
-    push: float
-    pushes: int
-    single_ndd: NDArray[np.float64]
-
-    @property
-    def max_force(self) -> float:
-        return float(np.sqrt((self.net_nd**2).sum(axis=1)).max())
-
-    @property
-    def mean_force(self) -> float:
-        # forces on single particles count as those of contacts do, where there are any
-        count = len(self.touching) + self.pushes
-        return float((np.abs(self.first_c).sum() + self.push) / count) if count else 0.0
-
-    @property
-    def residual(self) -> float:
-        return self.max_force / self.mean_force if self.mean_force > 0.0 else 0.0
+def _at(state: SoftNetwork, packing: Packing) -> SoftNetwork:
+    """Return the network of the same particles where they are in a packing."""
+    moved = float(np.sqrt(((packing.position_nd - state.searched_nd) ** 2).sum(axis=1)).max())
+    if moved > 0.5 * state.reach * float(packing.diameter_n.min()):
+        return SoftNetwork(packing, state.units, state.basis_kdd, None, reach=state.reach)
+    found = copy.copy(state)
+    found.measure(packing)
+    return found
 
 
-class _Landscape:
-    """The energy of one packing's particles in its box, near where they are."""
-
-    def __init__(self, packing: Packing, effects: tuple[Any, ...], skin: float) -> None:
-        self.packing, self.effects, self.skin = packing, effects, skin
-        self.evaluations = 0
-        self.held_n = held_particles(effects, packing.particles)
-        self.pushed = bool(single_effects(effects))
-        self._search(packing.position_nd)
-
-    def _search(self, position_nd: NDArray[np.float64]) -> None:
-        packing = self.packing
-        self.pairs = candidate_pairs(position_nd, packing.radius_n, packing.box, skin=self.skin)
-        self.listed_nd = position_nd
-
-    def at(self, position_nd: NDArray[np.float64]) -> _State:
-        moved = float(np.sqrt(((position_nd - self.listed_nd) ** 2).sum(axis=1)).max())
-        if moved > 0.5 * self.skin:
-            self._search(position_nd)
-        self.evaluations += 1
-        near = pair_contacts(self.packing.replace(position_nd=position_nd), *self.pairs)
-        touching = near.select(near.distance_c < near.contact_distance_c)
-        terms = contact_terms(self.effects, touching.distance_c, touching.contact_distance_c)
-        net = sum_forces(touching, -terms.first_c)
-        single = single_terms(self.effects, self.packing, position_nd)
-        net += single.force_nd
-        if self.held_n is not None:
-            net[self.held_n] = 0.0
-        pushed = total_push(single, self.held_n)
-        return _State(position_nd, near, touching, terms.first_c, terms.second_c, net, *pushed, single.second_ndd)
-
-    def floor(self, state: _State) -> float:
-        """Return the net force that rounding of the coordinates makes: their spacing times a particle's stiffness."""
-        ends = np.concatenate([state.touching.i_c, state.touching.j_c])
-        stiffness_n = np.bincount(ends, np.tile(state.second_c, 2), minlength=len(state.position_nd))
-        stiffness = (stiffness_n + np.abs(state.single_ndd).sum(axis=2).max(axis=1)).max(initial=0.0)
-        return float(stiffness * np.spacing(self.extent(state)))
-
-    def extent(self, state: _State) -> float:
-        """Return the largest coordinate, whose last digit is the error of positions."""
-        return max(float(np.abs(state.position_nd).max()), float(np.abs(self.packing.box.lattice_dd).max()))
-
-    def energy_change(self, start: _State, position_nd: NDArray[np.float64]) -> float:
-        """Return the energy at new positions less that at the start, free of cancellation."""
-        near = start.near
-        step = position_nd - start.position_nd
-        change = step[near.j_c] - step[near.i_c]
-        change_of_pairs = energy_change(
-            near.vector_cd,
-            change,
-            near.contact_distance_c,
-            lambda distance, sigma: contact_terms(self.effects, distance, sigma).first_c,
-        )
-        if not self.pushed:
-            return change_of_pairs
-        places = ((weight, start.position_nd + share * step) for share, weight in _SIMPSON.items())
-        work = sum(
-            weight * float((single_terms(self.effects, self.packing, place).force_nd * step).sum())
-            for weight, place in places
-        )
-        return change_of_pairs - work
+def _floor(state: SoftNetwork) -> float:
+    """Return the net force that rounding of the coordinates makes: their spacing times a particle's stiffness."""
+    one = state.contacts
+    stiffness_n = np.bincount(np.concatenate([one.i_c, one.j_c]), np.tile(state.second_c, 2), minlength=one.particles)
+    if state.single is not None:
+        stiffness_n = stiffness_n + np.abs(state.single.second_ndd).sum(axis=2).max(axis=1)
+    return float(stiffness_n.max(initial=0.0) * np.spacing(state.extent))
 
 
-@dataclass(frozen=True, eq=False)
-class _Curvature:
-    """The factored Hessian of the particles that may move, made definite if it was not."""
-
-    factor: Factorization
-    free_n: NDArray[np.bool_]
-    changed: bool
-
-    def step(self, net_nd: NDArray[np.float64]) -> NDArray[np.float64]:
-        step = np.zeros_like(net_nd)
-        step[self.free_n] = self.factor.solve(net_nd[self.free_n].ravel()).reshape(-1, net_nd.shape[1])
-        return step
+def _energy_change(state: SoftNetwork, packing: Packing) -> float:
+    """Return the energy of a packing nearby less that of the network's, free of cancellation."""
+    change = state.growth_to(packing)
+    if state.acting:
+        start, effects = state.packing, state.units.effects
+        step = packing.position_nd - start.position_nd
+        for share, weight in _SIMPSON.items():
+            force_nd = single_terms(effects, start, start.position_nd + share * step).force_nd
+            change -= weight * float((force_nd * step).sum())
+    return change
 
 
-def _curvature(landscape: _Landscape, state: _State, regularization: float) -> _Curvature:
-    """Return the factored Hessian; `regularization` [1] in units of each coordinate's own stiffness is added."""
-    touching = state.touching
-    count = touching.count_n()
+def _step(state: SoftNetwork) -> tuple[NDArray[np.float64], bool]:
+    """Return Newton's step, its Hessian made definite where it is not, and whether that was needed."""
+    touching, held_n = state.contacts, state.held_n
+    count, d = touching.count_n(), touching.dimension
     free = count > 0
-    if landscape.pushed:
-        free |= (state.single_ndd != 0.0).any(axis=(1, 2))
-        regularization = max(regularization, _SLIDING)
+    regularization = 0.0
+    if state.single is not None:
+        free |= (state.single.second_ndd != 0.0).any(axis=(1, 2))
+        regularization = _SLIDING
     else:
         # one particle of each cluster is held in place of the cluster's translations
         links = sp.coo_array((np.ones(len(touching)), (touching.i_c, touching.j_c)), shape=(len(free), len(free)))
         _, cluster_n = connected_components(links, directed=False)
         # one that is held already does
-        weight_n = count if landscape.held_n is None else np.where(landscape.held_n, touching.particles, count)
+        weight_n = count if held_n is None else np.where(held_n, touching.particles, count)
         order = np.lexsort((-weight_n, cluster_n))
         free[order[np.concatenate([[True], np.diff(cluster_n[order]) > 0])]] = False
-    if landscape.held_n is not None:
-        free &= ~landscape.held_n
+    if held_n is not None:
+        free &= ~held_n
     # what is pushed or leans on what is held needs no force to bear
-    alone = landscape.held_n is None and not landscape.pushed
+    alone = held_n is None and state.single is None
     rattling = rattlers_of(touching) if alone else np.zeros(touching.particles, dtype=np.bool_)
     weak = rattling[touching.i_c] | rattling[touching.j_c]
     # contacts that hold no particle bend sideways under their own force: leave that out, and regularize it
-    pushes: NDArray[np.float64] = np.where(weak, 0.0, state.first_c)
-    matrix = _second(touching, pushes, state.second_c, state.single_ndd).matrix(np.repeat(free, touching.dimension))
+    elements = elements_of(touching, np.where(weak, 0.0, state.first_c), state.second_c)
+    single_ndd = None if state.single is None else state.single.second_ndd
+    second = assemble([elements], state.turn_nkt, d, single_nqq=single_ndd, basis_edd=state.basis_kdd)
+    matrix = second.matrix(np.repeat(free, d))
+    step = np.zeros_like(state.uphill_nd)
     if not matrix.shape[0]:
-        return _Curvature(factorize(matrix), free, False)
+        return step, False
     diagonal = np.abs(matrix.diagonal())
     diagonal = np.maximum(diagonal, 1e-3 * diagonal.mean())
-    held = np.repeat(~rattling[free], touching.dimension)
-    added = np.where(held, regularization, max(regularization, 1e-3)) * diagonal
+    bound = np.repeat(~rattling[free], d)
+    added = np.where(bound, regularization, max(regularization, 1e-3)) * diagonal
     while True:
         try:
             whole = matrix + sp.diags_array(added, format="csr") if added.any() else matrix
             factor = factorize(whole, kind="symmetric")
             if factor.inertia.positive == matrix.shape[0]:
-                return _Curvature(factor, free, bool((added > 0.0)[held].any()))
+                step[free] = factor.solve(-state.uphill_nd[free].ravel()).reshape(-1, d)
+                return step, bool((added > 0.0)[bound].any())
         except NotDefinite:
             pass
         regularization = max(10.0 * regularization, 1e-8)
         added = np.maximum(added, regularization * diagonal)
 
 
-def _second(
-    contacts: Contacts, first_c: NDArray[np.float64], second_c: NDArray[np.float64], single_ndd: NDArray[np.float64]
-) -> Assembled:
-    """Return the second derivatives of contacts and of what acts on single particles."""
-    still = np.zeros((contacts.particles, 0, 0))
-    d = contacts.dimension
-    elements = [elements_of(contacts, first_c, second_c)]
-    return assemble(elements, still, d, single_nqq=single_ndd, basis_edd=np.zeros((0, d, d)))
-
-
-def _unstable_directions(landscape: _Landscape, state: _State) -> int:
-    """Return the negative eigenvalues of the second derivative by all particles that can move, rattlers among them."""
-    near = state.near
-    rounding = 4.0 * np.finfo(float).eps * landscape.extent(state)
-    # contacts that touch to rounding count as closed
-    contacts = near.select(near.gap_c < rounding)
-    moves = np.ones(contacts.particles, dtype=bool) if landscape.held_n is None else ~landscape.held_n
-    contacts = contacts.select(moves[contacts.i_c] | moves[contacts.j_c])
-    terms = contact_terms(landscape.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
-    second = _second(contacts, terms.first_c, terms.second_c, state.single_ndd)
-    matrix = second.matrix(np.repeat(moves, contacts.dimension))
-    stiffest = float(np.abs(matrix.diagonal()).max(initial=0.0))
-    bound = stability_bound(stiffest, state.max_force, float(landscape.packing.radius_n.min()))
-    try:
-        return eigenvalues_below(matrix, -bound) if bound > 0.0 else 0
-    except NotDefinite:
-        return 1
+def _unstable_directions(state: SoftNetwork) -> int:
+    """Return the number of unstable directions of all particles that can move, rattlers among them."""
+    negative = stability(Scene(state.packing, state.units.effects), state.largest_force()).negative
+    return 1 if negative is None else negative
 
 
 def polish(
@@ -334,21 +231,19 @@ def polish(
         refuse_single(effects, "Newton's method on packings with links or shapes")
         with single_thread():
             return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit)
-    smallest = float(packing.diameter_n.min())
-    landscape = _Landscape(packing, effects, positive("method.skin", method.skin) * smallest)
-    longest = positive("method.largest_step", method.largest_step) * smallest
     needs_second(effects, "Newton's method")
+    longest = positive("method.largest_step", method.largest_step) * float(packing.diameter_n.min())
+    none, reach = np.zeros((0, packing.dimension, packing.dimension)), positive("method.skin", method.skin)
     with single_thread():
-        state = best = landscape.at(packing.position_nd)
-        steps = regularized = negative = 0
-        regularization = 0.0
+        state = best = SoftNetwork(packing, Units(effects, 1.0, 1.0), none, None, reach=reach)
+        evaluations, steps, regularized, negative = 1, 0, 0, 0
         while True:
-            floor = landscape.floor(state)
+            floor, largest = _floor(state), state.largest_force()
             if state.mean_force <= floor:
                 outcome = Outcome.UNJAMMED
                 break
-            if state.residual <= tolerance or state.max_force <= floor:
-                negative = _unstable_directions(landscape, state)
+            if state.residual <= tolerance or largest <= floor:
+                negative = _unstable_directions(state)
                 outcome = Outcome.CONVERGED if state.residual <= tolerance else Outcome.ROUNDING_FLOOR
                 outcome = Outcome.UNSTABLE if negative else outcome
                 break
@@ -358,43 +253,47 @@ def polish(
             if time.process_time() > deadline:
                 outcome = Outcome.TIME_LIMIT
                 break
-            curvature = _curvature(landscape, state, regularization)
-            step = curvature.step(state.net_nd)
+            step, changed = _step(state)
             step *= min(1.0, longest / max(float(np.sqrt((step**2).sum(axis=1)).max()), 1e-300))
-            reached = _descend(landscape, state, step)
-            if reached is None or (reached.max_force > 0.5 * best.max_force and best.max_force <= _FLOORS * floor):
-                near_floor = best.max_force <= _FLOORS * landscape.floor(best)
-                negative = _unstable_directions(landscape, best)
+            reached, looks = _descend(state, step)
+            evaluations += looks
+            least = best.largest_force()
+            if reached is None or (reached.largest_force() > 0.5 * least and least <= _FLOORS * floor):
+                state = best
+                near_floor, negative = least <= _FLOORS * _floor(best), _unstable_directions(best)
                 outcome = Outcome.ROUNDING_FLOOR if near_floor else Outcome.STALLED
                 outcome = Outcome.UNSTABLE if near_floor and negative else outcome
-                state = best
                 break
             steps += 1
-            regularized += curvature.changed
+            regularized += changed
             state = reached
-            if state.max_force < best.max_force:
+            if state.largest_force() < least:
                 best = state
-    final = packing.replace(position_nd=state.position_nd)
+    mean = state.mean_force
+    residual = state.residual if mean > 0.0 else 0.0
     return Polished(
-        final, outcome, state.residual, state.max_force, state.mean_force,
-        steps, landscape.evaluations, regularized, negative,
-    )  # fmt: skip
+        state.packing, outcome, residual, state.largest_force(), mean, steps, evaluations, regularized, negative
+    )
 
 
-def _descend(landscape: _Landscape, state: _State, step: NDArray[np.float64]) -> _State | None:
-    """Return the state after the longest halving of the step that lowers the energy or the largest net force."""
-    slope = -float((state.net_nd * step).sum())
-    size = 1.0
-    for _ in range(_HALVINGS):
-        position = state.position_nd + size * step
-        if np.array_equal(position, state.position_nd):
-            return None
-        change = landscape.energy_change(state, position)
-        reached = landscape.at(position)
-        if change <= _ARMIJO * size * slope or reached.max_force < 0.5 * state.max_force:
-            return reached
+def _descend(state: SoftNetwork, step: NDArray[np.float64]) -> tuple[SoftNetwork | None, int]:
+    """Return the network after the longest halving of the step that lowers the energy or the largest net force.
+
+    And the number of force evaluations; None where there is no such step.
+    """
+    packing = state.packing
+    slope, size = float((state.uphill_nd * step).sum()), 1.0
+    for number in range(_HALVINGS):
+        position = packing.position_nd + size * step
+        if np.array_equal(position, packing.position_nd):
+            return None, number
+        moved = packing.replace(position_nd=position)
+        reached = _at(state, moved)
+        lower = _energy_change(state, moved) <= _ARMIJO * size * slope
+        if lower or reached.largest_force() < 0.5 * state.largest_force():
+            return reached, number + 1
         size *= 0.5
-    return None
+    return None, _HALVINGS
 
 
 def newton(

@@ -1,4 +1,4 @@
-"""What Newton's method needs of a soft packing, with links or without: contacts, forces, slopes, changes of energy."""
+"""What Newton's method needs of a soft packing: contacts and links, forces, slopes, second derivatives, energies."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.contacts.excluded import Excluded
-from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
-from packmech.effects import contact_terms
-from packmech.linalg.block_system import BlockSystem, Factored, gather
-from packmech.linalg.factor import factor_saddle
+from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.network import Candidates, Contacts, distance_change
+from packmech.contacts.shape_contacts import ShapeContacts, contacts_at, near_pairs, shape_contacts
+from packmech.effects import contact_terms, held_particles, single_effects, single_terms, total_push
+from packmech.linalg.factor import factor_saddle, factorize
+from packmech.mechanics.assembly import assemble, slopes_of
 from packmech.packing import Packing
+from packmech.shapes import Beads
 
 # pairs are searched within this reach beyond contact, relative to it
 REACH = 0.05
@@ -28,6 +29,8 @@ _WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 # pairs further apart than so many widths of the smoothing bear next to nothing: overlaps fall as width^2 / gap
 _FAR = 30.0
 Array = NDArray[np.float64]
+# slopes alone need none
+_NO_STIFFNESS = np.zeros((0, 0, 0))
 
 
 def length_unit(packing: Packing) -> float:
@@ -146,21 +149,10 @@ def scaled_load(pressure: float | Load | None, factor: float) -> float | Load | 
     return None if pressure is None else pressure * factor
 
 
-class StiffPairs(NamedTuple):
-    """Pairs that are stiff or bear a force: stiffness along and across, the latter du/dr / r."""
-
-    i_c: NDArray[np.int64]
-    j_c: NDArray[np.int64]
-    normal_cd: NDArray[np.float64]
-    vector_cd: NDArray[np.float64]
-    along_c: NDArray[np.float64]
-    across_c: NDArray[np.float64]
-
-
 class Coupled(NamedTuple):
     """Second derivatives of the enthalpy: factored by the free coordinates, mixed with strains, and by strains.
 
-    `free_f` are the places of the coordinates among all; a system may have further unknowns after them.
+    `free_f` are the places of the coordinates among all; the tensions of links are further unknowns after them.
     """
 
     solve: Callable[[Array], Array]
@@ -200,7 +192,13 @@ class Response(NamedTuple):
 
 
 class SoftNetwork:
-    """Pairs that touch or may soon, their forces and the parts of the enthalpy's gradient."""
+    """Pairs that touch or may soon, links, their forces and the parts of the enthalpy's gradient.
+
+    Weights, walls and held particles are taken in where particles are discs or spheres, and units of length 1.
+
+    `uphill_nd` are the (N, q) slopes of the enthalpy along the positions and turns (measured in lengths) of the
+    particles, less what links bear; `tension_l` is what these do.
+    """
 
     def __init__(
         self,
@@ -209,21 +207,22 @@ class SoftNetwork:
         basis_kdd: NDArray[np.float64],
         pressure: float | Load | None,
         width: float = 0.0,
+        reach: float = REACH,
     ) -> None:
         rest_dd = pressure.rest_dd if isinstance(pressure, Load) else None
         pressure = pressure.pressure if isinstance(pressure, Load) else pressure
-        self.packing, self.units, self.pressure, self.rest_dd = packing, units, pressure or 0.0, rest_dd
+        self.units, self.pressure, self.rest_dd = units, pressure or 0.0, rest_dd
         # width over which overlaps are smoothed, none usually
-        self.width = width
+        self.width, self.reach = width, reach
+        self.acting, self.held_n = bool(single_effects(units.effects)), held_particles(units.effects, packing.particles)
         d = packing.dimension
         # a held volume leaves the parts of the strains without trace, and takes for pressure what it finds
         self.volume = packing.box.volume if pressure is None else None
-        self.basis_kdd = basis_kdd if pressure is not None else isochoric_part(basis_kdd, d)
-        basis_kdd = self.basis_kdd
-        self.pairs = self.search(packing)
-        self.system: BlockSystem | None = None
-        # of another length than any list: the first measurement lays out the system
-        self._touching = np.zeros(len(self.pairs.i_c) + 1, dtype=bool)
+        self.basis_kdd = basis_kdd = basis_kdd if pressure is not None else isochoric_part(basis_kdd, d)
+        self.links = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
+        self.packing = packing = packing if self.links is None else self.links.projected(packing)
+        self.tension_l = np.zeros(0 if self.links is None else len(self.links))
+        self.pairs, self.searched_nd = self.search(packing), packing.position_nd
         self.trace_k = np.einsum("kaa->k", basis_kdd)
         # what the load does on each strain, over pressure times volume
         self.load_k = self.trace_k if rest_dd is None else self.trace_k + np.einsum("kab,ab->k", basis_kdd, rest_dd)
@@ -231,16 +230,24 @@ class SoftNetwork:
 
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon."""
-        return candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + REACH)
+        shapes = packing.shapes
+        if not isinstance(shapes, Beads):
+            return near_pairs(packing, 1.0 + self.reach)
+        # beads move by more than turns, measured in radii of gyration
+        arm = float((shapes.reach(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
+        return near_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
 
     def near(self, packing: Packing) -> Any:
         """Return the pairs of the list, touching or not, as they are in a packing."""
-        return pair_contacts(packing, *self.pairs)
+        return contacts_at(packing, self.pairs)
 
     def energy_change(self, near: Any) -> float:
         """Return the energy less that of the packing whose pairs of the list are given."""
-        change = self.near(self.packing).vector_cd - near.vector_cd
-        return energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
+        now, sigma = self.near(self.packing), near.contact_distance_c
+        either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
+        now, near = now.select(either), near.select(either)
+        exact = now.distance_change(near)
+        return energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
 
     def growth_to(self, other: Packing) -> float:
         """Return the enthalpy of a packing nearby, whose pairs are those of the list, less that of this one.
@@ -249,11 +256,16 @@ class SoftNetwork:
         rounding of the lattice, and the pressure's work on the rest is taken off. A load that is no pressure does its
         work on the small strain from here.
         """
-        packing = self.packing
-        near, moved = self.near(packing), other.position_nd - packing.position_nd
+        packing, near = self.packing, self.listed
         stretched = other.box.lattice_dd - packing.box.lattice_dd
-        change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
-        own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
+        if packing.shapes is None:
+            moved = other.position_nd - packing.position_nd
+            change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
+            own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
+        else:
+            self.packing = other
+            own = self.energy_change(near)
+            self.packing = packing
         return own + self._pressing(packing.box, stretched)
 
     def _pressing(self, box: Box, stretched_dd: Array) -> float:
@@ -272,65 +284,72 @@ class SoftNetwork:
     def measure(self, packing: Packing) -> None:
         """Take the packing in: its contacts, forces and errors."""
         self.packing = packing
-        contacts = self.near(packing)
+        contacts = self.listed = self.near(packing)
         if self.width > 0.0:
             touching = contacts.distance_c - contacts.contact_distance_c < _FAR * self.width
             self.contacts = near = contacts.select(touching)
             self.first_c, self.second_c = self.units.smoothed(near.distance_c, near.contact_distance_c, self.width)
         else:
-            touching = contacts.gap_c < 0.0
-            self.contacts = contacts.select(touching)
+            self.contacts = contacts.select(contacts.gap_c < 0.0)
             self.first_c, self.second_c = self.units.terms(self.contacts)
-        if not np.array_equal(touching, self._touching):
-            self.lay_out()
-        self._touching = touching
         self.balance()
-
-    def lay_out(self) -> None:
-        """Forget what depends on which pairs touch, not on where they are: it is made where it is asked for."""
-        self.system = None
 
     def balance(self) -> None:
         """Set the slopes of the enthalpy and how far from balance they are."""
-        packing = self.packing
-        self.uphill_nd, energy_k, virial = self.slopes()
+        packing, one = self.packing, self.contacts
+        self.turn_nkt = packing.turn_nkt
+        bearing = [Elements(one.i_c, one.j_c, one.vector_cd, self.first_c[:, None] * one.slope_cx, _NO_STIFFNESS)]
+        self.uphill_nd = slopes_of(bearing[0], self.turn_nkt)
+        self.single = single_terms(self.units.effects, packing) if self.acting else None
+        if self.single is not None:
+            self.uphill_nd -= self.single.force_nd
+        if self.held_n is not None:
+            self.uphill_nd[self.held_n] = 0.0
+        if self.links is not None:
+            self.links = self.links.at(packing)
+            left, self.tension_l, _ = self.links.project(-self.uphill_nd)
+            self.uphill_nd, bonds = -left, self.links.pairs
+            pull = self.tension_l[:, None] * bonds.slope_cx
+            bearing.append(Elements(bonds.i_c, bonds.j_c, bonds.vector_cd, pull, _NO_STIFFNESS))
+        # slopes of the energy along displacement gradients, which turn no particle
+        d = packing.dimension
+        self.gradient_dd = sum((each.pull_cx[:, :d].T @ each.vector_cd for each in bearing), np.zeros((d, d)))
         volume = packing.box.volume
         if self.volume is not None:
-            self.pressure = -virial / (packing.dimension * volume)
-        self.uphill_k = energy_k + self.pressure * volume * self.load_k
+            self.pressure = -float(np.trace(self.gradient_dd)) / (d * volume)
+        scale = self.pressure * volume
+        self.uphill_k = np.einsum("kab,ab->k", self.basis_kdd, self.gradient_dd) + scale * self.load_k
         mean = self.mean_force
         self.residual = self.largest_force() / mean if mean > 0 else np.inf
-        scale = self.pressure * volume
         self.stress_error = float(np.abs(self.uphill_k).max()) / scale if len(self.basis_kdd) and scale > 0.0 else 0.0
         # one figure to judge steps by: net forces and stress in units of what they balance
         self.merit = max(self.residual, self.stress_error)
 
     def largest_force(self) -> float:
-        """Return the largest net force on a particle."""
-        return float(np.sqrt((self.uphill_nd**2).sum(axis=1)).max())
+        """Return the largest net force, or torque over the radius of gyration, on a particle."""
+        square, d = self.uphill_nd**2, self.packing.dimension
+        return float(np.sqrt(max(square[:, :d].sum(axis=1).max(), square[:, d:].sum(axis=1).max())))
 
     @property
     def mean_force(self) -> float:
         """Mean contact force; where overlaps are smoothed and no pair need touch, that which bears the pressure."""
         if self.width > 0.0:
             return self.pressure * float(self.packing.diameter_n.mean()) ** (self.packing.dimension - 1)
-        return self.mean_contact_force()
+        # forces on single particles count as those of contacts do
+        push, pushes = (0.0, 0) if self.single is None else total_push(self.single, self.held_n)
+        count = len(self.contacts) + pushes
+        return (float((np.abs(self.first_c) * self.contacts.push_c).sum()) + push) / count if count else 0.0
 
-    def mean_contact_force(self) -> float:
-        """Return the mean size of the contacts' forces; none where nothing touches."""
-        return float(np.abs(self.first_c).mean()) if len(self.contacts) else 0.0
+    @property
+    def extent(self) -> float:
+        """Largest coordinate, whose last digit is the error of positions."""
+        packing = self.packing
+        return max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
 
     @property
     def largest_stiffness(self) -> float:
-        """Largest stiffness of a contact."""
-        return float(self.second_c.max())
-
-    def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Return the energy's slopes along positions and strains, and the virial sum of du/dr r."""
-        contacts = self.contacts
-        self.stretch_ck = np.einsum("ca,kab,cb->ck", contacts.normal_cd, self.basis_kdd, contacts.vector_cd)
-        out = gather(contacts.i_c, contacts.j_c, contacts.normal_cd, self.first_c, contacts.particles)
-        return out, self.stretch_ck.T @ self.first_c, float((self.first_c * contacts.distance_c).sum())
+        """Largest stiffness of a contact along a particle's motion."""
+        return float((self.second_c * self.contacts.push_c**2).max())
 
     def close(self, contacts: Any, least: float = 0.0) -> None:
         """Take the contacts as touching, those that just part with the stiffness of the closed side.
@@ -340,25 +359,7 @@ class SoftNetwork:
         self.contacts = contacts
         self.first_c, self.second_c = self.units.terms(contacts, closing=True)
         self.first_c = np.where(np.abs(self.first_c) > least, self.first_c, 0.0)
-        self.lay_out()
         self.balance()
-
-    def stiff_pairs(self) -> StiffPairs:
-        """Return what is stiff or bears a force: the contacts."""
-        one = self.contacts
-        return StiffPairs(one.i_c, one.j_c, one.normal_cd, one.vector_cd, self.second_c, self.first_c / one.distance_c)
-
-    def factor(self, stiff: StiffPairs, regularization: float) -> Factored:
-        """Return the factored system of the positions; `regularization` is added to every particle's stiffness."""
-        if self.system is None:
-            one = self.contacts
-            self.system = BlockSystem(one.i_c, one.j_c, one.particles, one.dimension)
-        extra = np.where(self.contacts.count_n() == 0, 1.0, regularization)
-        return self.system.factor(stiff.normal_cd, stiff.along_c, stiff.across_c, extra_n=extra)
-
-    def border(self, coupling: NDArray[np.float64], basis_kdd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the coupling of the positions to the strains with that of the system's other unknowns below."""
-        return coupling
 
     def work(self, before: Box) -> float:
         """Return the work against the load on the way from a box to that of the packing; none where volume is held.
@@ -374,34 +375,49 @@ class SoftNetwork:
         return work + self.pressure * before.volume * float((self.rest_dd * strain_dd).sum())
 
     def coupled(self, basis_kdd: NDArray[np.float64], regularization: float) -> Coupled:
-        """Return the factored second derivatives of the enthalpy by positions, and those with the strains of a basis.
+        """Return the factored second derivatives of the enthalpy by positions and turns, and those with strains.
 
-        Strains may be any displacement gradients; each takes the positions along.
+        Parameters
+        ----------
+        basis_kdd
+            (k, d, d) strains, any displacement gradients; each takes the positions along.
+        regularization
+            What is added to every coordinate's stiffness.
+
         """
-        stiff, packing = self.stiff_pairs(), self.packing
-        factored = self.factor(stiff, regularization)
-        along, across = stiff.along_c, stiff.across_c
-        strained_ckd = np.einsum("kab,cb->cka", basis_kdd, stiff.vector_cd)
-        stretch_ck = np.einsum("ca,cka->ck", stiff.normal_cd, strained_ckd)
-        pushed_ckd = across[:, None, None] * strained_ckd
-        pushed_ckd += ((along - across)[:, None] * stretch_ck)[:, :, None] * stiff.normal_cd[:, None, :]
-        k, n, d = len(basis_kdd), packing.particles, packing.dimension
-        coupling = np.zeros((n * d, k))
-        for m in range(k):
-            for a in range(d):
-                column = np.bincount(stiff.j_c, pushed_ckd[:, m, a], n) - np.bincount(stiff.i_c, pushed_ckd[:, m, a], n)
-                coupling[a::d, m] = column
-        corner = np.einsum("cka,cla->kl", strained_ckd, pushed_ckd)
-        return Coupled(
-            factored.solve, factored.negative, np.arange(n * d), self.border(coupling, basis_kdd),
-            corner + self._bulging(basis_kdd),
-        )  # fmt: skip
-
-    def _bulging(self, basis_kdd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the second derivatives of the pressure's work on the volume."""
+        one, packing = self.contacts, self.packing
+        if isinstance(one, ShapeContacts):
+            one = shape_contacts(packing, one.pairs, second=True)
+        count, d = one.count_n(), packing.dimension
+        elements = [elements_of(one, self.first_c, self.second_c)]
+        # a cluster that nothing touches is held, all others hardly
+        loose, unit = count == 0, 1.0
+        if self.links is not None:
+            unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
+            bonds = self.links.pairs
+            elements.append(elements_of(bonds, self.tension_l, np.zeros(len(bonds))))
+            assert self.links.links is not None
+            cluster_n = self.links.links.clusters(packing.particles)
+            loose = np.bincount(cluster_n, count, len(count))[cluster_n] == 0
+        found = assemble(elements, self.turn_nkt, d, basis_edd=basis_kdd)
+        # the best connected particle stays
+        free = np.hstack([np.ones((len(count), d), dtype=bool), (self.turn_nkt != 0.0).any(axis=2)])
+        free[int(np.argmax(np.where(loose, -1, count))), :d] = False
+        free_f, coupling = free.ravel(), found.column(free.ravel())
+        matrix = found.matrix(free_f, np.repeat(np.where(loose, unit, regularization), free.shape[1]))
+        if self.links is None:
+            factor = factorize(matrix, kind="symmetric")
+            negative = factor.inertia.negative
+        else:
+            factor = factor_saddle(matrix, self.links.gradient_lx[:, free_f], d, stiffness=unit)
+            negative = factor.inertia.negative - len(bonds)
+            stretch_lk = np.einsum("la,kab,lb->lk", bonds.slope_cx, basis_kdd, bonds.vector_cd)
+            coupling = np.concatenate([coupling, unit * stretch_lk])
+        # the pressure's work on the volume
         trace = np.einsum("kaa->k", basis_kdd)
         twice = np.outer(trace, trace) - np.einsum("kab,lba->kl", basis_kdd, basis_kdd)
-        return np.asarray(self.pressure * self.packing.box.volume * twice)
+        corner = found.corner_ee + self.pressure * packing.box.volume * twice
+        return Coupled(factor.solve, negative, np.flatnonzero(free_f), coupling, corner)
 
     def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""
@@ -410,9 +426,9 @@ class SoftNetwork:
         right = np.zeros(found.size)
         right[: len(found.free_f)] = -self.uphill_nd.ravel()[found.free_f]
         step, strain_k, negative = found.solved(right, -self.uphill_k, found.coupling_fk, corner)
-        return self._spread(found, step), strain_k, found.negative + negative
+        return self.spread(found, step), strain_k, found.negative + negative
 
-    def _spread(self, found: Coupled, step: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(self, found: Coupled, step: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a step of the free coordinates as one of all, in the shape of the slopes."""
         whole = np.zeros(self.uphill_nd.size)
         whole[found.free_f] = step[: len(found.free_f)]
@@ -429,146 +445,41 @@ class SoftNetwork:
         )
         coupling, corner = found.coupling_fk, found.corner_kk.copy()
         # free strains act on what is sheared already
-        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_slopes(), self.basis_kdd, shear_dd)
+        corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_dd, self.basis_kdd, shear_dd)
         corner[k, :k] = corner[:k, k]
         step, strain_k, _ = found.solved(-coupling[:, k], -corner[:k, k], coupling[:, :k], corner[:k, :k])
         curvature = float(corner[k, k] + coupling[:, k] @ step + corner[k, :k] @ strain_k)
         gradient = shear_dd + np.einsum("k,kab->ab", strain_k, self.basis_kdd)
-        return Response(self._spread(found, step), strain_k, gradient, curvature)
-
-    def gradient_slopes(self) -> NDArray[np.float64]:
-        """Return the (d, d) slopes of the energy along displacement gradients."""
-        one = self.contacts
-        return np.asarray(np.einsum("c,ca,cb->ab", self.first_c, one.normal_cd, one.vector_cd))
+        return Response(self.spread(found, step), strain_k, gradient, curvature)
 
     def gap_rates(self, near: Any, answer: Response) -> NDArray[np.float64]:
         """Return how fast the distances of pairs change in a response."""
-        u_nd = answer.u_nd
-        moved = u_nd[near.j_c] - u_nd[near.i_c] + near.vector_cd @ answer.gradient_dd.T
-        return np.asarray(np.einsum("ca,ca->c", near.normal_cd, moved))
+        d, u_nd = near.dimension, answer.u_nd
+        moved = u_nd[near.j_c, :d] - u_nd[near.i_c, :d] + near.vector_cd @ answer.gradient_dd.T
+        turned = np.einsum("nk,nkt->nt", u_nd[:, d:], self.turn_nkt)
+        whole = np.hstack([moved, turned[near.i_c], turned[near.j_c]])
+        return np.asarray((near.slope_cx * whole).sum(axis=1))
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
-        """Return the packing after displacements and strains, at the volume that is held."""
+        """Return the packing after displacements, turns and strains, at the volume that is held and on its links."""
+        packing, d = self.packing, self.packing.dimension
         strain = np.einsum("k,kab->ab", strain_k, self.basis_kdd)
-        position = self.packing.position_nd + u_nd + self.packing.position_nd @ strain.T
-        box = self.packing.box.strained(strain) if strain.any() else self.packing.box
+        position = packing.position_nd + u_nd[:, :d] + packing.position_nd @ strain.T
+        box = packing.box.strained(strain) if strain.any() else packing.box
         if self.volume is not None and strain.any():
-            factor = (self.volume / box.volume) ** (1.0 / self.packing.dimension)
+            factor = (self.volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
-        return self.packing.replace(position_nd=position, box=box)
-
-
-class LinkedNetwork(SoftNetwork):
-    """Contacts and links of a packing; `uphill_nd` is what the links do not bear, `tension_l` what they do."""
-
-    def __init__(
-        self,
-        packing: Packing,
-        units: Units,
-        basis_kdd: NDArray[np.float64],
-        pressure: float | Load | None,
-        width: float = 0.0,
-    ) -> None:
-        self.links = links = workable_links(packing)
-        self._constraints = ConstraintFactor(packing, links)
-        self._excluded = Excluded(packing)
-        self.tension_l = np.zeros(len(links))
-        self._cluster_n = links.clusters(packing.particles)
-        super().__init__(self._constraints.projected(packing), units, basis_kdd, pressure, width)
-
-    def search(self, packing: Packing) -> Candidates:
-        """Return the pairs that touch or may soon, neither linked nor of one rigid cluster."""
-        pairs = super().search(packing)
-        apart = ~self._excluded.mask(*pairs)
-        return Candidates(*(part[apart] for part in pairs))
-
-    def lay_out(self) -> None:
-        """Do nothing: the system with links is laid out when it is factored."""
-
-    def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Return the slopes along the motions that the links admit, their tension included, and the virial."""
-        out, load_k, virial = super().slopes()
-        packing = self.packing
-        left, self.tension_l, _ = self._constraints.at(packing).project(-out)
-        vector = self.links.vectors(packing.position_nd, packing.box.lattice_dd)
-        distance = np.sqrt((vector**2).sum(axis=1))
-        self._vector_ld, self._normal_ld = vector, vector / distance[:, None]
-        self._distance_l = distance
-        stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, self.basis_kdd, vector)
-        return -left, load_k + stretch_lk.T @ self.tension_l, virial + float((self.tension_l * distance).sum())
-
-    def gradient_slopes(self) -> NDArray[np.float64]:
-        """Return the (d, d) slopes of the energy along displacement gradients, tensions of links included."""
-        own = np.einsum("l,la,lb->ab", self.tension_l, self._normal_ld, self._vector_ld)
-        return np.asarray(super().gradient_slopes() + own)
-
-    def stiff_pairs(self) -> StiffPairs:
-        """Return the contacts and the links, which are stiff across by their tension."""
-        links, none = self.links, np.zeros(len(self.links))
-        own = StiffPairs(
-            links.i_l, links.j_l, self._normal_ld, self._vector_ld, none, self.tension_l / self._distance_l
-        )  # fmt: skip
-        return StiffPairs(*(np.concatenate(both) for both in zip(super().stiff_pairs(), own, strict=True)))
-
-    def factor(self, stiff: StiffPairs, regularization: float) -> Factored:
-        """Return the factored system of positions and tensions; negative pivots beyond one a link are unstable."""
-        packing = self.packing
-        n, d, count = packing.particles, packing.dimension, len(self.links)
-        unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
-        normal = stiff.normal_cd
-        block = (stiff.along_c - stiff.across_c)[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        block += stiff.across_c[:, None, None] * np.eye(d)
-        i, j = stiff.i_c, stiff.j_c
-        sign = np.array([1.0, 1.0, -1.0, -1.0])
-        rows, columns = np.stack([i, j, i, j]), np.stack([i, j, j, i])
-        values = sign[:, None, None, None] * block
-        axis = np.arange(d)
-        row = (rows[:, :, None, None] * d + axis[:, None]) + 0 * axis
-        column = (columns[:, :, None, None] * d + axis) + 0 * axis[:, None]
-        # a cluster that nothing touches is held, all others hardly
-        held = np.bincount(self._cluster_n, self.contacts.count_n(), minlength=n)[self._cluster_n] == 0
-        diagonal = np.repeat(np.where(held, unit, regularization), d)
-        pinned = int(np.argmax(np.where(held, -1, self.contacts.count_n())))
-        diagonal[pinned * d : pinned * d + d] += unit
-        links = self.links
-        everything = np.arange(n * d)
-        stiff = sp.coo_array(
-            (
-                np.concatenate([values.ravel(), diagonal]),
-                (np.concatenate([row.ravel(), everything]), np.concatenate([column.ravel(), everything])),
-            ),
-            shape=(n * d, n * d),
-        ).tocsr()
-        gradient = sp.coo_array(
-            (
-                np.concatenate([-self._normal_ld, self._normal_ld]).ravel(),
-                (
-                    np.repeat(np.tile(np.arange(count), 2), d),
-                    (np.concatenate([links.i_l, links.j_l])[:, None] * d + axis).ravel(),
-                ),
-            ),
-            shape=(count, n * d),
-        ).tocsr()
-        done = factor_saddle(stiff, gradient, d, stiffness=unit)
-        return Factored(done.solve, done.inertia.negative - count, pinned)
-
-    def border(self, coupling: NDArray[np.float64], basis_kdd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the coupling with the links' stretches below, in the unit of their rows."""
-        unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
-        stretch_lk = np.einsum("la,kab,lb->lk", self._normal_ld, basis_kdd, self._vector_ld)
-        return np.concatenate([coupling, unit * stretch_lk])
-
-    def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
-        """Return the packing after displacements and strains, back on its links."""
-        return self._constraints.projected(super().moved(u_nd, strain_k))
+        shapes = packing.shapes
+        if shapes is not None:
+            shapes = shapes.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], self.turn_nkt))
+        moved = packing.replace(position_nd=position, box=box, shapes=shapes)
+        return moved if self.links is None else self.links.projected(moved)
 
 
 def energy_change(
     vector_cd: Array, change_cd: Array, sigma_c: Array, first: Callable[[Array, Array], Array], width: float = 0.0
 ) -> float:
-    """Return the energy of pairs after their vectors have changed, less that before.
-
-    The distance changes by (2 v.dv + dv.dv) / (r + r'), and the energy by the integral of du/dr over that.
+    """Return the energy of pairs after their vectors have changed, less that before: the integral of du/dr.
 
     Parameters
     ----------
@@ -588,13 +499,9 @@ def energy_change(
     1.0
 
     """
-    before = np.sqrt((vector_cd**2).sum(axis=1))
-    after = np.sqrt(((vector_cd + change_cd) ** 2).sum(axis=1))
+    exact, before, after = distance_change(vector_cd, change_cd)
     either = (before < sigma_c) | (after < sigma_c) | (width > 0.0)
-    before, after, sigma = before[either], after[either], sigma_c[either]
-    vector, change = vector_cd[either], change_cd[either]
-    exact = (2.0 * (vector * change).sum(axis=1) + (change**2).sum(axis=1)) / (before + after)
-    return energy_between(before, after, exact, sigma, first, width)
+    return energy_between(before[either], after[either], exact[either], sigma_c[either], first, width)
 
 
 def energy_between(

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.stability import stability_bound
-from packmech.minimize.second_order.shape_network import ShapeNetwork
-from packmech.minimize.second_order.soft_network import REACH, LinkedNetwork, Load, SoftNetwork, Units
+from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, Units
 from packmech.packing import Packing
 from packmech.result import Outcome
 
@@ -89,17 +89,6 @@ class SoftState:
         return FLOORS * self.floor
 
 
-def network_of(
-    packing: Packing, units: Units, basis_kdd: NDArray[np.float64], pressure: float | Load | None, width: float = 0.0
-) -> SoftNetwork:
-    """Return what Newton's method sees of the packing, with or without links; overlaps smoothed over the width."""
-    if packing.shapes is not None:
-        return ShapeNetwork(packing, units, basis_kdd, pressure, width)
-    if packing.links is None:
-        return SoftNetwork(packing, units, basis_kdd, pressure, width)
-    return LinkedNetwork(packing, units, basis_kdd, pressure, width)
-
-
 def newton(
     packing: Packing,
     units: Units,
@@ -126,7 +115,7 @@ def newton(
         Maximum number of iterations.
 
     """
-    network = network_of(packing, units, basis_kdd, pressure)
+    network = SoftNetwork(packing, units, basis_kdd, pressure)
     best = network.packing, network.merit, network.residual, network.stress_error
     negative = 0
     used = idle = 0
@@ -140,7 +129,7 @@ def newton(
         regularization = 1e-10 * float(np.abs(network.second_c).mean())
         try:
             u_nd, strain_k, negative = network.direction(regularization)
-        except (np.linalg.LinAlgError, RuntimeError, ValueError):
+        except (np.linalg.LinAlgError, NotDefinite, RuntimeError, ValueError):
             break
         size = 1.0
         longest = float(np.abs(u_nd).max()) + float(np.abs(strain_k).max(initial=0.0))
@@ -149,7 +138,7 @@ def newton(
         size = min(1.0, 0.3 * REACH / max(longest, 1e-300))
         travelled += size * longest
         if travelled > 0.8 * REACH:
-            network = network_of(start, units, basis_kdd, pressure)
+            network = SoftNetwork(start, units, basis_kdd, pressure)
             travelled = size * longest
         for _ in range(8):
             network.packing = start
@@ -186,7 +175,7 @@ def standing(
         As in `newton`.
 
     """
-    network = network_of(packing, units, basis_kdd, pressure)
+    network = SoftNetwork(packing, units, basis_kdd, pressure)
     negative = 0
     if len(network.contacts):
         negative = _unstable_directions(packing, units, network.basis_kdd, pressure)
@@ -200,9 +189,7 @@ def rounding_floor(network: SoftNetwork) -> float:
     """Return the residual that rounding of positions alone can cause; zero where nothing touches."""
     if not len(network.contacts):
         return 0.0
-    packing = network.packing
-    mean = network.mean_force
-    return float(np.finfo(float).eps * _extent(packing) * network.largest_stiffness / mean)
+    return float(np.finfo(float).eps * network.extent * network.largest_stiffness / network.mean_force)
 
 
 def _unstable_directions(
@@ -213,10 +200,10 @@ def _unstable_directions(
     Forces that do not balance bend contacts sideways. Contacts that bear about as little as these, of rattlers that
     graze, count as bearing none: what they alone make negative says nothing about what bears the pressure.
     """
-    network = network_of(packing, units, basis_kdd, pressure)
+    network = SoftNetwork(packing, units, basis_kdd, pressure)
     unbalanced, radius = network.largest_force(), float(packing.radius_n.min())
     contacts = network.near(packing)
-    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * _extent(packing)), _GRAZING * unbalanced)
+    network.close(contacts.select(contacts.gap_c < 4.0 * np.finfo(float).eps * network.extent), _GRAZING * unbalanced)
     stiffest = float(np.abs(network.second_c).max(initial=0.0))
     return _negative(network, stability_bound(stiffest, unbalanced, radius))
 
@@ -284,7 +271,7 @@ def descend(
         Called with the packing after each accepted step.
 
     """
-    network = network_of(packing, units, basis_kdd, pressure)
+    network = SoftNetwork(packing, units, basis_kdd, pressure)
     network, used, evaluations = _go_down(network, basis_kdd, pressure, _NEAR, iterations, watch)
     end = newton(network.packing, units, basis_kdd, pressure)
     return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
@@ -314,14 +301,14 @@ def descend_smoothed(
         Maximum number of iterations in all, those of the last digits not counted.
 
     """
-    network = network_of(packing, units, basis_kdd, pressure)
+    network = SoftNetwork(packing, units, basis_kdd, pressure)
     own = _overlap(network)
     width = max(own, min(_WIDE * own, _WIDEST))
     used, evaluations, negative = 0, 1, 0
     while width > 0.0 and used < iterations:
-        lowest = max(_NARROW * _overlap(network), _DIGITS * np.finfo(float).eps * _extent(network.packing))
+        lowest = max(_NARROW * _overlap(network), _DIGITS * np.finfo(float).eps * network.extent)
         width = max(width, lowest)
-        network = network_of(network.packing, units, basis_kdd, pressure, width)
+        network = SoftNetwork(network.packing, units, basis_kdd, pressure, width)
         goal = _ROUGH if width > lowest else _NEAR
         network, more, measured = _go_down(network, basis_kdd, pressure, goal, iterations - used, watch)
         used, evaluations = used + more, evaluations + measured
@@ -394,16 +381,11 @@ def _overlap(network: SoftNetwork) -> float:
     return float((sigma * network.units.overlap_of(force, sigma))[0]) if network.pressure > 0.0 else 0.0
 
 
-def _extent(packing: Packing) -> float:
-    """Return the largest coordinate, whose last digit is the error of positions."""
-    return max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
-
-
 def _negative(network: SoftNetwork, bound: float = 0.0) -> int:
     """Return the number of directions whose curvature is negative by more than the bound, and by more than rounding."""
     try:
         return network.direction(max(_TRACE * float(np.abs(network.second_c).mean()), bound))[2]
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, NotDefinite):
         return 1
 
 
@@ -429,7 +411,7 @@ def _go_down(
         size = min(1.0, 0.5 * REACH / max(longest, 1e-300))
         travelled += size * longest
         if travelled > 0.8 * REACH:
-            network = network_of(start, network.units, basis_kdd, pressure, network.width)
+            network = SoftNetwork(start, network.units, basis_kdd, pressure, network.width)
             travelled = size * longest
         near = network.near(start)
         for halving in range(_HALVINGS):
@@ -472,7 +454,7 @@ def _downhill(network: SoftNetwork, regularization: float) -> tuple[_Step, float
     while regularization <= _LARGEST_REGULARIZATION and mean > 0.0:
         try:
             u_nd, strain_k, negative = network.direction(regularization * mean)
-        except np.linalg.LinAlgError:
+        except (np.linalg.LinAlgError, NotDefinite):
             negative = 1
         if negative == 0:
             slope = float((network.uphill_nd * u_nd).sum() + network.uphill_k @ strain_k)

@@ -18,8 +18,7 @@ from packmech.contacts.overlaps import overlap_of_hard
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion
 from packmech.honors import honors
-from packmech.jamming.hard_packing import HardPacking, HardState, certify, start_state
-from packmech.jamming.hard_path import Change, HardPath, Lost, Vertex, search_hard
+from packmech.jamming.hard_packing import HardPacking, HardState, certify, search_hard, start_state
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
@@ -28,14 +27,22 @@ from packmech.minimize.second_order.soft_network import length_unit
 from packmech.minimize.second_order.soft_newton import descend
 from packmech.observables import Table, make_table
 from packmech.packing import Packing
-from packmech.protocols.jam import free_strains
+from packmech.protocols.continuation import Lost
 from packmech.protocols.protocol import Protocol
-from packmech.protocols.shearing.hard_shape_path import HardShapePath, ShapeChange, ShapeVertex
+from packmech.protocols.shearing.hard_discs import HardDiscs
+from packmech.protocols.shearing.hard_path import Change, HardPath, Vertex
+from packmech.protocols.shearing.hard_shapes import HardShapes
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
 
 # a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
 _NEARBY, _DENSER = 0.1, 0.01
+_NOT_JAMMED = (
+    "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got another: take the "
+    "packing of pm.jam"
+)
+# largest number of interior-point iterations for the hard packing at the start
+_ITERATIONS = 400
 # net force over the mean one of a packing of shapes at a small pressure
 _BALANCED = 1e-6
 # strain within which a network that comes again is given up, and steps within it after which the path is; how far
@@ -276,12 +283,12 @@ def shear_families(
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     with single_thread():
-        path: HardPath | HardShapePath
+        network: HardDiscs | HardShapes
         if packing.shapes is None:
-            path = HardPath(_hard_packing(packing), pair)
+            network = HardDiscs(_hard_packing(packing), pair)
         else:
-            path = _shape_path(packing, small, pair, loop)
-        walk = _HardWalk(packing, path, loop, began)
+            network = _hard_shapes(packing, small, pair, loop)
+        walk = _HardWalk(packing, HardPath(network, network.start, loop.check_time), loop, began)
         goals = np.linspace(0.0, end, max(1, int(np.ceil(abs(end) / size - 1e-9))) + 1)[1:]
         goals = np.unique(np.concatenate([goals, kept]))
         return loop.run(lambda: walk.through(goals if end >= 0.0 else goals[::-1], kept), walk.finish)
@@ -321,21 +328,14 @@ def _hard_packing(packing: Packing) -> HardPacking:
             isotropic,
         )
         if hard is None or hard.floppy_modes:
-            hard, _ = search_hard(state, reduced.radius_n, isotropic)
-    if hard is not None:
-        live = hard.contacts.count_n() > 0
-        away = hard.packing.position_nd @ hard.packing.box.inverse_dd.T - reduced.position_nd @ reduced.box.inverse_dd.T
-        away = (away - away[live].mean(axis=0))[live] @ reduced.box.lattice_dd.T
-        if np.abs(away).max() < _NEARBY and abs(hard.packing.box.volume / reduced.box.volume - 1.0) < _DENSER:
-            return hard
-    raise ValueError(
-        "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got another: "
-        'take the packing of pm.jam(scene, strain="isotropic")'
-    )
+            hard, _ = search_hard(state, reduced.radius_n, isotropic, _ITERATIONS)
+    if hard is not None and _is_nearby(hard.packing, hard.contacts.count_n() > 0, reduced):
+        return hard
+    raise ValueError(f'{_NOT_JAMMED}(scene, strain="isotropic")')
 
 
-def _shape_path(packing: Packing, pressure: float, axes: tuple[int, int], loop: RunLoop) -> HardShapePath:
-    """Return the path of the exact hard packing of a jammed one with shapes.
+def _hard_shapes(packing: Packing, pressure: float, axes: tuple[int, int], loop: RunLoop) -> HardShapes:
+    """Return the network of the exact hard packing of a jammed one with shapes.
 
     Raises
     ------
@@ -344,26 +344,25 @@ def _shape_path(packing: Packing, pressure: float, axes: tuple[int, int], loop: 
 
     """
     scene = Scene(packing, (Repulsion(Harmonic()),))
-    protocol = Protocol(scene, free_strains("isotropic", packing.dimension), "isotropic", 1e-9, loop)
+    protocol = Protocol(scene, "isotropic", 1e-9, loop)
     reduced, goal = protocol.reduced(packing), protocol.reduced_pressure(pressure)
     # a hard packing is taken to where its contacts overlap by about what the pressure asks for
     size = 1.0 if pressure_of(scene) > 0.1 * pressure * scene.pressure_unit else 1.0 - goal
     start = reduced.replace(position_nd=reduced.position_nd * size, box=reduced.box.scaled(size))
     state = descend(start, protocol.units, protocol.basis_kdd, goal)
-    path = None
     if state.sound(_BALANCED):
         with contextlib.suppress(Lost):
-            path = HardShapePath(state.packing, protocol.units, goal, axes, lambda _: loop.check_time())
-    if path is not None:
-        hard, live = path.vertex.packing, path.vertex.live_n
-        away = hard.position_nd @ hard.box.inverse_dd.T - reduced.position_nd @ reduced.box.inverse_dd.T
-        away = (away - away[live].mean(axis=0))[live] @ reduced.box.lattice_dd.T
-        if np.abs(away).max() < _NEARBY and abs(hard.box.volume / reduced.box.volume - 1.0) < _DENSER:
-            return path
-    raise ValueError(
-        "packing must be jammed, at zero pressure or nearly, with only the volume of its box free, got another: "
-        'take the packing of pm.jam(scene, pressure=1e-6, strain="isotropic")'
-    )
+            network = HardShapes(state.packing, protocol.units, goal, axes, lambda _: loop.check_time())
+            if _is_nearby(network.start.packing, network.start.live_n, reduced):
+                return network
+    raise ValueError(f'{_NOT_JAMMED}(scene, pressure=1e-6, strain="isotropic")')
+
+
+def _is_nearby(hard: Packing, live_n: NDArray[np.bool_], packing: Packing) -> bool:
+    """Return whether a hard packing is the one near a packing."""
+    away = hard.position_nd @ hard.box.inverse_dd.T - packing.position_nd @ packing.box.inverse_dd.T
+    away = (away - away[live_n].mean(axis=0))[live_n] @ packing.box.lattice_dd.T
+    return bool(np.abs(away).max() < _NEARBY and abs(hard.box.volume / packing.box.volume - 1.0) < _DENSER)
 
 
 class _Rows:
@@ -412,16 +411,16 @@ class _Rows:
 class _HardWalk:
     """A hard packing on its way through strains."""
 
-    def __init__(self, packing: Packing, path: HardPath | HardShapePath, loop: RunLoop, began: float) -> None:
+    def __init__(self, packing: Packing, path: HardPath, loop: RunLoop, began: float) -> None:
         self.given, self.path, self.loop = packing, path, loop
         self.unit = length_unit(packing)
         self.found = _Rows(path.axes, began)
         self.report: dict[str, Any] = {}
         # the strain up to which it has come on, networks and steps since then, and how far beyond to look for the next
         self.beyond = _BEYOND
-        self._begin(path.vertex.strain, {path.identity(path.vertex.contacts)})
+        self._begin(path.vertex.strain, {path.network.identity(path.vertex)})
         self.last = path.vertex
-        self._keep(path.vertex, self.found.number(path.identity(path.vertex.contacts)))
+        self._keep(path.vertex, self.found.number(path.network.identity(path.vertex)))
 
     def through(self, goals: NDArray[np.float64], kept: list[float]) -> Outcome:
         """Go through all strains."""
@@ -447,7 +446,7 @@ class _HardWalk:
                 if self._stands_still():
                     return self._stopped(Outcome.STALLED, "contacts change over and over, and the strain does not grow")
                 self.last = vertex
-                self._keep(vertex, found.number(path.identity(vertex.contacts)))
+                self._keep(vertex, found.number(path.network.identity(vertex)))
             if goal in kept:
                 wrong = overlap_of_hard(path.vertex.packing)
                 if wrong is not None:
@@ -457,25 +456,25 @@ class _HardWalk:
             self.loop.report("families", strain=last[0], packing_fraction=last[1], changes=len(found.changes))
         return Outcome.FINISHED
 
-    def _gone(self, goal: float, direction: float) -> Change | ShapeChange | None:
+    def _gone(self, goal: float, direction: float) -> Change | None:
         """Go on towards a strain; return the change on the way, if there was one."""
         try:
-            return self.path.go(goal)[1]
+            return self.path.go(goal)
         except Lost:
             return self._fallen(direction, "fold")
 
-    def _fallen(self, direction: float, cause: str) -> Change | ShapeChange:
+    def _fallen(self, direction: float, cause: str) -> Change:
         """Give the network up, and look ever farther beyond for the next; return the change."""
         while True:
             beyond, self.beyond = self.beyond, min(10.0 * self.beyond, _FARTHEST)
             try:
-                return self.path.fall(direction, cause, beyond)[1]
+                return self.path.fall(direction, cause, beyond)
             except Lost:
                 # where many contacts part by next to nothing, which of them are closed is seen farther on only
                 if beyond >= _FARTHEST:
                     raise
 
-    def _comes_again(self, change: Change | ShapeChange) -> bool:
+    def _comes_again(self, change: Change) -> bool:
         """Return whether a change leads to a network that it has had since the strain last grew."""
         # what a fall looks beyond is no way made
         self.since += change.after.strain - change.before.strain
@@ -500,7 +499,7 @@ class _HardWalk:
         self.report["stopped"] = f"{why}, beyond strain {self.last.strain:.10g}"
         return outcome
 
-    def _keep(self, vertex: Vertex | ShapeVertex, number: int) -> None:
+    def _keep(self, vertex: Vertex, number: int) -> None:
         self.found.rows.append(
             (
                 vertex.strain,
@@ -514,7 +513,7 @@ class _HardWalk:
             )
         )
 
-    def _note(self, change: Change | ShapeChange) -> None:
+    def _note(self, change: Change) -> None:
         """Keep a change, and a row of what was before it; what rounding took for a change is none."""
         before, after = change.identities
         if before == after and change.moved < _SAME:
@@ -536,7 +535,7 @@ class _HardWalk:
             )
         )
 
-    def _restored(self, vertex: Vertex | ShapeVertex) -> Packing:
+    def _restored(self, vertex: Vertex) -> Packing:
         """Return the packing of a vertex in true lengths, in a box of short vectors, particles inside."""
         small, _ = vertex.packing.box.reduced()
         box = Box(small.lattice_dd * self.unit)

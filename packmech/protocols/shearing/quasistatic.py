@@ -19,9 +19,8 @@ from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.measure.counting import find_rattlers, packing_fraction
 from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
-from packmech.protocols.jam import free_strains
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, finish, is_jammed, pairs_of
+from packmech.protocols.protocol import Protocol, check_jammed, finish, pairs_of
 from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
@@ -440,26 +439,18 @@ def _checked(
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     asked = None if pressure is None else positive("pressure", pressure)
     tolerance = positive("force_tolerance", force_tolerance)
-    if not is_jammed(scene):
-        raise ValueError(
-            "scene.packing must be jammed, its forces balanced under pressure, got one that is not: jam it"
-        )
+    check_jammed(scene)
     return pair, asked, tolerance
 
 
 def _protocol(scene: Scene, pressure: float | None, tolerance: float, settings: RunSettings) -> Protocol:
     """Return the protocol of a packing whose box keeps its volume, or grows and shrinks at a pressure."""
-    d = scene.packing.dimension
-    basis = np.zeros((0, d, d)) if pressure is None else free_strains("isotropic", d)
-    return Protocol(scene, basis, "none" if pressure is None else "isotropic", tolerance, RunLoop(settings))
+    return Protocol(scene, "none" if pressure is None else "isotropic", tolerance, RunLoop(settings))
 
 
 def _report(protocol: Protocol, run: QuasistaticShear, pressure: float | None, began: float) -> dict[str, Any]:
     """Return the report of a cycle, as `jam` makes it; contacts are counted for a box whose shape is given."""
-    d = run.packing.dimension
-    counted = Protocol(
-        protocol.scene, free_strains("isotropic", d), "isotropic", protocol.force_tolerance, protocol.loop
-    )
+    counted = Protocol(protocol.scene, "isotropic", protocol.force_tolerance, protocol.loop)
     report = finish(counted, run.packing, run.outcome, pressure, "cyclic_shear", began).report
     return {**report, "strain": protocol.strain}
 
@@ -561,7 +552,7 @@ class _Shear:
                 # it falls where it has been located, not at the end of the step
                 start = found.there
                 path.now = start
-                reached, fallen = path.fall_from(start, goal, self.shortest)
+                reached, fallen = path.step(goal, self.shortest)
         return self._went(path, start, reached, fallen, goal)
 
     def _comes_again(self, found: Located) -> bool:

@@ -7,7 +7,6 @@ import time
 from packmech.check import instance, integer, positive
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import mandel_basis
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.second_order.soft_newton import SoftState, judge, newton
 from packmech.packing import Packing
@@ -82,7 +81,7 @@ def shear_stabilize(
     limit = integer("step_limit", step_limit, at_least=0)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
-    protocol = Protocol(scene, mandel_basis(scene.packing.dimension).copy(), "free", tolerance, loop)
+    protocol = Protocol(scene, "free", tolerance, loop)
     stabilized = _stabilized if scene.packing.plain else stabilize_linked
 
     def work() -> Outcome:

@@ -9,21 +9,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
 from packmech.contacts.network import Contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.measure.stress import energy, stress_tensor
 from packmech.minimize.second_order.soft_network import Response, SoftNetwork
-from packmech.minimize.second_order.soft_newton import SoftState, descend, network_of, newton
+from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
 from packmech.packing import Packing
+from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
-from packmech.protocols.soft import search_pressure
+from packmech.protocols.shearing.sheared_lattice import ShearedLattice
+from packmech.protocols.soft import equilibrium, search_pressure
 
 Pairs = frozenset[tuple[int, ...]]
 
-_ITERATIONS = 25
 # an equilibrium this near where the tangent leads, over the way, is the same one gone on; and rounding [diameter]
 _CORRECTED, _ROUNDED = 2.0, 1e-8
 # halvings of a step before contacts are let rearrange
@@ -136,12 +136,11 @@ class StrainPath:
     def __init__(self, protocol: Protocol, axes: tuple[int, int], pressure: float | None) -> None:
         self.protocol, self.axes, self.pressure = protocol, axes, pressure
         scene, d = protocol.scene, protocol.scene.packing.dimension
-        self.shear_dd = np.zeros((d, d))
-        self.shear_dd[axes] = 1.0
         self.unit = protocol.length**d / scene.energy_scale
         self.load = None if pressure is None else pressure * self.unit
         packing = protocol.reduced(scene.packing)
-        self._unsheared_dd = packing.box.lattice_dd
+        self.lattice = ShearedLattice(packing, axes)
+        self.shear_dd = self.lattice.shear_dd
         self.tolerance = max(protocol.force_tolerance, 1e-7)
         # where a contact has just opened and nothing balances what it bore, forces are off by little: such a packing
         # is about to fall, while Newton's method comes to rounding wherever there is balance
@@ -155,17 +154,17 @@ class StrainPath:
     def _relaxed(self, packing: Packing, held_n: NDArray[np.bool_] | None = None) -> SoftState:
         """Return the equilibrium nearby; `held_n` are the particles that were no rattlers."""
         units, basis = self.protocol.units, self.protocol.basis_kdd
-        if not packing.plain:
-            return descend(packing, units, basis, self.load)
-        found = newton(packing, units, basis, self.load, iterations=_ITERATIONS)
-        if found.sound(self._gone_on) or held_n is None or not self._rattlers_pushed(found.packing, held_n):
+        found = equilibrium(packing, units, basis, self.load)
+        if found.sound(self._gone_on) or held_n is None or not packing.plain:
+            return found
+        if not self._rattlers_pushed(found.packing, held_n):
             return found
         self.iterations += found.iterations
         return descend(packing, units, basis, self.load)
 
     def _rattlers_pushed(self, packing: Packing, held_n: NDArray[np.bool_]) -> bool:
         """Return whether forces are off only where rattlers are pushed: without stiffness Newton's steps stop there."""
-        network = network_of(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
+        network = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
         near = network.contacts
         loose = ~held_n
         pushed = loose.copy()
@@ -176,7 +175,7 @@ class StrainPath:
 
     def _measured(self, strain: float, state: SoftState) -> Sheared:
         packing = state.packing
-        network = network_of(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
+        network = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
         restored = self.protocol.restored(packing)
         scene = self.protocol.scene.replace(packing=restored)
         stress = stress_tensor(scene)
@@ -193,20 +192,7 @@ class StrainPath:
 
     def _ahead(self, start: Sheared, strain: float) -> Packing:
         """Return the packing at another strain, along the linear response."""
-        step, packing, d = strain - start.strain, start.packing, start.packing.dimension
-        answer = start.answer
-        position = packing.position_nd + step * (packing.position_nd @ answer.gradient_dd.T + answer.u_nd[:, :d])
-        size = 1.0 + step * float(np.trace(answer.gradient_dd)) / d
-        packing = packing.replace(position_nd=position, box=self._box(strain, packing.box.volume * size**d))
-        if packing.shapes is not None:
-            turned = np.einsum("nk,nkt->nt", step * answer.u_nd[:, d:], packing.shapes.turn_basis(packing.radius_n))
-            packing = packing.replace(shapes=packing.shapes.turned(turned))
-        return packing
-
-    def _box(self, strain: float, volume: float) -> Box:
-        """Return the box of the shape at a strain."""
-        lattice = (np.eye(len(self.shear_dd)) + strain * self.shear_dd) @ self._unsheared_dd
-        return Box(lattice * (volume / abs(np.linalg.det(lattice))) ** (1.0 / len(lattice)))
+        return self.lattice.moved_on(start.packing, start.strain, strain, start.answer.u_nd, start.answer.gradient_dd)
 
     def at(self, start: Sheared, strain: float) -> Sheared | None:
         """Return the equilibrium of a packing gone on to another strain; None where it does not go on."""
@@ -226,45 +212,46 @@ class StrainPath:
                 return None
         return self._measured(strain, state)
 
-    def step(self, strain: float) -> tuple[Sheared, Sheared | None]:
+    def step(self, strain: float, way: float | None = None) -> tuple[Sheared, Sheared | None]:
         """Return the last equilibrium on the way to a strain, and None, or the next one where it becomes unstable.
 
         The first is the equilibrium at that strain wherever the packing goes on to it.
-        """
-        start, goal = self.now, strain
-        shortest = abs(strain - start.strain) * 0.5**HALVINGS
-        while True:
-            found = self.at(start, goal)
-            if found is not None:
-                start = found
-                if goal == strain:
-                    self.now = found
-                    return found, None
-                goal = strain
-                continue
-            if abs(goal - start.strain) <= shortest * 1.001:
-                after = self._fallen(start, goal)
-                self.now = after
-                return start, after
-            goal = 0.5 * (start.strain + goal)
 
-    def fall_from(self, start: Sheared, goal: float, way: float) -> tuple[Sheared, Sheared | None]:
-        """Return what `step` does of an equilibrium that has none behind it: so much strain on, at most to the goal."""
-        aim = start.strain + math.copysign(min(way, abs(goal - start.strain)), goal - start.strain)
-        if abs(goal - aim) < way:
-            aim = goal
-        found = self.at(start, aim)
-        if found is not None:
-            self.now = found
-            return found, None
-        self.now = after = self._fallen(start, aim)
-        return start, after
+        Parameters
+        ----------
+        strain
+            Where to go.
+        way
+            A packing that has no equilibrium just behind it is taken on by so much strain only; None: all the way.
+
+        """
+        reached = self.now
+        if way is None:
+            # a part more than the last halving leaves, which rounding may make longer
+            lengths = StepLengths(growth=math.inf, shortest=1.001 * abs(strain - reached.strain) * 0.5**HALVINGS)
+        else:
+            lengths = StepLengths(way, shortest=2.001 * way, left=way)
+        for one in follow(self._reach, reached, reached.strain, strain, lengths, self._fall):
+            self.now = one.after
+            if one.event is not None:
+                return reached, one.after
+            reached = one.after
+            if way is not None:
+                break
+        return reached, None
+
+    def _reach(self, start: Sheared, strain: float, further: float) -> Step[Sheared, str] | None:
+        found = self.at(start, further)
+        return None if found is None else Step(found, further)
+
+    def _fall(self, start: Sheared, strain: float, further: float) -> Step[Sheared, str]:
+        return Step(self._fallen(start, further), further, "fall")
 
     def _fallen(self, start: Sheared, strain: float) -> Sheared:
         """Return the equilibrium that an unstable packing falls to."""
         step, packing = strain - start.strain, start.packing
         position = packing.position_nd + step * packing.position_nd @ self.shear_dd.T
-        packing = packing.replace(position_nd=position, box=self._box(strain, packing.box.volume))
+        packing = packing.replace(position_nd=position, box=self.lattice.box(strain, packing.box.volume))
         units, basis = self.protocol.units, self.protocol.basis_kdd
         state = descend(packing, units, basis, self.load)
         self.iterations += state.iterations

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.jamming.room import displaced
 from packmech.packing import Packing
 
 # positions this many lattice vectors away are wrapped
@@ -40,6 +41,33 @@ class ShearedLattice:
         """Return the box of the shape that belongs to a strain, at a volume."""
         sheared = (np.eye(len(self.shear_dd)) + strain * self.shear_dd) @ self.unsheared_dd
         return Box(sheared * (volume / abs(np.linalg.det(sheared))) ** (1.0 / len(sheared)))
+
+    def moved_on(
+        self,
+        packing: Packing,
+        strain: float,
+        further: float,
+        u_nq: NDArray[np.float64],
+        gradient_dd: NDArray[np.float64],
+    ) -> Packing:
+        """Return the packing of a strain moved on to another along its rates, in the box of that, of the volume there.
+
+        Parameters
+        ----------
+        packing, strain
+            The packing, and its strain.
+        further
+            The other strain.
+        u_nq
+            (N, q) rates of positions beyond those that the gradient takes along, and of turns as lengths.
+        gradient_dd
+            (d, d) rate of the displacement gradient.
+
+        """
+        step, d = further - strain, packing.dimension
+        along = np.hstack([packing.position_nd @ gradient_dd.T + u_nq[:, :d], u_nq[:, d:]])
+        size = 1.0 + step * float(np.trace(gradient_dd)) / d
+        return displaced(packing, step * along).replace(box=self.box(further, packing.box.volume * size**d))
 
     def identity(
         self, contacts: Any, first_c: NDArray[np.int64], second_c: NDArray[np.int64]
