@@ -23,6 +23,7 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
+from packmech.measure.bonds import bonds_of
 from packmech.measure.contact_forces import force_residual
 from packmech.measure.stress import stress_tensor
 from packmech.mechanics.frictional import (
@@ -579,6 +580,11 @@ def _rough_response(
     scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
 ) -> _RoughResponse:
     """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
+    if bonds_of(scene.effects) is not None:
+        raise ValueError(
+            "scene.effects must hold no Bonds beside Friction for pm.elastic_moduli, since rattlers with friction know "
+            "contacts alone: leave one out with scene.without(pm.Bonds), or use pm.complex_modulus"
+        )
     # what contacts add is the same: "paper" leaves out the forces of links
     check_frictional("exact" if kind == "paper" else kind, gap_tolerance=gap_tolerance)
     contacts = frictional_network(scene, rattlers)
