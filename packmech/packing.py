@@ -365,6 +365,14 @@ class Packing:
         rotation = np.einsum("nk,nkt->nt", displacement_nq[:, d:], self.turn_nkt)
         return self.replace(position_nd=position, shapes=self.bodies.turned(rotation))
 
+    @functools.cached_property
+    def spin_nkk(self) -> NDArray[np.float64]:
+        """The (N, k, k) rotations that one length of each of k coordinates makes, where friction turns every particle.
+
+        Angles times radii of gyration are lengths; k = 1 in a plane and 3 in space.
+        """
+        return self.bodies.spin_basis(self.radius_n)
+
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them.
 

@@ -53,6 +53,14 @@ class PairGeometry(Protocol):
         """The (C, d) vectors from center i to center j [length]."""
 
     @property
+    def normal_cd(self) -> NDArray[np.float64]:
+        """The (C, d) unit vectors along which the pairs push, from i to j [1]."""
+
+    @property
+    def push_c(self) -> NDArray[np.float64]:
+        """The (C,) sizes of the forces over the derivatives of the energies by the distances [1]."""
+
+    @property
     def slope_cx(self) -> NDArray[np.float64]:
         """The (C, X) slopes of the distances along the pairs' coordinates."""
 
@@ -61,12 +69,21 @@ class PairGeometry(Protocol):
         """The (C, X, X) second derivatives of the distances."""
 
     @property
-    def push_c(self) -> NDArray[np.float64]:
-        """The (C,) sizes of a force of a contact over du/drho [1]."""
-
-    @property
     def turn_nkt(self) -> NDArray[np.float64]:
         """The (N, K, t) rotations that one length of each coordinate of turns makes; K = 0 where nothing turns."""
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact [length]."""
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the pairs' coordinates, rotations among them."""
+
+
+def normal_slopes(pairs: PairGeometry) -> NDArray[np.float64]:
+    """Return the (C, d, X) derivatives of the normals by the pairs' coordinates."""
+    d, normal = pairs.dimension, pairs.normal_cd
+    bent = pairs.curvature_cxx[:, :d] / pairs.push_c[:, None, None]
+    return np.asarray(bent - normal[:, :, None] * (normal[:, :, None] * bent).sum(axis=1)[:, None])
 
 
 @dataclass(frozen=True, eq=False)

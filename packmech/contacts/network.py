@@ -165,8 +165,8 @@ class Contacts:
 
     @property
     def turn_nkt(self) -> NDArray[np.float64]:
-        """The (N, 0, t) rotations that coordinates of turns make: discs and spheres have none."""
-        return np.zeros((self.particles, 0, 1 if self.dimension == 2 else 3))
+        """An (N, 0, 0) array: discs and spheres have no coordinates of turns."""
+        return np.zeros((self.particles, 0, 0))
 
     @property
     def pairs(self) -> Candidates:
@@ -186,6 +186,25 @@ class Contacts:
         return replace(
             self, i_c=number_n[self.i_c], j_c=number_n[self.j_c], particles=int(number_n.max(initial=-1)) + 1
         )
+
+    @property
+    def bead_c2(self) -> None:
+        """Which beads of a pair touch: none, where particles have no beads."""
+        return None
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact, the share r_i / (r_i + r_j) of the way."""
+        return self._share(radius_n)[:, None] * self.vector_cd
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the vectors and the rotations of i and of j."""
+        d = self.dimension
+        slope = np.zeros((len(self), d, 4 if d == 2 else 9))
+        slope[:, :, :d] = self._share(radius_n)[:, None, None] * np.eye(d)
+        return slope
+
+    def _share(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(radius_n[self.i_c] / (radius_n[self.i_c] + radius_n[self.j_c]))
 
     def distance_change(self, start: Contacts) -> NDArray[np.float64]:
         """Return the (C,) changes of the distances of the same pairs since the start, from those of their vectors."""

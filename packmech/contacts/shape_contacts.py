@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance
-from packmech.contacts.bead_contact import bead_contacts
+from packmech.contacts.bead_contact import bead_contacts, turned_arms
+from packmech.contacts.elements import normal_slopes
 from packmech.contacts.network import (
     Candidates,
     Contacts,
@@ -27,7 +28,7 @@ from packmech.contacts.network import (
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.honors import honors
 from packmech.packing import Packing
-from packmech.shapes import Beads, Shapes
+from packmech.shapes import Beads, Shapes, Spheroids
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows
 _SMALL = 1e-5
@@ -93,6 +94,72 @@ class ShapeContacts:
         """The (N, K, t) rotations that one length of each coordinate of turns makes."""
         # a network of no particles keeps the shapes of its packing
         return self.shapes.turn_basis(self.radius_n)[: self.particles]
+
+    @property
+    def normal_cd(self) -> NDArray[np.float64]:
+        """The (C, d) unit vectors along which contacts push, from i to j [1]."""
+        return np.asarray(self.slope_cx[:, : self.dimension] / self.push_c[:, None])
+
+    @property
+    def bead_c2(self) -> NDArray[np.int64] | None:
+        """The (C, 2) beads of i and of j that touch, counted from 0 in each; None where particles have no beads."""
+        if not isinstance(self.shapes, Beads):
+            return None
+        start = self.shapes.start_n
+        return np.stack([self.site_i_c - start[self.i_c], self.site_j_c - start[self.j_c]], axis=1)
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact [length].
+
+        Beads share their distance as discs and spheres do. Ellipses and spheroids touch when both are scaled by
+        s = rho / sigma: at s A n / g from the center, A their matrix of squared semi-axes, g = sqrt(n A n).
+        """
+        if isinstance(self.shapes, Beads):
+            arm, apart, share = self._beads(radius_n)
+            return np.asarray(arm[self.site_i_c] + share[:, None] * apart)
+        return np.asarray((1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the pairs' coordinates; of spheroids curvatures are needed."""
+        count, d, t = len(self), self.dimension, (self.slope_cx.shape[1] - self.dimension) // 2
+        slope, own = np.zeros((count, d, d + 2 * t)), slice(d, d + t)
+        if isinstance(self.shapes, Beads):
+            arm, _, share = self._beads(radius_n)
+            slope[:, :, :d] = np.eye(d)
+            slope[:, :, own] = -turned_arms(arm[self.site_i_c])
+            slope[:, :, d + t :] = turned_arms(arm[self.site_j_c])
+            slope *= share[:, None, None]
+            slope[:, :, own] += turned_arms(arm[self.site_i_c])
+            return slope
+        point, bend = self._support(radius_n)
+        scale, normal = (1.0 - self.overlap_c)[:, None, None], self.normal_cd
+        # the point turns with the shape, and moves on it as the normal turns against the shape
+        slope = bend @ normal_slopes(self)
+        slope[:, :, own] += turned_arms(point) - bend @ turned_arms(normal)
+        return np.asarray(
+            scale * slope + point[:, :, None] * (self.slope_cx / self.contact_distance_c[:, None])[:, None]
+        )
+
+    def _beads(
+        self, radius_n: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return (B, d) arms of beads, (C, d) vectors between those that touch, and (C,) shares of the first."""
+        assert isinstance(self.shapes, Beads)
+        arm, radius = self.shapes.arms(radius_n), self.shapes.bead_radius(radius_n)
+        apart = self.vector_cd + arm[self.site_j_c] - arm[self.site_i_c]
+        return arm, apart, radius[self.site_i_c] / (radius[self.site_i_c] + radius[self.site_j_c])
+
+    def _support(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (C, d) points p = A n / g of the spheroids i where n is their normal, and (C, d, d) dp/dn."""
+        assert isinstance(self.shapes, Spheroids)
+        along, across = (one[self.i_c] ** 2 for one in self.shapes.semi_axes(radius_n))
+        director, normal = self.shapes.director_nd[self.i_c], self.normal_cd
+        matrix = (along - across)[:, None, None] * director[:, :, None] * director[:, None, :]
+        matrix += across[:, None, None] * np.eye(self.dimension)
+        point = np.einsum("cab,cb->ca", matrix, normal)
+        size = np.sqrt((point * normal).sum(axis=1))
+        point /= size[:, None]
+        return point, (matrix - point[:, :, None] * point[:, None, :]) / size[:, None, None]
 
     @property
     def pairs(self) -> Candidates:

@@ -22,7 +22,7 @@ from packmech.effects import Harmonic, Repulsion, contact_terms
 from packmech.jamming.backbone import EMPTY
 from packmech.jamming.contact_selection import ContactSelection, GapLevel, RestCheck
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
-from packmech.measure.stress import force_balance
+from packmech.measure.contact_forces import force_balance
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.quartic import quartic_modes
 from packmech.mechanics.self_stress import states_of_self_stress

@@ -51,7 +51,7 @@ class WallContacts(NamedTuple):
         return np.asarray(self.force_w @ self.normal_wd)
 
 
-def _wall_contacts(effects: tuple[Any, ...], packing: Packing) -> WallContacts:
+def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts:
     """Return the contacts of particles, or the beads of bodies, with walls; one that just touches counts as open."""
     held = held_particles(effects, packing.particles)
     found = [WallContacts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension)), np.zeros(0))]
@@ -68,7 +68,7 @@ def _wall_contacts(effects: tuple[Any, ...], packing: Packing) -> WallContacts:
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, apart="friction+shapes")
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
 
@@ -92,5 +92,6 @@ def wall_contacts(scene: Scene) -> WallContacts:
 
     """
     instance("scene", scene, Scene)
-    refuse_unknown_to_shapes(scene)
-    return _wall_contacts(scene.effects, scene.packing)
+    if scene.packing.shapes is not None:
+        refuse_unknown_to_shapes(scene)
+    return wall_contacts_of(scene.effects, scene.packing)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.check import one_of
@@ -72,6 +73,14 @@ class Network:
     def free_f(self) -> NDArray[np.bool_]:
         """The (N' q,) coordinates that can move."""
         return self.free_nq.ravel()
+
+    @functools.cached_property
+    def link_rows(self) -> tuple[sp.csr_array, NDArray[np.float64]]:
+        """The derivatives of the independent links' lengths by all coordinates (L, N' q), and by strains (L, s)."""
+        gradient, stretch = self.links.independent_rows()
+        d, (count, q) = self.dimension, self.there_nq.shape
+        column = gradient.indices // d * q + gradient.indices % d
+        return sp.csr_array((gradient.data, column, gradient.indptr), shape=(gradient.shape[0], count * q)), stretch
 
     @functools.cached_property
     def pinned_f(self) -> NDArray[np.bool_]:

@@ -182,12 +182,16 @@ def assembled_system(
     *,
     strained: bool = True,
     link_stiffness: float = 0.0,
+    contacts: Elements | None = None,
 ) -> System:
-    """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for."""
+    """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for.
+
+    Contacts are those of pairs whose energies depend on their distances alone, unless others are given.
+    """
     one = network.contacts
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
-    elements = [elements_of(one, first, terms.second_c)]
+    elements = [elements_of(one, first, terms.second_c) if contacts is None else contacts]
     if network.bonded is not None:
         refuse_tangential_springs(scene.effects)
         bonds, springs = network.bonded

@@ -21,7 +21,7 @@ from packmech.scene import Scene
 # methods that ship, and what they honor; one of a user's may honor more
 _SHIPPED: tuple[type[JamMethod], ...] = (HardVertex, ProgramChain, Decompression, Press, StepHalving)
 _HONORED = declare(
-    "jam", "repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes"
+    "jam", "repulsion friction links shapes", at_rest=True
 )  # fmt: skip
 # where a method that does not know both strains works, in words
 _WHERE = {"isotropic": "in a box of fixed shape", "free": "with free strains"}
@@ -47,13 +47,7 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
             always.append(one.__name__)
         elif known:
             sometimes.append(f"{one.__name__} {_WHERE[known[0]]}")
-    suitable = [*always, *sometimes]
-    if not suitable:
-        raise ValueError(
-            "scene must have no friction for a packing with links or shapes, which cannot be pressed, got Friction: "
-            "leave it out with scene.without(pm.Friction)"
-        )
-    *others, last = suitable
+    *others, last = [*always, *sometimes]
     names = f"{', '.join(others)}, or {last}" if others else last
     held, where, way = held_columns(scene), "", ""
     if "friction" in held:
@@ -104,8 +98,8 @@ def jam(
         shape.
     method
         HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
-        where only it and StepHalving with a fixed box know the way), Press() (with friction the default, and the only
-        one; without links), or one of one's own (`JamMethod`); their parameters are those of the protocol.
+        where only it, Press and StepHalving with a fixed box know the way), Press() (with friction the default, and the
+        only one), or one of one's own (`JamMethod`); their parameters are those of the protocol.
     start
         "continue", or "fresh": a jammed packing is scaled to the start of the protocol, too. Where strains become free
         that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "fresh".

@@ -22,19 +22,16 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import touching_pairs
-from packmech.effects import contact_terms
+from packmech.effects import contact_terms, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.loop.run_loop import RunLoop, TimeUp
-from packmech.measure.contact_forces import contact_forces
+from packmech.measure.contact_forces import force_balance, resting_forces
 from packmech.measure.counting import packing_fraction
-from packmech.measure.friction import friction_of
 from packmech.measure.rattlers import find_rattling_clusters
-from packmech.measure.shaped import check_pairs_only
-from packmech.measure.stress import force_balance, stress_tensor, sum_forces
-from packmech.measure.stress import pressure as pressure_of
+from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.minimize.bodies_apart import deep_overlaps
@@ -64,11 +61,8 @@ PRESSED = 1e-6
 
 def is_jammed(scene: Scene) -> bool:
     """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
-    if friction_of(scene) is not None and scene.packing.plain:
-        found = contact_forces(scene)
-        return found.residual <= _BALANCED and found.pressure > 0.0
-    largest, mean = force_balance(scene)
-    return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
+    found = resting_forces(scene)
+    return found.mean_force > 0.0 and found.residual <= _BALANCED and found.pressure > 0.0
 
 
 def check_jammed(scene: Scene) -> None:
@@ -115,7 +109,7 @@ class Protocol:
 
     def __init__(self, scene: Scene, strain: BoxStrain, force_tolerance: float, loop: RunLoop) -> None:
         if scene.packing.shapes is not None:
-            check_pairs_only(scene)
+            refuse_unknown_to_shapes(scene, single=False)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())
@@ -565,7 +559,8 @@ def _finish_shaped(
     residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
     one = network.contacts
     terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
-    held = -float((terms.first_c[:, None] * one.slope_cx[:, :d] * one.vector_cd).sum()) / (d * packing.box.volume)
+    along = (one.slope_cx[:, :d] * one.vector_cd).sum(axis=1)
+    held = -float(terms.first_c @ along) / (d * packing.box.volume)
     outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
     return run_of(protocol, packing, outcome, residual, report, began)
 
