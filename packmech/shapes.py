@@ -130,8 +130,8 @@ class Discs:
         return 1.0, 3.0 if self.dimension == 2 else 3.5
 
     def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return an array (N, 0, t): there are no coordinates of turns; t = 1 in a plane and 3 in space."""
-        return np.zeros((self.count, 0, 1 if self.dimension == 2 else 3))
+        """Return an array (N, 0, 0): no coordinates of turns, and no rotations along which slopes are taken."""
+        return np.zeros((self.count, 0, 0))
 
     def turned(self, rotation_nt: NDArray[np.float64]) -> Discs:
         """Return these shapes, which no rotation changes."""

@@ -5,69 +5,46 @@
 Each packing is quenched in its box, then relaxed in positions and strains at one pressure after the other.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import packmech as pm
-from packmech.view.report import examine
-from packmech.view.trajectory import trace_of
 
 PRESSURES = 24
 # frames, thinned evenly
-MOST = 150
+LARGEST = 150
+
+
+def stabilize(scene: pm.Scene) -> tuple[list[pm.Packing], pm.Run]:
+    """Return the packings on the way to the pressure of the scene's drive, and the run that ends there."""
+    drive, way = scene.drive, [scene.packing]
+
+    def watch(stage: str, figures: dict[str, Any]) -> None:
+        if "packing" in figures:
+            way.append(figures["packing"])
+
+    given = {"force_tolerance": drive.force_tolerance, "progress": watch}
+    for pressure in np.geomspace(0.05, drive.pressure, PRESSURES).tolist():
+        run = pm.shear_stabilize(scene, pressure=pressure, **given)
+        scene = scene.replace(packing=run.packing)
+    return [*way, run.packing], run
 
 
 def record(name: str, target: Path) -> None:
     """Jam a scene at the pressure of its drive and write the recording."""
     scene = pm.read_scene(name)
-    drive = scene.drive
-    assert isinstance(drive, pm.ShearStabilizeDrive) and drive.pressure is not None
-    step_t, packing_t = [0], [scene.packing]
-
-    def watch(stage: str, figures: dict[str, Any]) -> None:
-        if "packing" in figures:
-            # stages that do not count their steps show one packing after the other
-            step_t.append(max(before + int(figures.get("steps", 0)), step_t[-1] + 1))
-            packing_t.append(figures["packing"])
-
-    tolerance = drive.force_tolerance
-    before = 0
-    run = pm.shear_stabilize(scene, pressure=0.05, force_tolerance=tolerance, progress=watch)
-    for pressure in np.geomspace(0.05, drive.pressure, PRESSURES)[1:]:
-        before = step_t[-1] + 1
-        run = pm.shear_stabilize(
-            scene.replace(packing=run.packing), pressure=float(pressure), force_tolerance=tolerance, progress=watch
-        )
-    steps = step_t[-1] + 1
-    step_t.append(steps)
-    packing_t.append(run.packing)
-    if len(step_t) > MOST:
-        keep = np.unique(np.linspace(0, len(step_t) - 1, MOST).astype(int))
-        step_t, packing_t = [step_t[k] for k in keep], [packing_t[k] for k in keep]
-    report = examine(scene.replace(packing=run.packing), strain="free", modes=10)
-    whole = pm.Run(
-        run.packing, run.outcome, run.residual, steps, run.force_evaluations, run.seconds,
-        trace=trace_of(scene, step_t, packing_t),
-    )  # fmt: skip
-    kind = "discs" if scene.packing.dimension == 2 else "spheres"
-    summary = report.summary().markdown(f"{name}: {scene.packing.particles} {kind}")
-    pm.record_run(
-        whole,
-        target,
-        scene=scene,
-        modes=report.modes,
-        parameters={"scene": name, "drive": drive},
-        results=report.numbers,
-        summary=summary,
-    )
-    numbers = report.numbers
-    print(
-        f"{target.name}: {numbers['contacts']} contacts, isostatic {numbers['isostatic_contacts']}, {numbers['strict']}"
-    )
+    way, run = stabilize(scene)
+    with pm.Recording(target, scene, parameters={"scene": name, "pressures": PRESSURES}) as recording:
+        for step in np.unique(np.linspace(0, len(way) - 1, LARGEST).astype(int)).tolist():
+            here = scene.replace(packing=way[step])
+            figures = {"energy": pm.energy(here), "pressure": pm.pressure(here)}
+            recording.add(way[step], step=step, figures=figures)
+        verdict = pm.classify_jamming(scene.replace(packing=run.packing))
+        results = {name: run.report[name] for name in ("contacts", "isostatic_contacts", "packing_fraction")}
+        recording.close(results | {"strict": verdict.strict, "force_residual": run.residual})
+    print(f"{target.name}: {results['contacts']} contacts, isostatic {results['isostatic_contacts']}, {verdict.strict}")
 
 
 if __name__ == "__main__":

@@ -298,6 +298,20 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         assert differs is not (call == "pressure"), call
 
 
+def test_bonds_change_every_call_at_rest_that_honors_them():
+    packing = at_rest()
+    bonds = pm.bond_contacts(packing, compression=pm.Hertz(), tangential_stiffness=0.0)
+    # all contacts alike, so that it stays at rest
+    effects = (pm.Repulsion(), bonds)
+    # there are no links here, and what acts on centers turns nothing
+    honoring = [name for name in RESTING if CALLS[name].answer("bonds") == HONORED and name != "link_tension"]
+    assert {"energy", "forces", "hessian", "normal_modes", "elastic_moduli"} <= set(honoring)
+    for call in honoring:
+        one, other = (np.asarray(RESTING[call](pm.Scene(packing, given))) for given in (effects, effects[:1]))
+        differs = one.shape != other.shape or np.abs(one - other).max() > 1e-9
+        assert differs is not (call == "torques"), call
+
+
 # effects on single particles have no strain of the box
 IN_A_FIXED_BOX = RESTING | {
     "hessian": lambda scene: pm.hessian(scene, "none").toarray(),

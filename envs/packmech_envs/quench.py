@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech_envs.episodes import Infos
-from packmech_envs.tasks import BONDS, boolean, budget, one_of, positive, quenchable, real, scene_of
+from packmech_envs.tasks import LEFT_OUT, boolean, budget, one_of, positive, quenchable, real, scene_of
 from packmech_envs.turned import Turned
 
 __all__ = ["TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
@@ -106,7 +106,9 @@ class QuenchTask:
     Parameters
     ----------
     bonds
-        What becomes of bonds, which minimizers do not know: "refuse" or "leave out".
+        What becomes of bonds, which the batch does not know: "refuse" or "leave out".
+    friction
+        What becomes of friction, which has no energy to be minimized: "refuse" or "leave out".
     relax
         "full": each step relaxes to the tolerance. A number k: each takes k steps of the minimizer, which goes on where
         it was, so that the quench itself can be observed; it then starts from overlaps as they were drawn.
@@ -151,6 +153,7 @@ class QuenchTask:
     """
 
     bonds: str = "refuse"
+    friction: str = "refuse"
     relax: str | int = "full"
     force_tolerance: float = 1e-8
     force_floor: float = 0.0
@@ -170,7 +173,8 @@ class QuenchTask:
     reward: QuenchReward = QuenchReward()
 
     def __post_init__(self) -> None:
-        one_of("bonds", self.bonds, BONDS)
+        one_of("bonds", self.bonds, LEFT_OUT)
+        one_of("friction", self.friction, LEFT_OUT)
         one_of("start", self.start, ("random", "scene"))
         one_of("verdict", self.verdict, ("collective", "strict"))
         boolean("shear_modulus", self.shear_modulus)
@@ -223,7 +227,8 @@ class QuenchEpisodes:
 
     def __init__(self, count: int, scene: Any, task: QuenchTask, threads: int = 1) -> None:
         self.task = task
-        self._scene = quenchable(default_scene() if scene is None else scene_of(scene), bonds=task.bonds)
+        given = default_scene() if scene is None else scene_of(scene)
+        self._scene = quenchable(given, bonds=task.bonds, friction=task.friction)
         packing = self._scene.packing
         self.largest_pressure = (
             0.1 / packing.particles**2 if task.largest_pressure is None else float(task.largest_pressure)

@@ -104,7 +104,7 @@ def budget(name: str, value: Any) -> int | None:
 
 
 LINKS = ("refuse", "bonds")
-BONDS = ("refuse", "leave out")
+LEFT_OUT = ("refuse", "leave out")
 
 
 def scene_of(scene: Any) -> pm.Scene:
@@ -224,17 +224,19 @@ def bonds_for_links(scene: pm.Scene, stiffness: float | None = None) -> pm.Scene
     return scene.replace(packing=packing.replace(links=None), effects=(*scene.effects, bonds))
 
 
-def quenchable(scene: pm.Scene, *, bonds: str = "refuse") -> pm.Scene:
+def quenchable(scene: pm.Scene, *, bonds: str = "refuse", friction: str = "refuse") -> pm.Scene:
     """Return the scene as minimizers take it: with those effects that are an energy of pairs in contact.
 
-    Friction and dashpots have no energy that a minimum could be of and are left out, as `pm.quench` does. So are, by
-    name, bonds; gravity and walls are refused, as a packing between walls is another one than that in the box alone.
+    Dashpots do nothing at rest and are left out. Friction has no energy that a minimum could be of: its tangential
+    springs stretch as particles move and turn in time, and a minimizer, which takes no time, would end in another
+    packing for every way down. It is refused unless it is to be left out, as are bonds; gravity and walls are refused,
+    as a packing between walls is another one than that in the box alone.
 
     Parameters
     ----------
     scene
         The scene.
-    bonds
+    bonds, friction
         "refuse", or "leave out".
 
     Raises
@@ -244,18 +246,26 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse") -> pm.Scene:
 
     Examples
     --------
-    >>> [type(one).__name__ for one in quenchable(scene_of("frictionless")).effects]
+    >>> [type(one).__name__ for one in quenchable(scene_of("rough-discs"), friction="leave out").effects]
     ['Repulsion']
 
     """
-    one_of("bonds", bonds, BONDS)
+    one_of("bonds", bonds, LEFT_OUT)
+    one_of("friction", friction, LEFT_OUT)
     kept = []
     for k, one in enumerate(scene.effects):
         if isinstance(one, pm.Bonds):
             if bonds == "refuse" and len(one):
                 raise ValueError(
-                    f"scene must have no bonds here, which no minimizer knows, got {len(one)} in effects[{k}]; "
+                    f"scene must have no bonds here, which batches do not know, got {len(one)} in effects[{k}]; "
                     'bonds="leave out" quenches the packing without them'
+                )
+        elif isinstance(one, pm.Friction):
+            if friction == "refuse" and one.coefficient > 0.0:
+                raise ValueError(
+                    "scene must have no friction here, whose tangential springs stretch on the way that particles take "
+                    f'in time while a minimizer takes none, got effects[{k}]; friction="leave out" quenches the '
+                    "packing without it, and pm.jam and pm.settle press and come to rest in time with it"
                 )
         elif isinstance(one, pm.FixedParticles) or hasattr(type(one), "body_energy"):
             raise ValueError(

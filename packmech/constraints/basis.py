@@ -13,12 +13,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.check import BoxStrain, instance, one_of, positive, real
-from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains, cluster_block
-from packmech.constraints.jacobian import FORMS, LINK_STRAINS, position_rows, scale_of_strain, strain_rows
+from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains
+from packmech.constraints.jacobian import FORMS, LINK_STRAINS, link_rows, scale_of_strain
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
-from packmech.jit.compiled import kernel
-from packmech.linalg.mandel import strain_components, trace_vector
+from packmech.linalg.mandel import strain_components, strain_directions
 from packmech.packing import Packing
 
 # largest dense matrix that is made unless more is asked for [bytes]
@@ -70,40 +69,18 @@ def motion_basis(
         Largest memory of the matrix [bytes].
 
     """
-    dimension = links.pairs.dimension
     gradient, stretch = links.independent_rows()
-    root = np.repeat(np.sqrt(mass_n), dimension)
-    size = len(root)
-    weighted = gradient.multiply(1.0 / root[None, :]).tocsr()
-    strains = None if strain_ek is None else admitted_strains(strain_ek, links.stiff_strains)
-    extra = 0 if strains is None else strains.shape[1]
-    rows = size + (0 if strain_ek is None else len(strain_ek))
-    count = size - weighted.shape[0] + extra
-    check_memory(rows, count, memory_limit)
-    basis = np.zeros((rows, count))
-    response = np.zeros((size, extra))
-    pull = np.zeros((weighted.shape[0], 0)) if strains is None else stretch @ strains / strain_scale
-    cluster = links.cluster_l[~links.dependent_l]
-    order = np.argsort(cluster, kind="stable")
-    start = np.flatnonzero(np.concatenate([[True], np.diff(cluster[order]) != 0, [True]])) if len(order) else [0]
-    at = 0
-    single = np.ones(size, dtype=bool)
-    for begin, end in zip(start[:-1], start[1:], strict=True):
-        own = order[begin:end]
-        block, column = cluster_block(weighted, own)
-        single[column] = False
-        full, right = np.linalg.qr(block.T, mode="complete")
-        free = full[:, len(own) :]
-        basis[column, at : at + free.shape[1]] = free
-        at += free.shape[1]
-        if extra:
-            response[column] = -full[:, : len(own)] @ np.linalg.solve(right[: len(own)].T, pull[own])
-    alone = np.flatnonzero(single)
-    basis[alone, at : at + len(alone)] = np.eye(len(alone))
-    if strains is not None:
-        basis[:, count - extra :] = np.linalg.qr(np.concatenate([response, strains]))[0]
-        basis[size:] /= strain_scale
-    basis[:size] /= root[:, None]
+    root = np.repeat(np.sqrt(mass_n), links.pairs.dimension)
+    shape = len(root), 0 if strain_ek is None else len(strain_ek)
+    asked = np.zeros((stretch.shape[1], 0)) if strain_ek is None else strain_ek
+    strains = admitted_strains(asked, links.stiff_strains)
+    check_memory(sum(shape), len(root) - gradient.shape[0] + strains.shape[1], memory_limit)
+    weighted = gradient.multiply(1.0 / root[None, :]).T.tocsc()
+    blocks = cluster_blocks(weighted, links.cluster_l[~links.dependent_l], links.cluster_n, "householder", 0.0)
+    motions = _strain_motions(blocks, stretch.T / strain_scale, strains, len(root))
+    basis: NDArray[np.float64] = _null_basis(blocks, motions, shape).toarray()
+    basis[: len(root)] /= root[:, None]
+    basis[len(root) :] /= strain_scale
     return basis
 
 
@@ -175,22 +152,7 @@ class ConstraintBasis:
 
         Clusters come first, then particles without links, then the motions that go with strains.
         """
-        positions, strains = self.shape
-        linked = np.zeros(positions, dtype=bool)
-        parts = []
-        with single_thread():
-            for block in self.blocks:
-                linked[block.row_x] = True
-                rank = block.basis_xr.shape[1]
-                whole = sl.qr(block.basis_xr, check_finite=False)[0] if rank else np.eye(len(block.row_x))
-                parts.append((block.row_x, whole[:, rank:]))
-        free = np.flatnonzero(~linked)
-        alone = sp.csc_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(positions, len(free)))
-        moves = sp.hstack([_columns(parts, positions), alone], format="csc")
-        if not strains:
-            return sp.csc_array(moves)
-        moves = sp.vstack([moves, sp.csc_array((strains, moves.shape[1]))])
-        return sp.csc_array(sp.hstack([moves, sp.csc_array(self.strain_xk)]))
+        return _null_basis(self.blocks, self.strain_xk, self.shape)
 
     def project(self, vector_x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the part of an (N d + s,) vector that changes no constraint."""
@@ -209,6 +171,26 @@ class ConstraintBasis:
         return out
 
 
+def _null_basis(blocks: tuple[Block, ...], strain_xk: NDArray[np.float64], shape: tuple[int, int]) -> sp.csc_array:
+    """Return orthonormal motions without change of a constraint, by cluster, of single particles, and with strains."""
+    positions, strains = shape
+    linked = np.zeros(positions, dtype=bool)
+    parts = []
+    with single_thread():
+        for block in blocks:
+            linked[block.row_x] = True
+            rank = block.basis_xr.shape[1]
+            whole = sl.qr(block.basis_xr, check_finite=False)[0] if rank else np.eye(len(block.row_x))
+            parts.append((block.row_x, whole[:, rank:]))
+    free = np.flatnonzero(~linked)
+    alone = sp.csc_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(positions, len(free)))
+    moves = sp.hstack([_columns(parts, positions), alone], format="csc")
+    if not strains:
+        return sp.csc_array(moves)
+    moves = sp.vstack([moves, sp.csc_array((strains, moves.shape[1]))])
+    return sp.csc_array(sp.hstack([moves, sp.csc_array(strain_xk)]))
+
+
 def _columns(parts: list[tuple[NDArray[np.int64], NDArray[np.float64]]], rows: int) -> sp.csc_array:
     """Return dense blocks, each on its own rows, as the columns of one sparse array."""
     index = np.int32 if sum(q.size for _, q in parts) < 2**31 and rows < 2**31 else np.int64
@@ -223,55 +205,31 @@ def _columns(parts: list[tuple[NDArray[np.int64], NDArray[np.float64]]], rows: i
     return sp.csc_array((value, row, start), shape=(rows, len(widths)))
 
 
-@kernel
-def _gram_schmidt(rest_lx, twice, tolerance):  # type: ignore[no-untyped-def]
-    """Orthonormalize rows by modified Gram-Schmidt, the longest rest first; return the basis and the rows' order.
+def _gram_schmidt(
+    matrix: NDArray[np.float64], twice: bool, tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Orthonormalize columns by modified Gram-Schmidt, the longest rest first; return the basis and the columns' order.
 
-    The array is overwritten by what is left of its rows. Twice: each new row is made orthogonal to all before it again.
+    Twice: each new column is made orthogonal to all before it again.
     """
-    count, size = rest_lx.shape
-    basis = np.empty((min(count, size), size))
-    order = np.arange(count)
-    square = np.zeros(count)
-    for k in range(count):
-        for x in range(size):
-            square[k] += rest_lx[k, x] * rest_lx[k, x]
-    rank = 0
-    smallest = tolerance * tolerance * np.max(square)
-    for rank in range(min(count, size) + 1):
-        best = rank
-        for k in range(rank, count):
-            if square[order[k]] > square[order[best]]:
-                best = k
-        if rank == min(count, size) or not square[order[best]] > smallest:
+    rest, order = matrix.T.copy(order="C"), np.arange(matrix.shape[1])
+    square = (rest**2).sum(axis=1)
+    smallest = tolerance**2 * square.max()
+    basis: list[NDArray[np.float64]] = []
+    for rank in range(min(matrix.shape)):
+        best = rank + int(square[rank:].argmax())
+        if not square[best] > smallest:
             break
-        order[rank], order[best] = order[best], order[rank]
-        vector = basis[rank]
-        vector[:] = rest_lx[order[rank]]
-        if twice:
-            for r in range(rank):
-                product = 0.0
-                for x in range(size):
-                    product += basis[r, x] * vector[x]
-                for x in range(size):
-                    vector[x] -= product * basis[r, x]
-        norm = 0.0
-        for x in range(size):
-            norm += vector[x] * vector[x]
-        norm = np.sqrt(norm)
-        for x in range(size):
-            vector[x] /= norm
-        for k in range(rank + 1, count):
-            rest = rest_lx[order[k]]
-            product = 0.0
-            for x in range(size):
-                product += vector[x] * rest[x]
-            left = 0.0
-            for x in range(size):
-                rest[x] -= product * vector[x]
-                left += rest[x] * rest[x]
-            square[order[k]] = left
-    return basis[:rank], order
+        for array in (rest, order, square):
+            array[[rank, best]] = array[[best, rank]]
+        vector = rest[rank]
+        for before in basis if twice else ():
+            vector = vector - (before @ vector) * before
+        basis.append(vector / np.sqrt(vector @ vector))
+        left = rest[rank + 1 :]
+        left -= np.outer(left @ basis[-1], basis[-1])
+        square[rank + 1 :] = (left**2).sum(axis=1)
+    return np.array(basis).reshape(-1, len(matrix)).T.copy(order="C"), order
 
 
 def _orthonormal(
@@ -279,8 +237,7 @@ def _orthonormal(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Return an orthonormal basis, the columns' coefficients in it, and the columns' order, independent ones first."""
     if method.startswith("gram-schmidt"):
-        found, order = _gram_schmidt(matrix.T.copy(order="C"), method == "gram-schmidt-twice", tolerance)
-        basis = found.T.copy(order="C")
+        basis, order = _gram_schmidt(matrix, method == "gram-schmidt-twice", tolerance)
         return basis, basis.T @ matrix[:, order], order
     basis, triangle, order = sl.qr(matrix, mode="economic", pivoting=True, check_finite=False)
     size = np.abs(np.diag(triangle))
@@ -292,17 +249,26 @@ def _orthonormal(
 
 
 def cluster_blocks(
-    packing: Packing, matrix: sp.csc_array, method: str, tolerance: float, limit: float
-) -> tuple[Block, ...]:
-    """Return the orthonormal blocks of Omega, one for each cluster that has links."""
-    links = packing.links
-    if links is None:
+    matrix: sp.csc_array, own: NDArray[np.int64], cluster: NDArray[np.int64], method: str, tolerance: float,
+    limit: float = np.inf,
+) -> tuple[Block, ...]:  # fmt: skip
+    """Return the orthonormal blocks of Omega, one for each cluster that has links.
+
+    Parameters
+    ----------
+    matrix
+        (N d, L) Omega.
+    own, cluster
+        (L,) and (N,) the clusters of the links and of the particles.
+    method, tolerance, limit
+        As `constraint_basis` takes them.
+
+    """
+    if not len(own):
         return ()
-    d = packing.dimension
-    cluster = links.clusters(packing.particles)
+    d = matrix.shape[0] // len(cluster)
     if method == "whole-matrix":
-        cluster = np.zeros_like(cluster)
-    own = cluster[links.i_l]
+        own, cluster = np.zeros_like(own), np.zeros_like(cluster)
     members = np.argsort(cluster, kind="stable")
     member_start = np.concatenate([[0], np.cumsum(np.bincount(cluster))])
     order = np.argsort(own, kind="stable")
@@ -311,8 +277,8 @@ def cluster_blocks(
     needed = 8.0 * float((sizes * np.minimum(sizes, counts))[counts > 0].sum())
     if max(needed, 8.0 * float((sizes * counts).max())) > limit:
         raise ValueError(f"basis_limit must be at least {needed:.3g} bytes for this basis, got {limit:.3g}")
-    place = np.empty(packing.particles, dtype=np.int64)
-    place[members] = np.arange(packing.particles) - np.repeat(member_start[:-1], np.diff(member_start))
+    place = np.empty(len(cluster), dtype=np.int64)
+    place[members] = np.arange(len(cluster)) - np.repeat(member_start[:-1], np.diff(member_start))
     blocks = []
     for c in np.flatnonzero(counts):
         inside = members[member_start[c] : member_start[c + 1]]
@@ -329,30 +295,29 @@ def cluster_blocks(
 
 
 def _strain_motions(
-    blocks: tuple[Block, ...], rows_sl: NDArray[np.float64], volume_s: NDArray[np.float64] | None, size: int,
-    tolerance: float,
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return orthonormal motions (N d + s, k), one for each admissible strain, orthogonal to those at fixed strain."""
-    strains = len(rows_sl)
-    moves = np.zeros((size, strains))
-    held = [] if volume_s is None else [volume_s[None, :] / np.linalg.norm(volume_s)]
+    blocks: tuple[Block, ...], rows_sl: NDArray[np.float64], admitted_sk: NDArray[np.float64], size: int
+) -> NDArray[np.float64]:
+    """Return orthonormal motions (N d + s, k), one for each admitted strain, orthogonal to those at fixed strain."""
+    moves = np.zeros((size, admitted_sk.shape[1]))
+    for block in blocks:
+        rank = block.basis_xr.shape[1]
+        rates = rows_sl[:, block.link_l[:rank]].T @ admitted_sk
+        moves[block.row_x] = -block.basis_xr @ np.linalg.solve(block.triangle_rl[:, :rank].T, rates)
+    return np.linalg.qr(np.concatenate([moves, admitted_sk]))[0]
+
+
+def _stiff_strains(blocks: tuple[Block, ...], rows_sl: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Return strains that links forbid, as rows: what dependent ones ask beyond those they depend on (a taut ring)."""
+    stiff = [np.zeros((0, len(rows_sl)))]
     for block in blocks:
         rank = block.basis_xr.shape[1]
         rates = rows_sl[:, block.link_l].T
-        part = np.linalg.solve(block.triangle_rl[:, :rank].T, rates[:rank])
-        moves[block.row_x] = -block.basis_xr @ part
         if rank < len(rates):
-            # what a dependent link asks beyond the links it depends on, it asks of the strain (a taut ring in the box)
+            part = np.linalg.solve(block.triangle_rl[:, :rank].T, rates[:rank])
             rest = rates[rank:] - block.triangle_rl[:, rank:].T @ part
-            size_of = np.abs(rates).max()
-            held.append(np.where(np.abs(rest) > 1e3 * tolerance * size_of, rest, 0.0) / size_of)
-    admissible = np.eye(strains)
-    if held:
-        _, value, right = np.linalg.svd(np.linalg.qr(np.concatenate(held), mode="r"))
-        admissible = right[int(np.count_nonzero(value > tolerance)) :].T
-    whole = np.concatenate([moves @ admissible, admissible])
-    motions: NDArray[np.float64] = sl.qr(whole, mode="economic", check_finite=False)[0]
-    return motions
+            largest = np.abs(rates).max()
+            stiff.append(np.where(np.abs(rest) > 1e3 * tolerance * largest, rest, 0.0) / largest)
+    return np.concatenate(stiff)
 
 
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
@@ -414,13 +379,16 @@ def constraint_basis(
     started = time.process_time()
     size, strains = packing.position_nd.size, 0 if strain == "none" else strain_components(packing.dimension)
     with single_thread():
-        blocks = cluster_blocks(packing, position_rows(packing, form), method, tolerance, limit)
+        position, stretch = link_rows(packing, form)
+        links = ConstraintFactor(packing)
+        blocks = cluster_blocks(position, links.cluster_l, links.cluster_n, method, tolerance, limit)
         link_rank = sum(block.basis_xr.shape[1] for block in blocks)
         motions = np.zeros((size, 0))
         rank = link_rank
         if strains:
-            held = trace_vector(packing.dimension) if strain == "isochoric" else None
-            motions = _strain_motions(blocks, strain_rows(packing, form) / scale, held, size, tolerance)
+            stiff = _stiff_strains(blocks, stretch / scale, tolerance)
+            admitted = admitted_strains(strain_directions(packing.dimension, strain), stiff, tolerance)
+            motions = _strain_motions(blocks, stretch / scale, admitted, size)
             rank += strains - motions.shape[1]
     seconds = time.process_time() - started
     return ConstraintBasis(method, rank, link_rank, blocks, motions, (size, strains), seconds)

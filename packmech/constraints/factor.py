@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import BoxStrain
-from packmech.constraints.jacobian import link_pairs, link_vectors
 from packmech.constraints.link_system import (
     DAMPED,
     NEWTON,
@@ -23,16 +22,15 @@ from packmech.constraints.link_system import (
     LinkSystem,
     make_link_system,
     moved_system,
-    prepare_strains,
     project_links,
-    project_strained,
     record_link_positions,
     refill_links,
+    solve_rates,
 )
 from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
+from packmech.contacts.network import pair_contacts
 from packmech.linalg.mandel import (
-    mandel_basis,
     normal_strains,
     strain_components,
     strain_directions,
@@ -56,13 +54,38 @@ STIFF = 1e-7
 
 
 class Strains(NamedTuple):
-    """What links ask of strained motions, as `project_strained` takes it; see `ConstraintFactor.strains`."""
+    """What links ask of strained motions, each strain times a scale; see `ConstraintFactor.strains`.
+
+    The links' rates under each strain, the multipliers and the least motion that have these rates, the (s, s) matrix
+    that makes of a force on the strains the strain that is free to follow it, and the row of the volume if it is held.
+    """
 
     rows_el: NDArray[np.float64]
     part_el: NDArray[np.float64]
-    motion_ex: NDArray[np.float64]
+    motion_end: NDArray[np.float64]
     follow_ee: NDArray[np.float64]
     held_e: NDArray[np.float64]
+
+
+def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
+    """Return the geometry of a packing's links, or of the given ones, in their order; none where there are no links.
+
+    Raises
+    ------
+    ValueError
+        If the ends of a link coincide: its length has no derivative there.
+
+    """
+    links = packing.links if links is None else links
+    if links is None:
+        none = np.zeros(0, dtype=np.int64)
+        return pair_contacts(packing, none, none, np.zeros((0, packing.dimension), dtype=np.int64))
+    pairs = pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
+    stuck = np.flatnonzero(pairs.distance_c == 0.0)
+    if len(stuck):
+        ends = f"particles {links.i_l[stuck[0]]} and {links.j_l[stuck[0]]}"
+        raise ValueError(f"packing must have linked particles at different places, got {ends} at one place")
+    return pairs
 
 
 class ConstraintFactor:
@@ -83,6 +106,8 @@ class ConstraintFactor:
     ----------
     packing, links
         As given; None without links.
+    pairs
+        Normals and distances of the links.
     system
         The compiled links at the packing's configuration; None without links.
     smallest_pivot
@@ -107,6 +132,7 @@ class ConstraintFactor:
 
     def __init__(self, packing: Packing, links: Links | None = None, system: LinkSystem | None = None) -> None:
         self.packing, self.links = packing, packing.links if links is None else links
+        self.pairs = link_pairs(packing, self.links)
         self.system: LinkSystem | None = None
         self.smallest_pivot, self.left_out = 1.0, 0
         if self.links is None:
@@ -118,27 +144,24 @@ class ConstraintFactor:
             self.system = moved_system(system)
         pivot, left_out = refill_links(self.system, packing.position_nd, packing.box.lattice_dd)
         self.smallest_pivot, self.left_out = float(pivot), int(left_out)
-        if not self.system.distance_r.all():
-            link_vectors(packing)
 
     def __len__(self) -> int:
-        return 0 if self.links is None else len(self.links)
+        return len(self.pairs)
 
     def at(self, packing: Packing) -> ConstraintFactor:
         """Return the same links factored where another packing of the same particles is."""
         return ConstraintFactor(packing, self.links, self.system)
 
     @functools.cached_property
-    def pairs(self) -> Contacts:
-        """Normals and distances of the links."""
-        return link_pairs(self.packing, self.links)
+    def cluster_n(self) -> NDArray[np.int64]:
+        """The (N,) cluster of each particle."""
+        particles = self.packing.particles
+        return np.arange(particles) if self.links is None else self.links.clusters(particles)
 
     @functools.cached_property
     def cluster_l(self) -> NDArray[np.int64]:
         """The (L,) cluster of each link."""
-        if self.links is None:
-            return np.zeros(0, dtype=np.int64)
-        return self.links.clusters(self.packing.particles)[self.links.i_l]
+        return self.cluster_n[self.pairs.i_c]
 
     @functools.cached_property
     def gradient_lx(self) -> sp.csr_array:
@@ -230,26 +253,34 @@ class ConstraintFactor:
 
     def strains(self, scale: float, strain: BoxStrain) -> Strains:
         """Return what `project_strained` needs for "free" or "isochoric" strains times a scale."""
-        assert self.system is not None and self.links is not None
+        assert self.system is not None
         d = self.packing.dimension
-        count = strain_components(d)
-        rows, part = np.empty((count, len(self.links))), np.empty((count, len(self.links)))
-        motion, inner = np.empty((count, self.packing.position_nd.size)), np.empty((count, count))
-        prepare_strains(self.system, mandel_basis(d), scale, rows, part, motion, inner)
+        rows = np.ascontiguousarray(self.strain_le.T / scale)
+        part, motion = np.empty_like(rows), np.empty((len(rows), *self.packing.position_nd.shape))
+        for k, row_l in enumerate(rows):
+            solve_rates(self.system, row_l, motion[k], part[k])
+        inner = np.eye(len(rows)) + np.einsum("ind,jnd->ij", motion, motion)
         free = strain_directions(d, strain)
         follow = free @ np.linalg.solve(free.T @ inner @ free, free.T)
-        return Strains(
-            rows, part, motion, follow, trace_vector(d) / scale if strain == "isochoric" else np.zeros(count)
-        )
+        held = trace_vector(d) / scale if strain == "isochoric" else np.zeros(len(rows))
+        return Strains(rows, part, motion, follow, held)
 
     def project_strained(
         self, strains: Strains, force_nd: NDArray[np.float64], pull_e: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float, float]:
         """Return what is left of a force and of one on scaled strains, multipliers of links and volume, and rate."""
-        assert self.system is not None
-        out, strain, multiplier = np.empty_like(force_nd), np.empty_like(pull_e), np.empty(len(self.system.order_r))
-        held, rate = project_strained(self.system, tuple(strains), force_nd, pull_e, out, strain, multiplier)
-        return out, strain, multiplier, float(held), float(rate)
+        rows, part, motion, follow, held = strains
+        out, strain, multiplier, share = force_nd, pull_e, np.zeros(len(self)), 0.0
+        for _ in range(2):  # a second pass takes the rounding of the first one out
+            before, strain = strain, follow @ (strain - np.einsum("end,nd->e", motion, out))
+            out, more, _ = self.project(out)
+            out -= np.einsum("e,end->nd", strain, motion)
+            more += np.einsum("e,el->l", strain, part)
+            multiplier += more
+            share += held @ (before - strain) - held @ np.einsum("el,l->e", rows, more)
+        rate_l = self.gradient_lx @ out.ravel() + np.einsum("el,e->l", rows, strain)
+        rate = max(abs(held @ strain), np.abs(rate_l).max())
+        return out, strain, multiplier, float(share / (held @ held) if held.any() else 0.0), float(rate)
 
     @functools.cached_property
     def stiff_strains(self) -> NDArray[np.float64]:
@@ -292,10 +323,12 @@ def cluster_block(gradient_lx: sp.csr_array, own: NDArray[np.int64]) -> tuple[ND
     return part[:, column].toarray(), column.astype(np.int64)
 
 
-def admitted_strains(directions_ek: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> NDArray[np.float64]:
+def admitted_strains(
+    directions_ek: NDArray[np.float64], stiff_ke: NDArray[np.float64], tolerance: float = 1e-8
+) -> NDArray[np.float64]:
     """Return an orthonormal basis, as columns, of those of the given strains that are across all stiff ones."""
     if not len(stiff_ke):
         return directions_ek
     _, size, right = np.linalg.svd(stiff_ke @ directions_ek, full_matrices=True)
-    admitted: NDArray[np.float64] = directions_ek @ right[int(np.count_nonzero(size > 1e-8)) :].T
+    admitted: NDArray[np.float64] = directions_ek @ right[int(np.count_nonzero(size > tolerance)) :].T
     return admitted

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import BoxStrain, instance, one_of, positive
-from packmech.contacts import Contacts
-from packmech.contacts.network import pair_contacts
+from packmech.constraints.factor import ConstraintFactor
 from packmech.honors import ANY_LENGTH, honors
-from packmech.linalg.mandel import normal_strains, strain_components, trace_vector
-from packmech.links import Links
+from packmech.linalg.mandel import trace_vector
 from packmech.packing import Packing
 
 if TYPE_CHECKING:
@@ -30,67 +28,15 @@ def scale_of_strain(packing: Packing, strain_scale: float | None) -> float:
     return positive("strain_scale", strain_scale)
 
 
-def link_vectors(packing: Packing) -> NDArray[np.float64]:
-    """Return the (L, d) vectors of the links from i to j [length].
-
-    Raises
-    ------
-    ValueError
-        If the ends of a link coincide: its length has no derivative there.
-
-    """
-    links = packing.links
-    assert links is not None
-    vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
-    stuck = np.flatnonzero(~vector.any(axis=1))
-    if len(stuck):
-        ends = f"particles {links.i_l[stuck[0]]} and {links.j_l[stuck[0]]}"
-        raise ValueError(f"packing must have linked particles at different places, got {ends} at one place")
-    return vector
-
-
-def position_rows(packing: Packing, form: str = "exact") -> sp.csc_array:
-    """Return Omega, the (N d, L) derivatives of the links' lengths by the positions: -n at i and +n at j."""
-    import scipy.sparse as sp
-
-    links, d = packing.links, packing.dimension
-    if links is None:
-        return sp.csc_array((packing.particles * d, 0))
-    vector = link_vectors(packing)
-    size = links.length_l if form == "paper" else np.sqrt((vector**2).sum(axis=1))
-    normal = vector / size[:, None]
-    # a link of a particle with its own image keeps its length when the particle moves
-    normal[links.i_l == links.j_l] = 0.0
-    axis = np.arange(d)
-    row = np.concatenate([links.i_l[:, None] * d + axis, links.j_l[:, None] * d + axis], axis=1)
-    value = np.concatenate([-normal, normal], axis=1)
-    shape = (packing.particles * d, len(links))
-    matrix = sp.csc_array((value.ravel(), row.ravel(), np.arange(len(links) + 1) * 2 * d), shape=shape)
-    matrix.sum_duplicates()
-    matrix.eliminate_zeros()
-    return matrix
-
-
-def strain_rows(packing: Packing, form: str = "exact") -> NDArray[np.float64]:
-    """Return the (s, L) derivatives of the links' lengths by the Mandel strains [length]: rho n.E.n."""
-    links = packing.links
-    if links is None:
-        return np.zeros((strain_components(packing.dimension), 0))
-    vector = link_vectors(packing)
-    distance = np.sqrt((vector**2).sum(axis=1))
-    size = links.length_l if form == "paper" else distance
-    # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
-    rows: NDArray[np.float64] = (distance**2 / size * normal_strains(vector / distance[:, None]).T).copy()
-    return rows
-
-
-def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
-    """Return the geometry of a packing's links, or of the given ones, in their order; none where there are no links."""
-    links = packing.links if links is None else links
-    if links is None:
-        none = np.zeros(0, dtype=np.int64)
-        return pair_contacts(packing, none, none, np.zeros((0, packing.dimension), dtype=np.int64))
-    return pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
+def link_rows(packing: Packing, form: str = "exact") -> tuple[sp.csc_array, NDArray[np.float64]]:
+    """Return Omega, the (N d, L) derivatives of the links' lengths by the positions, and (s, L) by Mandel strains."""
+    factor = ConstraintFactor(packing)
+    position, strain = factor.gradient_lx.T.tocsc(), factor.strain_le.T
+    if form == "paper" and factor.links is not None:
+        # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
+        over = factor.pairs.distance_c / factor.links.length_l
+        position, strain = position.multiply(over).tocsc(), strain * over
+    return position, strain
 
 
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
@@ -141,11 +87,10 @@ def constraint_jacobian(
     one_of("strain", strain, LINK_STRAINS)
     one_of("form", form, FORMS)
     scale = scale_of_strain(packing, strain_scale)
-    position = position_rows(packing, form)
+    position, rows = link_rows(packing, form)
     if strain == "none":
         return position
-    rows = strain_rows(packing, form) / scale
-    matrix = sp.vstack([position, sp.csr_array(rows)], format="csc")
+    matrix = sp.vstack([position, sp.csr_array(rows / scale)], format="csc")
     if strain == "isochoric":
         column = np.concatenate([np.zeros(position.shape[0]), trace_vector(packing.dimension) / scale])
         matrix = sp.hstack([matrix, sp.csc_array(column[:, None])], format="csc")

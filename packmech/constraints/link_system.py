@@ -12,7 +12,7 @@ envelope, and a step of minimum norm, W Omega (R^T R)^-1 c, then errs by the con
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,16 +161,21 @@ def make_link_system(
     (0, [0.0, 0.1])
 
     """
-    order = elimination_order(links, particles)
-    tables = envelope(links, order, particles)
+    order = link_order(links.i_l, links.j_l, particles)
+    i, j = links.i_l[order], links.j_l[order]
+    (row, column, shared, slot, sign), (first, start, last, block), parts = link_envelope(i, j, particles)
+    part, who, place, near, sense = parts
     count, d = len(order), dimension
     length = links.length_l[order]
     inverse = np.ones(particles) if mass_n is None else 1.0 / mass_n
     return LinkSystem(
-        **tables, axes=(0,) * d, order_r=order, image_rd=links.image_ld[order].astype(np.float64), length_r=length,
-        scale_r=np.maximum(length, mean_diameter), inverse_mass_n=inverse,
+        axes=(0,) * d, order_r=order, i_r=i, j_r=j, image_rd=links.image_ld[order].astype(np.float64),
+        length_r=length, scale_r=np.maximum(length, mean_diameter), inverse_mass_n=inverse,
+        row_e=row, column_e=column, particle_e=shared, slot_e=slot, sign_e=sign,
+        first_r=first, start_r=start, last_r=last, block_b=block,
+        part_b=part, who_q=who, from_q=place, near_k=near, sense_k=sense,
         normal_rd=np.zeros((count, d)), distance_r=np.zeros(count), error_r=np.zeros(count),
-        factor=np.zeros(int(tables["start_r"][-1])), inverse_pivot_r=np.zeros(count), diagonal_r=np.zeros(count),
+        factor=np.zeros(int(start[-1])), inverse_pivot_r=np.zeros(count), diagonal_r=np.zeros(count),
         row_r=np.zeros(count), multiplier_r=np.zeros(count), spare_nd=np.zeros((particles, d)),
         start_nd=np.zeros((particles, d)),
     )  # fmt: skip
@@ -350,35 +355,6 @@ def link_envelope(i_r, j_r, particles):
             place[q] = k
     part[b] = q
     return (row, column, shared, slot, sign), (first, begin, last, block), (part, who, place, near, sense)
-
-
-def elimination_order(links: Links, particles: int) -> NDArray[np.int64]:
-    """Return an order of the links that goes through one cluster after another, along each.
-
-    Examples
-    --------
-    >>> chain = Links([0, 0, 1], [2, 3, 3], [[0, 0]] * 3, [1.0] * 3)
-    >>> [(int(chain.i_l[k]), int(chain.j_l[k])) for k in elimination_order(chain, 4)]
-    [(0, 2), (0, 3), (1, 3)]
-
-    """
-    order: NDArray[np.int64] = link_order(links.i_l, links.j_l, particles)
-    return order
-
-
-def envelope(links: Links, order_r: NDArray[np.int64], particles: int) -> dict[str, Any]:
-    """Return the tables of a `LinkSystem` by name, for links in this order."""
-    names = (
-        ("row_e", "column_e", "particle_e", "slot_e", "sign_e"),
-        ("first_r", "start_r", "last_r", "block_b"),
-        ("part_b", "who_q", "from_q", "near_k", "sense_k"),
-    )
-    i, j = links.i_l[order_r], links.j_l[order_r]
-    tables = link_envelope(i, j, particles)
-    found: dict[str, Any] = {"i_r": i, "j_r": j}
-    for group, arrays in zip(names, tables, strict=True):
-        found.update(zip(group, arrays, strict=True))
-    return found
 
 
 # -- the factor --------------------------------------------------------------------------------------------------------
@@ -852,11 +828,6 @@ def record_link_positions(system, position, lattice, tolerance, iteration_limit,
     return project_positions_recorded(system, position, lattice, tolerance, iteration_limit, error_t)
 
 
-def project_link_positions(system: Any, position: Any, lattice: Any, tolerance: float, iteration_limit: int) -> Any:
-    """Call `project_positions` from Python."""
-    return record_link_positions(system, position, lattice, tolerance, iteration_limit, np.empty(0))
-
-
 @inner_lean
 def set_multipliers(system, rate_l, motion_nd, multiplier_l):
     """Set motion = Omega multiplier, multiplier = A^-1 rate: for equal masses the shortest motion with these rates."""
@@ -879,72 +850,7 @@ def set_multipliers(system, rate_l, motion_nd, multiplier_l):
         push(system, value, motion_nd, True)
 
 
-@device
-def _dot(one, other):
-    """Return a sum in one order, whatever the number of threads."""
-    total = 0.0
-    for k in range(one.shape[0]):
-        total += one[k] * other[k]
-    return total
-
-
 @kernel
-def prepare_strains(system, basis_edd, scale, rows_el, part_el, motion_ex, inner_ee):
-    """Set the links' rates under each scaled strain, the motions Y with these rates, and 1 + Y^T Y.
-
-    The basis holds the strains' tensors, part the multipliers of the motions. Needs `refill` at this configuration.
-    """
-    normal, d = system.normal_rd, len(system.axes)
-    for m in range(basis_edd.shape[0]):
-        for r in range(system.order_r.shape[0]):
-            stretch = 0.0
-            for a in range(d):
-                for b in range(d):
-                    stretch += normal[r, a] * basis_edd[m, a, b] * normal[r, b]
-            rows_el[m, system.order_r[r]] = stretch * system.distance_r[r] / scale
-        set_multipliers(system, rows_el[m], motion_ex[m].reshape((motion_ex.shape[1] // d, d)), part_el[m])
-        for k in range(m + 1):
-            inner_ee[m, k] = inner_ee[k, m] = _dot(motion_ex[m], motion_ex[k]) + (1.0 if k == m else 0.0)
-
-
-@kernel
-def project_strained(system, strains, force_nd, pull_e, out_nd, strain_e, multiplier_l):
-    """Set out, strain and multiplier: what is left of a force and of one on the scaled strains, and the links' shares.
-
-    `strains` holds what `prepare_strains` set, (rows, part, motion), and the matrix that makes of a pull the strain
-    that is free to follow it. A second pass takes the rounding of the first one out. Returns the part of the pull that
-    is left on the trace, held or not, and the largest rate of a link.
-    """
-    rows, part, motion, follow, held = strains
-    count = rows.shape[0]
-    square = _dot(held, held)
-    more, own, share = np.empty(rows.shape[1]), np.empty(count), 0.0
-    out, force = out_nd.reshape(out_nd.size), force_nd.reshape(force_nd.size)
-    out[:] = force
-    strain_e[:] = pull_e
-    multiplier_l[:] = 0.0
-    for _ in range(2):
-        for m in range(count):
-            own[m] = strain_e[m] - _dot(motion[m], out)
-        for m in range(count):
-            own_m = _dot(follow[m], own)
-            share += held[m] * (strain_e[m] - own_m) / square if square > 0.0 else 0.0
-            strain_e[m] = own_m
-        project_vector(system, out_nd, out_nd, more, True)
-        for m in range(count):
-            for x in range(out.shape[0]):
-                out[x] -= strain_e[m] * motion[m, x]
-            for k in range(more.shape[0]):
-                more[k] += strain_e[m] * part[m, k]
-        for m in range(count):
-            share -= held[m] * _dot(rows[m], more) / square if square > 0.0 else 0.0
-        multiplier_l += more
-    rates(system, out_nd, True)
-    largest = abs(_dot(held, strain_e))
-    for r in range(more.shape[0]):
-        rate = system.multiplier_r[r]
-        for m in range(count):
-            rate += rows[m, system.order_r[r]] * strain_e[m]
-        if not abs(rate) <= largest:
-            largest = abs(rate)
-    return share, largest
+def solve_rates(system, rate_l, motion_nd, multiplier_l):
+    """Call `set_multipliers` from Python."""
+    set_multipliers(system, rate_l, motion_nd, multiplier_l)

@@ -19,7 +19,7 @@ from packmech.check import BoxStrain, finite_array, instance, integer, one_of, p
 from packmech.constraints.basis import METHODS as BASES
 from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
 from packmech.constraints.factor import ConstraintFactor, Strains
-from packmech.constraints.jacobian import link_vectors, scale_of_strain, strain_rows
+from packmech.constraints.jacobian import link_rows, scale_of_strain
 from packmech.constraints.redundancy import SINE, DegenerateLink, check_consistent, dependence, workable_links
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
@@ -197,65 +197,48 @@ def project_force(
     else:
         strain = "none"
     started = time.process_time()
-    factored = None
+
+    def answer(parts: Parts, rate: float) -> ConstrainedForce:
+        left, strain_left, multiplier, held = parts
+        seconds = time.process_time() - started
+        return ConstrainedForce(left, scale * strain_left, multiplier, held, rate, method, seconds)
+
     if method == "clusters" and packing.links is not None:
         factored = _LAST.factor(packing, strain, scale)
-    if factored is not None:
-        factor, prepared = factored
-        if prepared is not None:
-            left, strain_left, multiplier, held, rate = factor.project_strained(prepared, force, pull)
-            parts = left, strain_left, multiplier, held
-        else:
-            left, multiplier, rate = factor.project(force)
-            parts = left, np.zeros(strains), multiplier, 0.0
-        answer = _answer(packing, parts, scale, strain, method, started, rate=rate)
-        if answer.rate <= _ROUNDING * max(np.abs(force).max(), np.abs(pull).max()):
-            return answer
+        if factored is not None:
+            factor, prepared = factored
+            if prepared is None:
+                left, multiplier, rate = factor.project(force)
+                found: Parts = left, np.zeros(strains), multiplier, 0.0
+            else:
+                left, strain_left, multiplier, held, rate = factor.project_strained(prepared, force, pull)
+                found = left, strain_left, multiplier, held
+            if rate <= _ROUNDING * max(np.abs(force).max(), np.abs(pull).max()):
+                return answer(found, rate)
     method = "householder" if method == "clusters" else method
     with single_thread():
         basis = constraint_basis(packing, strain, method=method, strain_scale=scale)
-        parts = _by_basis(packing, basis, force, pull, scale, strain)
-    return _answer(packing, parts, scale, strain, method, started)
+        position, stretch = link_rows(packing)
+        found = _by_basis(basis, stretch / scale, force, pull, scale, strain)
+    left, strain_left, *_ = found
+    rate = np.abs(position.T @ left.ravel() + stretch.T @ strain_left / scale).max(initial=0.0)
+    if strain == "isochoric":
+        rate = max(rate, abs(trace_vector(packing.dimension) @ strain_left) / scale)
+    return answer(found, float(rate))
 
 
 def _by_basis(
-    packing: Packing, basis: ConstraintBasis, force_nd: NDArray[np.float64], pull_e: NDArray[np.float64],
+    basis: ConstraintBasis, rows_el: NDArray[np.float64], force_nd: NDArray[np.float64], pull_e: NDArray[np.float64],
     scale: float, box: str,
 ) -> Parts:  # fmt: skip
     size, strains = basis.shape
     whole = np.concatenate([force_nd.ravel(), pull_e[:strains]])
     left = basis.project(basis.project(whole))
     taken = whole - left
-    held = trace_vector(packing.dimension)[:strains] / scale * (1.0 if box == "isochoric" else 0.0)
-    multiplier, share = _multipliers(basis, taken[:size], taken[size:], strain_rows(packing) / scale, held)
+    held = trace_vector(force_nd.shape[1])[:strains] / scale * (1.0 if box == "isochoric" else 0.0)
+    multiplier, share = _multipliers(basis, taken[:size], taken[size:], rows_el, held)
     strain = left[size:] if strains else np.zeros_like(pull_e)
     return left[:size].reshape(force_nd.shape), strain, multiplier, share
-
-
-def _answer(
-    packing: Packing, parts: Parts, scale: float, box: str, method: str, started: float, rate: float | None = None
-) -> ConstrainedForce:
-    force, strain, multiplier, held = parts
-    if rate is None:
-        rate = _largest_rate(packing, force, strain, scale, box)
-    return ConstrainedForce(force, scale * strain, multiplier, held, rate, method, time.process_time() - started)
-
-
-def _largest_rate(
-    packing: Packing, force_nd: NDArray[np.float64], strain_e: NDArray[np.float64], scale: float, box: str
-) -> float:
-    rate = 0.0
-    links = packing.links
-    if links is not None:
-        vector = link_vectors(packing)
-        vector /= np.sqrt((vector**2).sum(axis=1))[:, None]
-        stretch = (vector * (force_nd[links.j_l] - force_nd[links.i_l])).sum(axis=1)
-        if strain_e.any():
-            stretch += strain_rows(packing).T @ strain_e / scale
-        rate = float(np.abs(stretch).max())
-    if box == "isochoric":
-        rate = max(rate, abs(float(trace_vector(packing.dimension) @ strain_e)) / scale)
-    return rate
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,9 +26,9 @@ from packmech.constraints.link_system import (
     LinkSystem,
     measure_lengths,
     project_force,
-    project_link_positions,
     project_links,
     project_velocity,
+    record_link_positions,
     refill,
     refill_links,
     set_multipliers,
@@ -102,7 +102,7 @@ def project_rattle(rattle: Rattle | None, row: NDArray[np.float64], lattice: NDA
     """
     if rattle is None:
         return
-    _, error, _ = project_link_positions(rattle.here, row, lattice, rattle.tolerance, NEWTON)
+    _, error, _ = record_link_positions(rattle.here, row, lattice, rattle.tolerance, NEWTON, np.empty(0))
     if not error <= rattle.lost:
         raise ValueError(f"scene.packing must have links that can be held at their lengths, got an error of {error:g}")
     refill_rattle(rattle, row, lattice)

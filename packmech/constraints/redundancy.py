@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import BoxStrain, instance, one_of, positive, real
-from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
-from packmech.constraints.jacobian import LINK_STRAINS, link_vectors, position_rows, strain_rows
+from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, cluster_block, link_pairs
+from packmech.constraints.jacobian import LINK_STRAINS
+from packmech.contacts.elements import distance_rows
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
@@ -130,17 +131,6 @@ def _core(links: Links, normal_ld: NDArray[np.float64], particles: int, toleranc
     return left
 
 
-def _dense(
-    links: Links, normal_ld: NDArray[np.float64], number_n: NDArray[np.int64], count: int
-) -> NDArray[np.float64]:
-    matrix = np.zeros((len(links), count, normal_ld.shape[1]))
-    row = np.arange(len(links))
-    matrix[row, number_n[links.j_l]] += normal_ld
-    # a link of a particle with its own image loses its gradient here
-    matrix[row, number_n[links.i_l]] -= normal_ld
-    return matrix.reshape(len(links), -1).T.copy(order="F")
-
-
 def _staged(matrix: NDArray[np.float64], stages: list[NDArray[np.int64]], tolerance: float) -> list[int]:
     """Return independent columns, those of earlier stages before those of later ones, by pivoted QR."""
     import scipy.linalg as sl
@@ -169,28 +159,29 @@ def _shape(place_nd: NDArray[np.float64]) -> str:
 
 
 def _in_cluster(
-    links: Links, vector_ld: NDArray[np.float64], place_nd: NDArray[np.float64], tolerance: float
+    factor: ConstraintFactor, own: NDArray[np.int64], place_nd: NDArray[np.float64], tolerance: float
 ) -> tuple[list[int], list[int], list[tuple[int, list[int], str]]]:
-    """Return independent, redundant and degenerate links of one cluster's core, whose places are unwrapped."""
+    """Return independent, redundant and degenerate ones of own links, one cluster's core, whose places are unwrapped.
+
+    They are named by their places among these.
+    """
+    assert factor.links is not None
+    links, pairs = factor.links.select(own), factor.pairs.select(own)
     members = np.unique(np.concatenate([links.i_l, links.j_l]))
-    d = place_nd.shape[1]
-    if 8.0 * members.size * d * len(links) > BASIS_LIMIT:
+    if 8.0 * members.size * pairs.dimension * len(links) > BASIS_LIMIT:
         raise ValueError(
             f"packing must have clusters with at most {BASIS_LIMIT:.0e} bytes of entangled links, got more"
         )
-    number = np.zeros(len(place_nd), dtype=np.int64)
-    number[members] = np.arange(len(members))
-    length = np.sqrt((vector_ld**2).sum(axis=1))
-    matrix = _dense(links, vector_ld / length[:, None], number, len(members))
+    matrix = cluster_block(factor.gradient_lx, own)[0].T
     assert links.shape_l is not None
     # bonds of the molecule are kept rather than links that hold its shape
     kept = _staged(matrix, [np.flatnonzero(~links.shape_l), np.flatnonzero(links.shape_l)], tolerance)
     dependent = np.setdiff1d(np.arange(len(links)), kept)
     if not len(dependent):
         return kept, [], []
-    shake = _SHAKE * length.mean() * np.random.default_rng(0).standard_normal((len(place_nd), d))
-    moved = vector_ld + shake[links.j_l] - shake[links.i_l]
-    generic = _dense(links, moved / np.sqrt((moved**2).sum(axis=1))[:, None], number, len(members))
+    shake = _SHAKE * pairs.distance_c.mean() * np.random.default_rng(0).standard_normal(place_nd.shape)
+    moved = factor.packing.replace(position_nd=factor.packing.position_nd + shake, links=None)
+    generic = distance_rows(link_pairs(moved, links)).toarray().T
     # elsewhere a redundant link depends to rounding: a larger tolerance would take a shake along the shape for none
     also = set(_staged(generic, [np.array(kept, dtype=np.int64), dependent], min(tolerance, SINE))[len(kept) :])
     degenerate = []
@@ -212,19 +203,17 @@ def dependence(packing: Packing, tolerance: float = SINE) -> Dependence:
     """Return which links are independent, redundant and degenerate at the packing's places."""
     links = packing.links
     assert links is not None
-    vector = link_vectors(packing)
-    normal = vector / np.sqrt((vector**2).sum(axis=1))[:, None]
-    independent = ~_core(links, normal, packing.particles, tolerance)
+    factor = ConstraintFactor(packing)
+    independent = ~_core(links, factor.pairs.normal_cd, packing.particles, tolerance)
     redundant: list[int] = []
     degenerate: list[DegenerateLink] = []
     if not independent.all():
         offset, _ = image_offsets(links, packing.particles)
         place = packing.position_nd + offset @ packing.box.lattice_dd.T
-        cluster = links.clusters(packing.particles)[links.i_l]
         core = np.flatnonzero(~independent)
-        core = core[np.argsort(cluster[core], kind="stable")]
-        for own in np.split(core, np.flatnonzero(np.diff(cluster[core])) + 1):
-            kept, spare, bad = _in_cluster(links.select(own), vector[own], place, tolerance)
+        core = core[np.argsort(factor.cluster_l[core], kind="stable")]
+        for own in np.split(core, np.flatnonzero(np.diff(factor.cluster_l[core])) + 1):
+            kept, spare, bad = _in_cluster(factor, own, place, tolerance)
             independent[own[kept]] = True
             redundant += own[spare].tolist()
             degenerate += [DegenerateLink(int(own[k]), tuple(inside), shape) for k, inside, shape in bad]
@@ -351,19 +340,18 @@ def _holds_strain(
     """Return which redundant links are independent of the others once strains move too."""
     import scipy.linalg as sl
 
-    links = packing.links
-    assert links is not None
-    matrix, rows = position_rows(packing), strain_rows(packing)
-    cluster = links.clusters(packing.particles)[links.i_l]
-    _, winding = image_offsets(links, packing.particles)
+    factor = ConstraintFactor(packing)
+    cluster, rows = factor.cluster_l, factor.strain_le.T
+    assert factor.links is not None
+    _, winding = image_offsets(factor.links, packing.particles)
     rest = np.zeros((len(rows), len(spare_l)))
     # in a cluster that does not wind around the box a strain is a displacement like others
-    for c in np.unique(cluster[spare_l[winding[links.i_l[spare_l]]]]):
+    for c in np.unique(cluster[spare_l[winding[factor.pairs.i_c[spare_l]]]]):
         base = np.flatnonzero(found.independent_l & (cluster == c))
         own = np.flatnonzero(cluster[spare_l] == c)
-        used = np.unique(matrix[:, base].indices)
-        dense, target = (matrix[:, part].tocsr()[used].toarray() for part in (base, spare_l[own]))
-        share = np.linalg.lstsq(dense, target, rcond=None)[0]
+        dense, used = cluster_block(factor.gradient_lx, base)
+        target = factor.gradient_lx[spare_l[own]][:, used].toarray()
+        share = np.linalg.lstsq(dense.T, target.T, rcond=None)[0]
         rest[:, own] = rows[:, spare_l[own]] - rows[:, base] @ share
     _, triangle, order = sl.qr(rest, mode="economic", pivoting=True, check_finite=False)
     rank = int(np.count_nonzero(np.abs(np.diag(triangle)) > tolerance * np.abs(rows).max()))

@@ -16,13 +16,15 @@ from packmech.box import Box
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
 from packmech.contacts.crossing import crossing_links
 from packmech.contacts.fused_volume import lens, shared_volume
-from packmech.generate.placed import Placed
-from packmech.generate.random import Sizes, box_for, generator_of, shape_of, sizes_of
+from packmech.generate.placed import Placed, checked_overlap
+from packmech.generate.random import SizeDistribution, box_for, generator_of, shape_of, sizes_of
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density
 
 Point = tuple[float, ...]
+# a bond: the numbers of its beads, where it starts, its vector, and the image of its second bead (none: the first one)
+Bond = tuple[int, int, Point, Point, tuple[int, ...]]
 # what becomes of bonds that would cross, in two dimensions
 CROSSING = ("avoided", "allowed")
 # a segment reaches this little further than its ends (relative), so that rounding makes no new crossing later
@@ -131,10 +133,16 @@ class BondGrid:
         Number of bonds at the end.
     longest
         Length of the longest bond [length].
+    avoid
+        Whether bonds are to avoid each other; if not, `place` admits all and keeps none, in three dimensions too.
 
     """
 
-    def __init__(self, box: Box, count: int, longest: float) -> None:
+    def __init__(self, box: Box, count: int, longest: float, *, avoid: bool = True) -> None:
+        self._avoid = avoid
+        self._cells: list[int] = []
+        if not avoid:
+            return
         small, change = box.reduced()
         self._to_small = np.rint(np.linalg.inv(change)).astype(np.int64).tolist()
         # cells at least as high as a bond is long, and not many more of them than bonds
@@ -152,16 +160,18 @@ class BondGrid:
             np.zeros((count, 2)),
             np.zeros((count, 6), dtype=np.int64),
         )
-        self._cells: list[int] = []
 
     def __len__(self) -> int:
         return len(self._cells)
 
-    def place(self, first: int, second: int, start: Point, along: Point, image: tuple[int, ...] = ()) -> bool:
-        """Place the bond from bead to bead and return True, or return False if it would cross one of the others."""
-        if self.crosses(first, second, start, along, image):
-            return False
-        self.lay(first, second, start, along, image=image)
+    def place(self, bonds: Sequence[Bond]) -> bool:
+        """Place bonds and return True, or place none and return False where one would cross another."""
+        before = len(self)
+        for first, second, start, along, image in bonds if self._avoid else ():
+            if self.crosses(first, second, start, along, image):
+                self.take_back(before)
+                return False
+            self.lay(first, second, start, along, image=image)
         return True
 
     def crosses(self, first: int, second: int, start: Point, along: Point, image: tuple[int, ...] = ()) -> bool:
@@ -337,7 +347,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Plan:
+class Chain:
     """How a chain is joined and bent.
 
     parent_b holds the bead each bead follows (-1 for the first); bend is the largest angle between a link and the one
@@ -363,9 +373,7 @@ class Plan:
 class Walk:
     """Chains of one plan, grown one after another; in two dimensions their bonds avoid each other where asked for."""
 
-    def __init__(
-        self, plan: Plan, rng: np.random.Generator, bonds: BondGrid | None, placed: Placed | None = None
-    ) -> None:
+    def __init__(self, plan: Chain, rng: np.random.Generator, bonds: BondGrid, placed: Placed) -> None:
         self.plan, self._rng, self._bonds, self._placed = plan, rng, bonds, placed
         # the earlier beads of its chain that each bead is linked to
         self._linked_b: list[list[int]] = [[] for _ in range(plan.beads)]
@@ -384,10 +392,8 @@ class Walk:
         most = max(PROPOSALS, int(_SHARE * self._left))
         while self._left > 0:
             places: list[Point] = []
-            if self._bonds is not None:
-                self._bonds.take_back(0)
-            if self._placed is not None:
-                self._placed.take_back(0)
+            self._bonds.take_back(0)
+            self._placed.take_back(0)
             for _ in range(count):
                 chain = self._chain(len(places), box, most)
                 if chain is None:
@@ -400,7 +406,7 @@ class Walk:
     def _chain(self, first: int, box: Box, most: int) -> list[Point] | None:
         """Return the places of the beads of a chain whose first particle has this number."""
         lattice = box.lattice_dd.tolist()
-        before = 0 if self._bonds is None else len(self._bonds)
+        before = len(self._bonds)
         stop = max(0, self._left - most)
         places = self._first(lattice, first, stop)
         if not places:
@@ -415,22 +421,18 @@ class Walk:
                 return None
             del places[max(0, len(places) - back) :]
             back *= 2
-            if self._placed is not None:
-                self._placed.take_back(first + len(places))
+            self._placed.take_back(first + len(places))
             if not places:
                 places, longest, back = self._first(lattice, first, stop), 1, 1
                 if not places:
                     return None
-            if self._bonds is not None:
-                self._bonds.take_back(before + len(places) - 1)
+            self._bonds.take_back(before + len(places) - 1)
         return places
 
     def _first(self, lattice_dd: list[list[float]], first: int, stop: int) -> list[Point]:
         """Return the place of the first bead of a chain; none where no place is found before the tries are used up."""
         while True:
             place = self._start(lattice_dd)
-            if self._placed is None:
-                return [place]
             if self._placed.admits_next(place, ()):
                 self._placed.add(np.array([place]))
                 return [place]
@@ -454,32 +456,21 @@ class Walk:
         return False
 
     def _join(self, places: list[Point], place: Point, first: int) -> bool:
-        if self._placed is not None:
-            linked = [first + bead for bead in self._linked_b[len(places)]]
-            if not self._placed.admits_next(place, linked):
-                return False
-        if not self._bind(places, place, first):
+        linked = [first + bead for bead in self._linked_b[len(places)]]
+        if not self._placed.admits_next(place, linked) or not self._bonds.place(self._bonds_to(places, place, first)):
             return False
-        if self._placed is not None:
-            self._placed.add(np.array([place]))
+        self._placed.add(np.array([place]))
         return True
 
-    def _bind(self, places: list[Point], place: Point, first: int) -> bool:
-        """Place the bonds of the next bead, or none of them where one would cross another."""
-        if self._bonds is None:
-            return True
+    def _bonds_to(self, places: list[Point], place: Point, first: int) -> list[Bond]:
+        """Return the bonds that the next bead closes."""
         bead, plan = len(places), self.plan
         parent = plan.parent_b[bead]
-        before = len(self._bonds)
-        if not self._bonds.place(first + parent, first + bead, places[parent], minus(place, places[parent])):
-            return False
-        if plan.closing is None or bead < plan.beads - 1:
-            return True
-        along = minus(plus(places[0], plan.around), place)
-        if self._bonds.place(first + bead, first, place, along, plan.closing):
-            return True
-        self._bonds.take_back(before)
-        return False
+        bonds: list[Bond] = [(first + parent, first + bead, places[parent], minus(place, places[parent]), ())]
+        if plan.closing is not None and bead == plan.beads - 1:
+            along = minus(plus(places[0], plan.around), place)
+            bonds.append((first + bead, first, place, along, plan.closing))
+        return bonds
 
     def _next(self, places: list[Point]) -> Point | None:
         plan, bead = self.plan, len(places)
@@ -602,7 +593,7 @@ def chain_packing(
     packing_fraction: float,
     link_length: float = 1.0,
     radii: ArrayLike | None = None,
-    sizes: Sizes | None = None,
+    sizes: SizeDistribution | None = None,
     angles: str | ArrayLike = "free",
     bend: float = 2.0 * math.pi / 3.0,
     form: str | Sequence[int] = "open",
@@ -700,13 +691,12 @@ def chain_packing(
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
     one_of("crossing", crossing, CROSSING)
-    if largest_overlap is not None:
-        largest_overlap = real("largest_overlap", largest_overlap, at_least=0.0, below=1.0)
+    overlap = checked_overlap(largest_overlap)
     tries = integer("tries", tries, at_least=1)
     radius_n = _radius_n(radii, sizes, count, beads, rng)
 
     avoid = dimension == 2 and crossing == "avoided"
-    bond = [(a, b) for a, b, _ in _bonds(Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, ()))]
+    bond = [(a, b) for a, b, _ in _bonds(Chain(dimension, parent_b, link_length, bend, held, bend_b, closing, ()))]
     shared = math.fsum(
         lens(dimension == 2, first, second, link_length)
         for radius_b in radius_n.reshape(count, beads).tolist()
@@ -724,9 +714,9 @@ def chain_packing(
         if reach >= beads * link_length:
             least = math.floor(reach / link_length) + 1
             raise ValueError(f"beads must be at least {least} for a chain to reach around the box, got {beads}")
-        plan = Plan(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
+        plan = Chain(dimension, parent_b, link_length, bend, held, bend_b, closing, around)
         slithers = avoid and largest_overlap is None and isinstance(form, str) and form == "open" and bend_b is None
-        placed = None if largest_overlap is None else Placed(scaled, radius_n, largest_overlap)
+        placed = Placed(scaled, radius_n, overlap)
         packing = _grown(plan, count, radius_n, scaled, placed, rng, avoid=avoid, slithers=slithers, tries=tries)
         packing = packing.replace(mass_n=masses_of_density(density, radius_n, dimension))
         found = shared_volume(packing)
@@ -744,11 +734,11 @@ def chain_packing(
 
 
 def _grown(
-    plan: Plan,
+    plan: Chain,
     count: int,
     radius_n: NDArray[np.float64],
     box: Box,
-    placed: Placed | None,
+    placed: Placed,
     rng: np.random.Generator,
     *,
     avoid: bool,
@@ -756,10 +746,10 @@ def _grown(
     tries: int,
 ) -> Packing:
     """Return chains grown in a box."""
-    bonds = BondGrid(box, count * len(_bonds(plan)), plan.link_length) if avoid else None
+    bonds = BondGrid(box, count * len(_bonds(plan)), plan.link_length, avoid=avoid)
     walk = Walk(plan, rng, bonds, placed)
     places = walk.grow(count, box, max(1, tries // 10) if slithers else tries)
-    if places is None and slithers and bonds is not None:
+    if places is None and slithers:
         bonds.take_back(0)
         places = slither(walk, bonds, count, box, tries)
     if places is None:
@@ -846,13 +836,13 @@ def _radius_n(
     return checked if len(checked) == count * beads else np.tile(checked, count)
 
 
-def _bonds(plan: Plan) -> list[_Pair]:
+def _bonds(plan: Chain) -> list[_Pair]:
     here = (0,) * plan.dimension
     pairs: list[_Pair] = [(plan.parent_b[k], k, here) for k in range(1, plan.beads)]
     return pairs if plan.closing is None else [*pairs, (plan.beads - 1, 0, plan.closing)]
 
 
-def _angle_pairs(plan: Plan) -> list[_Pair]:
+def _angle_pairs(plan: Chain) -> list[_Pair]:
     """Return the pairs whose distances hold all angles, as many as that takes."""
     d, n = plan.dimension, plan.beads
     here = (0,) * d
@@ -869,7 +859,7 @@ def _angle_pairs(plan: Plan) -> list[_Pair]:
     return pairs[: max(0, d * n - d - rotations - n)]
 
 
-def _folded(places: list[tuple[float, ...]], plan: Plan, box: Box) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _folded(places: list[tuple[float, ...]], plan: Chain, box: Box) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return positions in the cell, and the images by which they were moved there.
 
     Each link is laid off again from where the one before ends in the cell, so that chains that lead far away lose no
@@ -889,7 +879,7 @@ def _folded(places: list[tuple[float, ...]], plan: Plan, box: Box) -> tuple[NDAr
     return position.reshape(-1, plan.dimension), image.reshape(-1, plan.dimension)
 
 
-def _links(plan: Plan, count: int, position_nd: NDArray[np.float64], image_nd: NDArray[np.int64], box: Box) -> Links:
+def _links(plan: Chain, count: int, position_nd: NDArray[np.float64], image_nd: NDArray[np.int64], box: Box) -> Links:
     bonds = _bonds(plan)
     pairs = bonds + (_angle_pairs(plan) if plan.held else [])
     shape = np.tile(np.arange(len(pairs)) >= len(bonds), count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
@@ -222,6 +223,16 @@ class Cluster:
         length: NDArray[np.float64] = np.sqrt((vector**2).sum(axis=1))
         return length
 
+    @functools.cached_property
+    def bonds(self) -> list[Pair]:
+        """The pairs of beads that a bond joins: links that hold the shape are none."""
+        return [(int(i), int(j)) for i, j in self.links[~self.shape_l]]
+
+    @property
+    def longest_bond(self) -> float:
+        """Length of the longest bond [length]."""
+        return float(self.length_l[~self.shape_l].max(initial=0.0))
+
     def cluster(self, dimension: int) -> Cluster:
         """Return the cluster itself, which must have as many dimensions as the packing."""
         if self.position_bd.shape[1] != dimension:
@@ -230,32 +241,18 @@ class Cluster:
 
     def crossing(self) -> tuple[Pair, Pair] | None:
         """Return two bonds of the cluster that cross each other, if any do."""
-        bonds = [(int(i), int(j)) for i, j in self.links[~self.shape_l]]
-        for k, one in enumerate(bonds):
-            for other in bonds[:k]:
+        for k, one in enumerate(self.bonds):
+            for other in self.bonds[:k]:
                 if cross(self.position_bd, one, other):
                     return other, one
         return None
 
 
-def clusters_of(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
+def drawn_clusters(shape: Shape | RandomShape, count: int, dimension: int, rng: np.random.Generator) -> list[Cluster]:
     """Return the cluster of every place: the same one, or each drawn by itself."""
-    if not isinstance(shape, RandomShape):
-        return [shape.cluster(dimension)] * count
-    found: dict[int, Cluster] = {}
-    shapes = [shape.drawn(rng) for _ in range(count)]
-    for one in shapes:
-        if id(one) not in found:
-            found[id(one)] = one.cluster(dimension)
-    cluster_k = [found[id(one)] for one in shapes]
-    first = cluster_k[0]
-    for cluster in cluster_k:
-        if cluster.position_bd.shape != first.position_bd.shape:
-            raise ValueError(
-                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after "
-                f"{len(first.radius_b)}"
-            )
-    return cluster_k
+    shapes = [shape.drawn(rng) if isinstance(shape, RandomShape) else shape for _ in range(count)]
+    found = {key: one.cluster(dimension) for key, one in {id(one): one for one in shapes}.items()}
+    return [found[id(one)] for one in shapes]
 
 
 def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:

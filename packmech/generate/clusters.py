@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
-from packmech.generate.chains import CROSSING, BondGrid
-from packmech.generate.cluster_shapes import Cluster, Shape, clusters_of
-from packmech.generate.placed import Placed
-from packmech.generate.random import Monodisperse, Sizes, box_for, generator_of, shape_of, sizes_of
+from packmech.generate.chains import CROSSING, Bond, BondGrid, minus
+from packmech.generate.cluster_shapes import Cluster, Shape, drawn_clusters
+from packmech.generate.placed import Placed, checked_overlap
+from packmech.generate.random import Monodisperse, SizeDistribution, box_for, generator_of, shape_of, sizes_of
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density, no_own_images
@@ -29,7 +29,7 @@ def cluster_packing(
     *,
     dimension: int,
     packing_fraction: float,
-    sizes: Sizes | None = None,
+    sizes: SizeDistribution | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
@@ -97,12 +97,17 @@ def cluster_packing(
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
     one_of("crossing", crossing, CROSSING)
-    if largest_overlap is not None:
-        largest_overlap = real("largest_overlap", largest_overlap, at_least=0.0, below=1.0)
+    overlap = checked_overlap(largest_overlap)
     tries = integer("tries", tries, at_least=1)
     avoid = dimension == 2 and crossing == "avoided"
     factor_k = 2.0 * sizes.radii(count, rng)
-    cluster_k = clusters_of(shape, count, dimension, rng)
+    cluster_k = drawn_clusters(shape, count, dimension, rng)
+    beads = len(cluster_k[0].radius_b)
+    for cluster in cluster_k:
+        if len(cluster.radius_b) != beads:
+            raise ValueError(
+                f"shape must draw clusters of one number of beads, got {len(cluster.radius_b)} after {beads}"
+            )
     for cluster in {id(cluster): cluster for cluster in cluster_k}.values() if avoid else ():
         own = cluster.crossing()
         if own is not None:
@@ -120,22 +125,22 @@ def cluster_packing(
     links = _links(cluster_k, factor_k)
     anywhere = Packing(centered_kbd.reshape(-1, dimension), radius_n, Box.cubic(1.0, dimension), links)
     scaled = box_for(radius_n, packing_fraction, shape_dd, shared_volume(anywhere))
-    bonds = _Bonds(cluster_k, factor_k, scaled) if avoid else None
-    placed = None if largest_overlap is None else Placed(scaled, radius_n, largest_overlap)
+    longest = max(float(factor * one.longest_bond) for factor, one in zip(factor_k, cluster_k, strict=True))
+    bonds = BondGrid(scaled, max(1, sum(len(one.bonds) for one in cluster_k)), longest or 1.0, avoid=avoid)
+    placed = Placed(scaled, radius_n, overlap)
     position = np.empty_like(centered_kbd)
     for k in range(count):
-        for _ in range(tries if avoid or placed is not None else 1):
+        for _ in range(tries):
             position[k] = _at_random(centered_kbd[k], scaled, rng)
-            if (placed is None or placed.admits(position[k])) and (bonds is None or bonds.place(k, position[k])):
+            if placed.admits(position[k]) and bonds.place(_bonds_at(cluster_k[k], k * beads, position[k])):
                 break
         else:
+            tight = "crossing" if largest_overlap is None else "largest_overlap"
             raise ValueError(
-                f"{'crossing' if placed is None else 'largest_overlap'} must leave room for all clusters (allow more, "
-                "or take a lower packing fraction, shorter links or more tries), "
-                f"got no place for cluster {k} in {tries} tries"
+                f"{tight} must leave room for all clusters (allow more, or take a lower packing fraction, shorter "
+                f"links or more tries), got no place for cluster {k} in {tries} tries"
             )
-        if placed is not None:
-            placed.add(position[k])
+        placed.add(position[k])
     mass_n = masses_of_density(density, radius_n, dimension)
     return Packing(position.reshape(-1, dimension), radius_n, scaled, links, mass_n).wrapped()
 
@@ -223,32 +228,10 @@ def _at_random(shape_bd: NDArray[np.float64], box: Box, rng: np.random.Generator
     return np.asarray(center_d + np.einsum("de,be->bd", random_rotation(dimension, rng), shape_bd))
 
 
-class _Bonds:
-    """The bonds of the clusters placed so far."""
-
-    def __init__(self, cluster_k: list[Cluster], factor_k: NDArray[np.float64], box: Box) -> None:
-        self._pairs_k = [_bond_pairs(cluster) for cluster in cluster_k]
-        self._beads = len(cluster_k[0].radius_b)
-        longest = max(
-            float(factor * one.length_l[~one.shape_l].max(initial=0.0))
-            for factor, one in zip(factor_k, cluster_k, strict=True)
-        )
-        self._bonds = BondGrid(box, max(1, sum(map(len, self._pairs_k))), longest or 1.0)
-
-    def place(self, k: int, position_bd: NDArray[np.float64]) -> bool:
-        """Place the bonds of cluster k, or none of them where one would cross another."""
-        before, place = len(self._bonds), position_bd.tolist()
-        for i, j in self._pairs_k[k]:
-            along = tuple(b - a for a, b in zip(place[i], place[j], strict=True))
-            if not self._bonds.place(k * self._beads + i, k * self._beads + j, place[i], along):
-                self._bonds.take_back(before)
-                return False
-        return True
-
-
-def _bond_pairs(cluster: Cluster) -> list[list[int]]:
-    pairs: list[list[int]] = cluster.links[~cluster.shape_l].tolist()
-    return pairs
+def _bonds_at(cluster: Cluster, first: int, position_bd: NDArray[np.float64]) -> list[Bond]:
+    """Return the bonds of a cluster whose first particle has this number."""
+    place = [tuple(one) for one in position_bd.tolist()]
+    return [(first + i, first + j, place[i], minus(place[j], place[i]), ()) for i, j in cluster.bonds]
 
 
 def random_rotation(dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:

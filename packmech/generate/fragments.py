@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, real
 from packmech.generate.random import generator_of
+from packmech.links import Links, image_offsets
 from packmech.packing import Packing
 
 SPANNING = ("avoided", "allowed")
@@ -136,7 +137,7 @@ def cut_fragments(
     rng = generator_of(seed, rng)
     tries = integer("tries", tries, at_least=1)
 
-    cell = _Cell(packing, bonds)
+    cell = _CutCell(packing, bonds)
     whole_b = cell.image_bd[:, axis] == 0 if cut_top_bottom else np.ones(len(bonds.i_b), dtype=bool)
     cutting = bool(centers) or bool(lines)
     for _ in range(tries):
@@ -178,7 +179,7 @@ def _fits(bonds: BondsLike, packing: Packing) -> None:
         raise ValueError(f"bonds must have images of {packing.dimension} numbers, got {bonds.image_bd.shape[1]}")
 
 
-class _Cell:
+class _CutCell:
     """Particles brought into the cell, and their bonds with the images that belong to them there."""
 
     def __init__(self, packing: Packing, bonds: BondsLike) -> None:
@@ -241,12 +242,14 @@ class _Cell:
 
     def spans(self, keep_b: NDArray[np.bool_], axis: int) -> bool:
         """Return whether a fragment of these bonds winds around the box along the axis, or is nearly as high."""
-        i_b, j_b = self.i_b[keep_b], self.j_b[keep_b]
-        step_b = self.image_bd[keep_b, axis]
         n = len(self.fraction_nd)
-        offset_n, number_n = _unwrapped(i_b, j_b, step_b, n)
-        if (offset_n[j_b] - offset_n[i_b] != step_b).any():
-            return True
+        offset_n, number_n = np.zeros(n, dtype=np.int64), np.arange(n)
+        if keep_b.any():
+            length_b = np.ones(np.count_nonzero(keep_b))
+            links = Links(self.i_b[keep_b], self.j_b[keep_b], self.image_bd[keep_b], length_b)
+            offset_n, number_n = image_offsets(links, n)[0][:, axis], links.clusters(n)
+            if (offset_n[links.j_l] - offset_n[links.i_l] != links.image_ld[:, axis]).any():
+                return True
         height = float(self.box.height_d[axis])
         place_n = (self.fraction_nd[:, axis] + offset_n) * height
         top, bottom = np.full(n, -np.inf), np.full(n, np.inf)
@@ -254,29 +257,6 @@ class _Cell:
         np.minimum.at(bottom, number_n, place_n - self.packing.radius_n)
         used = np.unique(number_n)
         return bool((top[used] - bottom[used]).max() > _HIGH * height)
-
-
-def _unwrapped(
-    i_b: NDArray[np.int64], j_b: NDArray[np.int64], step_b: NDArray[np.int64], particles: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return offsets of the particles that make bonds whole along a spanning forest, and the fragment of each."""
-    ends: list[list[tuple[int, int]]] = [[] for _ in range(particles)]
-    for i, j, step in zip(i_b.tolist(), j_b.tolist(), step_b.tolist(), strict=True):
-        ends[i].append((j, step))
-        ends[j].append((i, -step))
-    offset, number = [0] * particles, [-1] * particles
-    for root in range(particles):
-        if number[root] >= 0:
-            continue
-        number[root] = root
-        waiting = [root]
-        while waiting:
-            i = waiting.pop()
-            for j, step in ends[i]:
-                if number[j] < 0:
-                    number[j], offset[j] = root, offset[i] + step
-                    waiting.append(j)
-    return np.array(offset, dtype=np.int64), np.array(number, dtype=np.int64)
 
 
 def _join(

@@ -9,6 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import real
+
+
+def checked_overlap(largest_overlap: float | None) -> float:
+    """Return the largest overlap that an argument names; 1, which no pair exceeds, for None."""
+    return 1.0 if largest_overlap is None else real("largest_overlap", largest_overlap, at_least=0.0, below=1.0)
 
 
 class Placed:
@@ -62,6 +68,8 @@ class Placed:
         self._count = count
 
     def _clear(self, position_bd: NDArray[np.float64], others: NDArray[np.bool_]) -> bool:
+        if self._apart == 0.0:
+            return True
         first, last = self._count, self._count + len(position_bd)
         fraction = (position_bd[:, None] - self._position_nd[None, :first][:, others]) @ self._inverse.T
         fraction -= np.rint(fraction)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array, real
-from packmech.generate.cluster_shapes import RandomShape, Shape, clusters_of
+from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
 from packmech.shapes import Shapes, Spheroids
@@ -22,7 +22,7 @@ _LARGEST_SPREAD = 0.3
 
 
 @runtime_checkable
-class Sizes(Protocol):
+class SizeDistribution(Protocol):
     """A distribution of radii: anything with this method can be given as ``sizes``."""
 
     def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -30,11 +30,11 @@ class Sizes(Protocol):
         ...
 
 
-def sizes_of(sizes: Sizes | None, default: Sizes) -> Sizes:
+def sizes_of(sizes: SizeDistribution | None, default: SizeDistribution) -> SizeDistribution:
     """Return the distribution that an argument `sizes` names, checked; the default for None."""
     if sizes is None:
         return default
-    if not isinstance(sizes, Sizes) or isinstance(sizes, type):
+    if not isinstance(sizes, SizeDistribution) or isinstance(sizes, type):
         raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
     return sizes
 
@@ -316,7 +316,7 @@ def random_packing(
     *,
     dimension: int,
     packing_fraction: float,
-    sizes: Sizes | None = None,
+    sizes: SizeDistribution | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
@@ -394,10 +394,9 @@ def _random_shapes(
         return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
     if not isinstance(shapes, Shape | RandomShape):
         raise TypeError(f"shapes must be Ellipses or a shape of a cluster, such as Dimer(), got {shapes!r}")
-    clusters = clusters_of(shapes, particles, dimension, rng)
-    kinds = {id(one): one for one in clusters}
-    bodies = {key: body_of(one.position_bd, one.radius_b) for key, one in kinds.items()}
-    return beads_of([bodies[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
+    clusters = drawn_clusters(shapes, particles, dimension, rng)
+    found = {key: body_of(one.position_bd, one.radius_b) for key, one in {id(one): one for one in clusters}.items()}
+    return beads_of([found[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
 
 
 def fill_box(
@@ -405,7 +404,7 @@ def fill_box(
     particles: int,
     *,
     packing_fraction: float,
-    sizes: Sizes | None = None,
+    sizes: SizeDistribution | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     density: float | None = None,

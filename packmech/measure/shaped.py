@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.elements import sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import (
     ContactTerms,
@@ -18,6 +19,7 @@ from packmech.effects import (
     shaped_terms,
     total_push,
 )
+from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded
 from packmech.scene import Scene
 
 
@@ -25,24 +27,35 @@ from packmech.scene import Scene
 class ShapeForces:
     """Touching pairs of shapes, and the energies and derivatives of their laws.
 
-    With those of what acts on single particles, and the mask of held particles; None where neither is.
+    With those of what acts on single particles, and the mask of held particles; None where neither is. Bonds act on
+    the centers.
     """
 
     contacts: ShapeContacts
     terms: ContactTerms
     single: ShapedTerms | None = None
     held_n: NDArray[np.bool_] | None = None
+    bonded: BondedPairs | None = None
 
     @property
     def energy(self) -> float:
         """The energy of all pairs, and of single particles."""
         pairs = float(np.add.reduce(self.terms.energy_c))
+        if self.bonded is not None:
+            pairs += float(np.add.reduce(self.bonded.terms.energy_c))
         return pairs if self.single is None else pairs + float(np.add.reduce(self.single.energy_n))
 
     def _net(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the net forces and torques, none on what is held."""
         d = self.contacts.dimension
-        force, torque = (-one for one in self.contacts.gather(self.terms.first_c))
+        one = self.contacts
+        # rotations in place of turns
+        t = 1 if d == 2 else 3
+        rotation_nkt = np.broadcast_to(np.eye(t), (one.particles, t, t))
+        slope = sum_slopes(one.i_c, one.j_c, self.terms.first_c[:, None] * one.slope_cx, rotation_nkt, d)
+        force, torque = -slope[:, :d], -slope[:, d:]
+        if self.bonded is not None:
+            force = force + self.bonded.forces()
         if self.single is not None:
             force = force - self.single.slope_nx[:, :d]
             torque = torque - self.single.slope_nx[:, d:]
@@ -63,7 +76,10 @@ class ShapeForces:
         """Return the (d, d) stress, tension positive, row = force component; symmetric only where torques balance."""
         one = self.contacts
         pull = self.terms.first_c[:, None] * one.slope_cx[:, : one.dimension]
-        return np.asarray(pull.T @ one.vector_cd / volume)
+        virial = pull.T @ one.vector_cd
+        if self.bonded is not None:
+            virial += self.bonded.virial()
+        return np.asarray(virial / volume)
 
     @property
     def force_c(self) -> NDArray[np.float64]:
@@ -76,6 +92,8 @@ class ShapeForces:
         Forces on single particles that are free count with those of contacts.
         """
         size, count = float(self.force_c.sum()), len(self.contacts)
+        if self.bonded is not None:
+            size, count = size + float(np.abs(self.bonded.terms.first_c).sum()), count + len(self.bonded.pairs)
         if self.single is not None:
             push, pushes = total_push(self.single, self.held_n)
             size, count = size + push, count + pushes
@@ -111,8 +129,9 @@ def shape_forces(scene: Scene) -> ShapeForces:
     refuse_unknown_to_shapes(scene)
     packing, effects = scene.packing, scene.effects
     contacts = find_shape_contacts(packing)
-    contacts = contacts.select(contacts.gap_c < 0.0)
+    contacts = unbonded(contacts.select(contacts.gap_c < 0.0), effects)
     terms = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c)
-    if not acts_on_single(effects):
-        return ShapeForces(contacts, terms)
-    return ShapeForces(contacts, terms, shaped_terms(effects, packing), held_particles(effects, packing.particles))
+    single, held = None, None
+    if acts_on_single(effects):
+        single, held = shaped_terms(effects, packing), held_particles(effects, packing.particles)
+    return ShapeForces(contacts, terms, single, held, bonded_pairs(effects, packing))

@@ -11,6 +11,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.effects import contact_terms, held_particles, single_terms, total_push
 from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
+from packmech.measure.bonds import bonded_pairs, joined, unbonded
 from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
 from packmech.measure.shaped import shape_forces
 from packmech.scene import Scene
@@ -19,10 +20,12 @@ PARTS = ("total", "contacts", "links")
 
 
 def _terms(scene: Scene) -> tuple[Contacts, NDArray[np.float64], NDArray[np.float64]]:
+    """Return contacts and bonds, their energies, and the derivatives of these by distance."""
     instance("scene", scene, Scene)
-    contacts = find_contacts(scene.packing)
+    contacts = unbonded(find_contacts(scene.packing), scene.effects)
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
-    return contacts, terms.energy_c, terms.first_c
+    pairs, terms = joined(contacts, terms, bonded_pairs(scene.effects, scene.packing))
+    return pairs, terms.energy_c, terms.first_c
 
 
 def _shaped(scene: Scene) -> bool:
@@ -51,7 +54,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     apart="friction+shapes",
     link_tolerance=STRAINED,
@@ -59,7 +62,8 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
-    Equation 19 of the polymer source, with 1/w instead of its double sum. Friction adds that of the tangential springs
+    Equation 19 of the polymer source, with 1/w instead of its double sum. Bonds add that of their normal springs;
+    their tangential springs are slack at the start of a scene. Friction adds that of the tangential springs
     as they are stretched; gravity and walls theirs, with particles at their places in the cell. Ellipses and spheroids
     have the law's energy at s (r_i + r_j), s the scale at which a pair touches, and rigid bodies that of
     each bead. On a wall every particle has half the energy of itself and its mirror image (`Walls`).
@@ -87,7 +91,7 @@ def energy(scene: Scene) -> float:
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     apart="friction+shapes",
     link_tolerance=STRAINED,
@@ -136,7 +140,7 @@ def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDAr
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     apart="friction+shapes",
     link_tolerance=STRAINED,
@@ -225,7 +229,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction gravity walls held links shapes",
+    "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
     apart="friction+shapes",
     link_tolerance=STRAINED,
@@ -281,7 +285,7 @@ def force_balance(scene: Scene) -> tuple[float, float]:
     return float(np.sqrt((net**2).sum(axis=1)).max()), float(mean)
 
 
-@honors("repulsion friction gravity walls held links", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction bonds gravity walls held links", at_rest=True, link_tolerance=STRAINED)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 

@@ -32,8 +32,6 @@ from packmech.effects import (
     Bonds,
     Friction,
     is_bound,
-    law_first,
-    law_second,
     pair_first,
     refuse_tangential_bonds,
     refuse_unknown_to_shapes,
@@ -43,7 +41,7 @@ from packmech.effects import (
 from packmech.effects.single import places_in_cell
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.links import named_rows
+from packmech.measure.bonds import BondedPairs, bonded_pairs, bonds_of, unbonded
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.frictional import acting_friction, spin_turns, tangential_elements
@@ -189,12 +187,10 @@ class _Pairs(NamedTuple):
         return springs[0], dashpots[0]
 
 
-def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
+def _touching(scene: Scene) -> _Pairs:
     """Return the contacts of a scene that are not bonded."""
     found = touching_pairs(scene.packing, None, second=True)
-    if bonds is not None:
-        named = (found.i_c, found.j_c, found.image_cd)
-        found = found.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0)
+    found = unbonded(found, scene.effects)
     terms, friction = closed_terms(scene, found), acting_friction(scene)
     acting, sigma = [one for one in scene.effects if not is_bound(one)], found.contact_distance_c
     damping = [
@@ -211,18 +207,13 @@ def _touching(scene: Scene, bonds: Bonds | None) -> _Pairs:
     )  # fmt: skip
 
 
-def _bonded(packing: Packing, bonds: Bonds) -> _Pairs:
+def _bonded(bonds: Bonds, found: BondedPairs) -> _Pairs:
     """Return the bonds of a packing, whose tangential springs are slack at rest."""
-    vector = packing.position_nd[bonds.j_b] - packing.position_nd[bonds.i_b]
-    vector += bonds.image_bd @ packing.box.lattice_dd.T
-    distance, rest = np.sqrt((vector**2).sum(axis=1)), bonds.rest_length_b
-    normal, size = vector / np.where(distance > 0.0, distance, 1.0)[:, None], (packing.particles, packing.dimension)
-    pairs = Contacts(bonds.i_b, bonds.j_b, bonds.image_bd, normal, distance, rest, *size)
-    laws = [(bonds.compression if r < s else bonds.tension, r, s) for r, s in zip(distance, rest, strict=True)]
-    first = np.array([law_first(*one) for one in laws], dtype=float)
-    second = np.array([law_second(*one) for one in laws], dtype=float)
-    damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(vector)
-    return _Pairs(pairs, first, second, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping)
+    pairs, terms = found
+    damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(pairs.normal_cd)
+    return _Pairs(
+        pairs, terms.first_c, terms.second_c, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping
+    )
 
 
 @honors(
@@ -285,16 +276,15 @@ def complex_modulus(
     direction = _direction(mode, axes, d)
     moving = np.ones(n, dtype=bool) if held_n is None else ~particle_mask("held_n", held_n, n)
     drag = _drag(scene)
-    if packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
-        refuse_tangential_bonds(scene.effects, packing.shapes)
-    bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
-    touching = _touching(scene, bonds)
-    found = [touching] if bonds is None else [touching, _bonded(packing, bonds)]
+    refuse_unknown_to_shapes(scene)
+    refuse_tangential_bonds(scene.effects, packing.shapes)
+    bonds = bonds_of(scene.effects)
+    touching, bonded = _touching(scene), bonded_pairs(scene.effects, packing)
+    found = [touching] if bonds is None or bonded is None else [touching, _bonded(bonds, bonded)]
     if not any(len(one.pairs) for one in found):
         raise ValueError("scene must have contacts or bonds, got none")
     turning = any(isinstance(one, Friction | Bonds) for one in scene.effects) and packing.shapes is None
-    turn = spin_turns(packing) if turning else None
+    turn = spin_turns(packing) if turning else packing.turn_nkt
     network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
     springs, dashpots = zip(*(one.elements(packing, turning) for one in found), strict=True)
@@ -322,8 +312,8 @@ def complex_modulus(
     overall: NDArray[np.complex128] = 0.5 * (contact + np.swapaxes(contact, 1, 2))
     motion = np.array(answers)
     rotation = np.einsum("fnk,nkt->fnt", motion[..., d:], turn)
-    if packing.shapes is not None:
-        overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
+    # of discs and spheres, whose second moments are the same along all axes, this is none
+    overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
     if mode == "isotropic":
         modulus = np.trace(overall, axis1=1, axis2=2) / d
     else:
@@ -334,7 +324,7 @@ def complex_modulus(
         stress_fdd=overall,
         contact_stress_fdd=contact,
         displacement_fnd=np.ascontiguousarray(motion[..., :d]),
-        rotation_fnk=rotation,
+        rotation_fnk=rotation if turn.shape[1] else rotation[..., :0],
         residual=max(errors),
         rest=rest,
         seconds=time.process_time() - began,

@@ -451,7 +451,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes")
+@honors("repulsion friction bonds links shapes", at_rest=True, apart="friction+links friction+shapes friction+bonds")
 def elastic_moduli(
     scene: Scene,
     *,
@@ -547,9 +547,7 @@ def elastic_moduli(
             # without a set that agrees with its motion there is no answer at rest, as along a negative direction
             unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
         residual = force_residual(scene)
-        one = system.network.contacts
-        along = (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1)
-        _refuse_bearing_rattlers(scene, residual, float(system.terms.first_c @ along))
+        _refuse_bearing_rattlers(scene, residual, system.virial_of_springs)
         return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, residual, start)
 
 
@@ -601,7 +599,7 @@ def _rough_response(
 def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> None:
     """Raise ValueError where the packing is at rest and rattlers that are left out bear a part of its pressure.
 
-    `virial` is the sum of du/dr r over the contacts that are kept.
+    `virial` is the sum of du/dr r over the contacts and bonds that are kept.
     """
     whole = float(np.trace(stress_tensor(scene, parts="contacts"))) * scene.packing.box.volume
     if residual <= _AT_REST and abs(whole - virial) > _BORNE * abs(whole):
@@ -669,7 +667,7 @@ _ZERO = 1e-10
 _CARRIES = 1e-6
 
 
-@honors("repulsion links shapes", at_rest=True, rough="pm.elastic_moduli")
+@honors("repulsion bonds links shapes", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,

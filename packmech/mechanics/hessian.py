@@ -57,7 +57,7 @@ def check_strain_of_box(scene: Scene, strain: BoxStrain) -> None:
 
 
 @honors(
-    "repulsion gravity walls held links shapes",
+    "repulsion bonds gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
     link_tolerance=STRAINED,
@@ -148,7 +148,7 @@ def _width(scene: Scene) -> int:
 
 
 @honors(
-    "repulsion gravity walls held links shapes",
+    "repulsion bonds gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
@@ -231,7 +231,7 @@ def dynamical_matrix(
 
 
 @honors(
-    "repulsion gravity walls held links shapes",
+    "repulsion bonds gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
@@ -323,7 +323,7 @@ def is_stable(scene: Scene, *, strain: BoxStrain, gap_tolerance: float | None = 
     plain = scene.replace(packing=scene.packing.replace(tangential=None))
     system = system_of(plain, "exact", gap_tolerance=gap_tolerance)
     network, links, d = system.network, system.links, system.network.dimension
-    if not len(network.index_n) or not len(network.contacts):
+    if not len(network.index_n) or not (len(network.contacts) or network.bonded):
         return False
     pinned = network.pinned_f
     matrix = system.matrix(pinned)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from packmech.check import Kind
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
-from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.elements import Elements, elements_of, sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.effects import (
     ContactTerms,
@@ -30,7 +30,8 @@ from packmech.effects import (
     single_terms,
 )
 from packmech.linalg.mandel import mandel_basis, trace_vector
-from packmech.mechanics.assembly import Assembled, assemble, slopes_of
+from packmech.measure.bonds import refuse_tangential_springs
+from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.network import Network, contact_network
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -50,7 +51,7 @@ class System:
     terms
         Energies of the contacts and their derivatives, those that just touch taken from the closed side.
     elements
-        What is assembled: contacts, and links as bonds with a force and no stiffness.
+        What is assembled: contacts, bonds, and links as springs with a force and no stiffness.
     assembled
         Their sum, with what acts on single particles.
 
@@ -116,9 +117,26 @@ class System:
     @property
     def push(self) -> float:
         """The largest force of a contact under a unit strain."""
-        one, terms = self.network.contacts, self.terms
-        size = np.sqrt((one.slope_cx[:, : one.dimension] ** 2).sum(axis=1))
-        return float(((np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * size).max(initial=0.0))
+        largest = 0.0
+        for one, terms in self.springs:
+            size = np.sqrt((one.slope_cx[:, : one.dimension] ** 2).sum(axis=1))
+            push = (np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * size
+            largest = max(largest, float(push.max(initial=0.0)))
+        return largest
+
+    @property
+    def springs(self) -> list[tuple[Contacts | ShapeContacts, ContactTerms]]:
+        """Contacts and bonds with the derivatives of their energies."""
+        bonded = self.network.bonded
+        return [(self.network.contacts, self.terms), *([] if bonded is None else [(bonded.pairs, bonded.terms)])]
+
+    @property
+    def virial_of_springs(self) -> float:
+        """The sum of du/dr r over contacts and bonds, whatever the kind of second derivatives [energy]."""
+        found = 0.0
+        for one, terms in self.springs:
+            found += float(terms.first_c @ (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1))
+        return found
 
 
 def system_of(
@@ -150,8 +168,7 @@ def system_of(
 
     """
     packing, effects = scene.packing, scene.effects
-    if packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
+    refuse_unknown_to_shapes(scene)
     if acts_on_single(effects):
         needs_second(effects, "second derivatives")
     network = contact_network(packing, effects, gap_tolerance=gap_tolerance, rattlers=rattlers)
@@ -171,6 +188,11 @@ def assembled_system(
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     elements = [elements_of(one, first, terms.second_c)]
+    if network.bonded is not None:
+        refuse_tangential_springs(scene.effects)
+        bonds, springs = network.bonded
+        pull = np.zeros_like(springs.first_c) if kind == "unstressed" else springs.first_c
+        elements.append(elements_of(bonds, pull, springs.second_c))
     if len(network.links) and (kind == "exact" or link_stiffness):
         tension = np.zeros(len(network.links))
         if kind == "exact":
@@ -203,16 +225,13 @@ def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArr
         return None
     d, turn, index = network.dimension, network.turn_nkt, network.index_n
     count, turns, rotations = turn.shape
-    if packing.shapes is not None:
-        terms = shaped_terms(effects, packing)
-        change = np.zeros((count, d + turns, d + rotations))
-        change[:, :d, :d] = np.eye(d)
-        change[:, d:, d:] = turn
-        second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
-        return np.asarray(change @ second @ change.transpose(0, 2, 1))
-    whole = np.zeros((count, d + turns, d + turns))
-    whole[:, :d, :d] = (single_terms(effects, packing).second_ndd + _differences(effects, packing))[index]
-    return whole
+    terms = shaped_terms(effects, packing)
+    change = np.zeros((count, d + turns, d + rotations))
+    change[:, :d, :d] = np.eye(d)
+    change[:, d:, d:] = turn
+    second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
+    second[:, :d, :d] += _differences(effects, packing)[index]
+    return np.asarray(change @ second @ change.transpose(0, 2, 1))
 
 
 def _differences(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float64]:
@@ -235,7 +254,8 @@ def _differences(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float
 
 def _tension(scene: Scene, network: Network, elements: list[Elements]) -> NDArray[np.float64]:
     """Return the (L,) forces in the links that balance the elements, and what acts on particles that can move."""
-    push = np.sum([slopes_of(one, network.turn_nkt) for one in elements], axis=0)[:, : network.dimension]
+    d, turn = network.dimension, network.turn_nkt
+    push = np.sum([sum_slopes(one.i_c, one.j_c, one.pull_cx, turn, d) for one in elements], axis=0)[:, :d]
     if network.anchored:
         push -= single_terms(scene.effects, scene.packing).force_nd[network.index_n]
     return network.links.multipliers(push, np.asarray(network.free_nq.any(axis=1)))

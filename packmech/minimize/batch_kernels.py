@@ -21,7 +21,7 @@ from packmech.minimize.first_order.damped import _Damped, damped_steps
 from packmech.minimize.first_order.fire import fire_steps
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING, Goal, contacts_of, evaluate
 from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER, pair_at
-from packmech.minimize.passes.shape_rows import spin_of
+from packmech.minimize.passes.shape_rows import shapes_of, spin_of
 from packmech.minimize.passes.strains import map_rows, refreshed, strain_space
 
 # columns of the figures of a packing
@@ -183,7 +183,7 @@ def _count_contacts(effects, row, pairs, bodies):
         one, other = bodies.cluster_n[i], bodies.cluster_n[j]
         if bodies.rattler_c[one] or bodies.rattler_c[other]:
             continue
-        here = contacts_of(effects, row, i, j, sx, sy, sz)
+        here = contacts_of(shapes_of(effects), row, i, j, sx, sy, sz)
         number += here
         contacts_c[one] += here
         contacts_c[other] += here

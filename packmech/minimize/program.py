@@ -15,10 +15,14 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
+from packmech.contacts import find_contacts
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import pair_energy
 from packmech.effects.pair import pair_elastic
 from packmech.loop.run_loop import RunLoop, RunSettings
+from packmech.measure.bonds import bonds_of, unbonded
+from packmech.measure.stress import stress_tensor
+from packmech.minimize.passes.bond_rows import bonds_of_rows
 from packmech.minimize.passes.kernels import (
     CONVERGED,
     FLOOR,
@@ -308,13 +312,18 @@ class Program:
         force = np.empty((len(self.row), d))
         force[self.order_r] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
+        contacts = int(totals.contacts)
+        if bonds_of(self.scene.effects) is not None:
+            # pair lists hold bonded pairs, which are no contacts
+            here = self.scene.replace(packing=self.packing())
+            stress, contacts = stress_tensor(here), len(unbonded(find_contacts(here.packing), here.effects))
         mean = sums.total / sums.touching if sums.touching else 0.0
         largest = math.sqrt(sums.largest)
         return Evaluation(
             energy=float(totals.energy),
             pressure=(0.0 - float(np.trace(stress))) / d,
             stress_dd=stress,
-            contacts=int(totals.contacts),
+            contacts=contacts,
             max_force=largest,
             mean_force=mean,
             residual=largest / mean if mean > 0 else 0.0,
@@ -586,7 +595,7 @@ def build_program(scene: Scene) -> Program:
     else:
         # what acts on single particles sees those in the cell
         wrap = np.floor(fraction)
-        effects = (*effects, *single)
+    effects = (*effects, *bonds_of_rows(scene, order, wrap), *single)
     shapes = packing.shapes
     rows = packing.particles * (1 if shapes is None else 2)
     effects = (*effects, *shape_rows(packing, order))

@@ -26,6 +26,7 @@ from packmech.effects import (
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.measure.bonds import bonds_of
 from packmech.mechanics.stability import Stability, stability
 from packmech.minimize.bodies_apart import deep_overlaps, separate
 from packmech.minimize.first_order.fire import Fire
@@ -57,7 +58,7 @@ _COINCIDENT = 0.99
 _FLOORS = 8.0
 
 
-@honors("repulsion gravity walls held links shapes", at_rest=True, rough="pm.settle")
+@honors("repulsion bonds gravity walls held links shapes", at_rest=True, rough="pm.settle", apart="bonds+shapes")
 def quench(
     scene: Scene,
     *,
@@ -149,6 +150,8 @@ def quench(
     every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)
     settings = run_settings(step_limit=step_limit, time_limit=time_limit, progress=progress, check=check)
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
+    if descent.bonded and isinstance(method, Newton):
+        raise ValueError("method must be none of second derivatives for a scene with Bonds, got Newton(): use Fire()")
 
     def work() -> Outcome:
         descent.separate()
@@ -212,9 +215,16 @@ class _Descent:
         self._trace = trace
         effects = scene.effects
         acting = [one for one in effects if hasattr(type(one), "body_energy")]
-        # Newton's method takes second derivatives, and links and shapes only where nothing acts on single particles
-        self.to_the_end = not all(hasattr(type(one), "body_second") for one in acting) or (
-            not scene.packing.plain and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
+        # Newton's method takes second derivatives, no bonds, and links and shapes only where nothing acts on single
+        # particles
+        self.bonded = bonds_of(effects) is not None
+        self.to_the_end = (
+            self.bonded
+            or not all(hasattr(type(one), "body_second") for one in acting)
+            or (
+                not scene.packing.plain
+                and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
+            )
         )
 
     def separate(self) -> None:
@@ -406,11 +416,7 @@ class _Descent:
 
 def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
     """Return the packing after displacements and turns, its links at their lengths."""
-    d, shapes = packing.dimension, packing.shapes
-    moved = packing.replace(position_nd=packing.position_nd + direction_nq[:, :d])
-    if shapes is not None:
-        turn_nt = np.einsum("nk,nkt->nt", direction_nq[:, d:], shapes.turn_basis(packing.radius_n))
-        return moved.replace(shapes=shapes.turned(turn_nt))
+    moved = packing.moved(direction_nq)
     return moved if packing.links is None else ConstraintFactor(packing, workable_links(packing)).projected(moved)
 
 

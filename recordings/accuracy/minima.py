@@ -6,43 +6,16 @@
 their contact networks, rattlers taken out, are equal. Errors of shares are half of Wilson's interval.
 """
 
-import zlib
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from cyclopts import run
+from descents import METHODS, REFERENCE, end
 
 import packmech as pm
 
-REFERENCE = "steepest descent, 1e-9"
-METHODS = {
-    REFERENCE: pm.SteepestDescent(1e-9),
-    "steepest descent, 1e-6": pm.SteepestDescent(1e-6),
-    "default route": None,
-}
-METHODS |= {"FIRE": pm.Fire(), "FIRE 2.0": pm.Fire2(), "conjugate gradient": pm.ConjugateGradient()}
-METHODS |= {"L-BFGS": pm.LBFGS(), "gradient descent, step 0.8": pm.GradientDescent()}
-DAMPINGS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
-METHODS |= {f"dashpots, b = {one:g}": pm.DampedDynamics(damping=one) for one in DAMPINGS}
-
-
-def end(method: str, particles: int, jammed: bool, seed: int) -> dict[str, float]:
-    """Return where a method takes a start: energy, network as a checksum, cost and, if asked for, the jamming point."""
-    sizes = pm.Bidisperse(ratio=1.4)
-    packing = pm.random_packing(particles, dimension=2, sizes=sizes, packing_fraction=0.9, seed=seed)
-    scene = pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),))
-    chosen = {"method": METHODS[method], "step_limit": 20_000_000} if METHODS[method] else {}
-    found = pm.quench(scene, force_tolerance=1e-10, check=False, **chosen)
-    scene = scene.replace(packing=found.packing)
-    backbone, index = pm.remove_rattlers(found.packing)
-    contacts = pm.find_contacts(backbone)
-    pairs = np.sort(np.stack([index[contacts.i_c], index[contacts.j_c]], axis=1), axis=1)
-    network = zlib.crc32(np.ascontiguousarray(pairs[np.lexsort(pairs.T)], dtype="<i8").tobytes())
-    onset = pm.jam(scene, strain="isotropic", check=False) if jammed and found.ok else None
-    onset = onset.report["jamming_packing_fraction"] if onset is not None and onset.ok else np.nan
-    cost = {"evaluations": found.force_evaluations, "converged": int(found.ok)}
-    return cost | {"energy": pm.energy(scene), "network": network, "onset": onset}
+HEAD = "method,starts,failed,same minimum,+-,energy per particle,jamming packing fraction,median force evaluations"
 
 
 def share_and_error(hits: int, of: int) -> tuple[float, float]:
@@ -71,20 +44,16 @@ def main(
     if starts > jammed:
         grid.append(grid[0] | {"jammed": False, "seed": range(jammed, starts)})
     found = pm.run_ensemble(end, grid, out / "members" / "minima", workers=workers).of(grid)
-    lines = [
-        "method,starts,failed,same minimum,+-,energy per particle,jamming packing fraction,median force evaluations"
-    ]
-    reference, shares = found.where(method=REFERENCE), []
+    reference, rows = found.where(method=REFERENCE), []
     for method in methods:
         mine = found.where(method=method)
-        shares.append(share_and_error(int(same(mine, reference).sum()), len(mine)))
-        energy, onset = mine["energy"].mean() / particles, np.nanmean(mine["onset"])
-        failed, cost = int((mine["converged"] == 0).sum()), np.median(mine["evaluations"])
-        share, error = shares[-1]
-        lines.append(f'"{method}",{len(mine)},{failed},{share:.6g},{error:.6g},{energy:.9g},{onset:.6g},{cost:.0f}')
-    (out / "minima.csv").write_text("\n".join([*lines, ""]))
+        share = share_and_error(int(same(mine, reference).sum()), len(mine))
+        failed, cost = int((mine["converged"] == 0).sum()), float(np.median(mine["evaluations"]))
+        rows.append((len(mine), failed, *share, mine["energy"].mean() / particles, np.nanmean(mine["onset"]), cost))
+    lines = [f'"{method}",' + ",".join(f"{one:.9g}" for one in row) for method, row in zip(methods, rows, strict=True)]
+    (out / "minima.csv").write_text("\n".join([HEAD, *lines, ""]))
     figure, ax = plt.subplots(figsize=(7.2, 5.0), layout="constrained")
-    ax.errorbar(*np.array(shares).T[0:1], range(len(methods)), xerr=np.array(shares).T[1], fmt="o", capsize=2.0)
+    ax.errorbar([row[2] for row in rows], range(len(rows)), xerr=[row[3] for row in rows], fmt="o", capsize=2.0)
     ax.set_yticks(range(len(methods)), methods)
     ax.set(xlabel=f"share of {starts} starts that end in the minimum of steepest descent", xlim=(-0.03, 1.03))
     figure.savefig(out / "minima.png", dpi=150)

@@ -17,21 +17,15 @@ from cyclopts import run
 import packmech as pm
 
 SHEAR = "shear modulus (relative)"
-METHODS = {
-    "FIRE": pm.Fire(),
-    "FIRE 2.0": pm.Fire2(),
-    "conjugate gradient": pm.ConjugateGradient(),
-    "L-BFGS": pm.LBFGS(),
-}
-METHODS |= {"damped dynamics": pm.DampedDynamics(), "gradient descent": pm.GradientDescent()}
+METHODS = {"FIRE": pm.Fire(), "FIRE 2.0": pm.Fire2(), "conjugate gradient": pm.ConjugateGradient()}
+METHODS |= {"L-BFGS": pm.LBFGS(), "damped dynamics": pm.DampedDynamics(), "gradient descent": pm.GradientDescent()}
 
 
 def above_jamming(particles: int) -> pm.Scene:
     """Return the common start: a jammed packing compressed by 2e-4 and sheared by 2e-5, near one minimum."""
     scene = pm.Scene(pm.random_packing(particles, dimension=2, packing_fraction=0.87, seed=1), (pm.Repulsion(),))
     jammed = pm.jam(scene, pressure=1e-8, strain="isotropic").packing
-    squeeze = (1.0 + 2e-4 / pm.packing_fraction(jammed)) ** -0.5
-    change = squeeze * np.array([[1.0, 2e-5], [0.0, 1.0]])
+    change = (1.0 + 2e-4 / pm.packing_fraction(jammed)) ** -0.5 * np.array([[1.0, 2e-5], [0.0, 1.0]])
     box = pm.Box(change @ jammed.box.lattice_dd)
     return scene.replace(packing=jammed.replace(position_nd=jammed.position_nd @ change.T, box=box))
 
@@ -48,8 +42,7 @@ def decompress(
         scene = scene.replace(packing=runs[-1].packing)
         fraction.append(pm.packing_fraction(scene.packing))
         pressure.append(pm.pressure(scene))
-        if len(pressure) > 1:
-            slope = (pressure[-1] - pressure[-2]) / (fraction[-1] - fraction[-2])
+        slope = (pressure[-1] - pressure[-2]) / (fraction[-1] - fraction[-2]) if len(pressure) > 1 else slope
         if not (slope > 0.0 and pressure[-1] > 0.0):
             raise FloatingPointError(f"pressure does not fall with the packing fraction: {pressure}")
         if len(runs) < 4:
@@ -66,9 +59,9 @@ def trial(start: pm.Scene, method: object, tolerance: float) -> pm.Answer:
     c = pm.elastic_moduli(scene).cauchy / scene.pressure_unit
     # mean over the directions of shear; negative where the packing is unstable to shear in its box
     modulus = float(c[0, 0] + c[1, 1] - c[0, 1] - c[1, 0] + 2.0 * c[2, 2]) / 8.0
-    value = {"packing fraction at jamming": onset, "contacts": float(len(pm.find_contacts(scene.packing)))}
-    work = {"force evaluations": float(sum(one.force_evaluations for one in runs))}
-    return pm.Answer(value | {SHEAR: modulus}, all(one.ok for one in runs), work)
+    contacts, evaluations = len(pm.find_contacts(scene.packing)), sum(one.force_evaluations for one in runs)
+    value = {"packing fraction at jamming": onset, "contacts": float(contacts), SHEAR: modulus}
+    return pm.Answer(value, all(one.ok for one in runs), {"force evaluations": float(evaluations)})
 
 
 def errors(value: dict[str, float], true: dict[str, float]) -> dict[str, float]:
@@ -79,13 +72,14 @@ def errors(value: dict[str, float], true: dict[str, float]) -> dict[str, float]:
 def main(*, particles: int = 128, decades: int = 12, out: Path = Path(__file__).parent) -> None:
     """Run all methods at all tolerances against the default route at 1e-14; write table and figure."""
     start = above_jamming(particles)
+    methods = {"default route": None} | METHODS
     table = pm.work_precision(
-        {name: partial(trial, start, method) for name, method in ({"default route": None} | METHODS).items()},
+        {name: partial(trial, start, method) for name, method in methods.items()},
         [10.0**-k for k in range(1, decades + 1)],
         trial(start, None, 1e-14).value,
         error=errors,
         knob="force tolerance",
-        title=f"Minimizer and force tolerance: {particles} bidisperse discs decompressed to jamming",
+        title=f"{particles} bidisperse discs decompressed to jamming",
         reference_is="the default route, Newton's method to the rounding floor",
         repeats=1,
     )

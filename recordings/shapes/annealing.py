@@ -10,28 +10,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from cyclopts import run
+from packings import MEASURED, PANELS, measured
 
 import packmech as pm
 
 ASPECTS = (1.1, 1.2, 1.3, 1.4, 1.5, 1.75, 2.0, 2.5, 3.0)
-NAMES = (
-    "aspect",
-    "packing_fraction",
-    "jamming_packing_fraction",
-    "coordination_number",
-    "nematic_order",
-    "global_order",
-)
-NAMES += ("local_order", "states_of_self_stress", "reached")
-
-
-def measured(found: pm.Run, reached: bool) -> tuple[float, ...]:
-    """Return the numbers of a packing, in the order of the names after the aspect."""
-    bonds, report = pm.bond_orientational_order(found.packing, 6), found.report
-    z = 2.0 * report["contacts"] / (found.packing.particles - report["rattlers"])
-    fractions = report["packing_fraction"], report.get("jamming_packing_fraction", np.nan)
-    orders = float(pm.nematic_order(found.packing)), bonds.global_order, bonds.local_order
-    return *fractions, z, *orders, report["states_of_self_stress"], float(reached)
+NAMES = ("aspect", *MEASURED, "states_of_self_stress", "reached")
 
 
 def prepare(particles: int, step: float, aspects: list[float], pressure: float, seed: int) -> dict[str, np.ndarray]:
@@ -52,7 +36,7 @@ def prepare(particles: int, step: float, aspects: list[float], pressure: float, 
             reached = found.ok and found.report.get("aspect", aspect) == aspect
             if reached:
                 scene, last = scene.replace(packing=found.packing), aspect
-        rows.append((aspect, *measured(found, reached)))
+        rows.append((aspect, *measured(found), float(reached)))
     return dict(zip(NAMES, np.array(rows).T, strict=True))
 
 
@@ -69,19 +53,17 @@ def main(
     """Prepare the packings, write a table of each step and draw the figure."""
     grid = {"particles": particles, "step": steps, "aspects": [aspects], "pressure": pressure, "seed": range(packings)}
     found = pm.run_ensemble(prepare, grid, out / "members" / "annealing", workers=workers).of(grid)
-    panels = ("jamming_packing_fraction", "coordination_number", "nematic_order", "local_order")
     figure, axes = plt.subplots(2, 2, figsize=(10.0, 7.2), layout="constrained")
     for step in steps:
         table = found.where(step=step).rows()
         pm.write_table(table, out / f"annealed-{step:g}.csv")
-        for ax, name in zip(axes.flat, panels, strict=True):
+        for ax, name in zip(axes.flat, PANELS, strict=True):
             value_ra = np.where(table["reached"] > 0.0, table[name], np.nan).reshape(-1, len(aspects))
             error = np.nanstd(value_ra, axis=0) / np.sqrt(max(1, len(value_ra) - 1))
             label = f"annealed, steps of {step:g}" if step else "quenched"
             ax.errorbar(aspects, np.nanmean(value_ra, axis=0), error, marker="o", capsize=2.0, label=label)
             ax.set(xlabel="aspect", ylabel=name.replace("_", " "))
     axes[0, 0].legend()
-    figure.suptitle(f"Ellipses 1:1.4, N = {particles}, pressure {pressure:g}, {packings} of a kind")
     figure.savefig(out / "annealing.png", dpi=150)
 
 

@@ -10,22 +10,13 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from cyclopts import run
+from packings import MEASURED, PANELS, measured
 
 import packmech as pm
 
 AMPLITUDES = {"quenched": (0.0,), "sheared": (0.05, 0.1), "tapped": (0.1, 0.2), "annealed": (0.05,)}
-NAMES = ("cycle", "packing_fraction", "jamming_packing_fraction", "coordination_number", "nematic_order", "local_order")
-NAMES += ("global_order", "states_of_self_stress", "displacement")
+NAMES = ("cycle", *MEASURED, "states_of_self_stress", "displacement")
 ASPECT, JAM = 1.5, {"pressure": 1e-6, "strain": "isotropic"}
-
-
-def measured(found: pm.Run, displacement: float = np.nan) -> tuple[float, ...]:
-    """Return the numbers of a packing, in the order of the names after the cycle."""
-    bonds, report = pm.bond_orientational_order(found.packing, 6), found.report
-    z = 2.0 * report["contacts"] / (found.packing.particles - report["rattlers"])
-    fractions = report["packing_fraction"], report.get("jamming_packing_fraction", np.nan)
-    orders = float(pm.nematic_order(found.packing)), bonds.local_order, bonds.global_order
-    return *fractions, z, *orders, report["states_of_self_stress"], displacement
 
 
 def prepare(preparation: str, particles: int, amplitude: float, cycles: list[int], seed: int) -> dict[str, np.ndarray]:
@@ -36,17 +27,11 @@ def prepare(preparation: str, particles: int, amplitude: float, cycles: list[int
         discs = discs.replace(packing=pm.jam(discs, **JAM).packing)
         way = np.linspace(1.0, ASPECT, round((ASPECT - 1.0) / amplitude) + 1)[1:].tolist()
         found = pm.anneal_shape(discs, way, seed=seed, pressure=JAM["pressure"])[-1]
-        return dict(zip(NAMES, np.array([(one, *measured(found)) for one in cycles]).T, strict=True))
+        return dict(zip(NAMES, np.array([(one, *measured(found), np.nan) for one in cycles]).T, strict=True))
     start = pm.random_packing(particles, packing_fraction=0.6, shapes=pm.Ellipses(ASPECT), **given)
-    scene = pm.Scene(start, (pm.Repulsion(),))
-    found = pm.jam(scene, **JAM)
-    scene, rng, done, rows, displacement = (
-        scene.replace(packing=found.packing),
-        np.random.default_rng(seed),
-        0,
-        [],
-        np.nan,
-    )
+    found = pm.jam(pm.Scene(start, (pm.Repulsion(),)), **JAM)
+    scene, rng = pm.Scene(found.packing, (pm.Repulsion(),)), np.random.default_rng(seed)
+    done, rows, displacement = 0, [], np.nan
     if preparation == "sheared":
         scene = scene.replace(packing=pm.jam(scene, pressure=1e-3, strain="isotropic").packing)
     for count in cycles:
@@ -57,7 +42,7 @@ def prepare(preparation: str, particles: int, amplitude: float, cycles: list[int
             last = pm.cyclic_shear(scene, amplitude, count - done, step=amplitude / 2.0, pressure=1e-3)[-1]
             scene, displacement = scene.replace(packing=last.packing), last.report.get("displacement", np.nan)
             found = pm.jam(scene, **JAM)
-        rows.append((count, *measured(found, displacement)))
+        rows.append((count, *measured(found), displacement))
         done = count
     return dict(zip(NAMES, np.array(rows).T, strict=True))
 
@@ -75,16 +60,14 @@ def main(
     grid = [common | {"preparation": name, "amplitude": values} for name, values in AMPLITUDES.items()]
     found = pm.run_ensemble(prepare, grid, out / "members" / "preparations", workers=workers).of(grid)
     pm.write_table(found.rows(), out / "preparations.csv")
-    panels = ("jamming_packing_fraction", "coordination_number", "nematic_order", "local_order")
     figure, axes = plt.subplots(2, 2, figsize=(10.0, 7.2), layout="constrained")
     for preparation, amplitudes in AMPLITUDES.items():
         for amplitude in amplitudes:
             table = found.where(preparation=preparation, amplitude=amplitude).rows()
-            for ax, name in zip(axes.flat, panels, strict=True):
+            for ax, name in zip(axes.flat, PANELS, strict=True):
                 value_rc = table[name].reshape(-1, len(cycles))
                 error_c = value_rc.std(axis=0) / np.sqrt(max(1, packings - 1))
-                label = f"{preparation}, {amplitude:g}"
-                ax.errorbar(cycles, value_rc.mean(axis=0), error_c, marker="o", capsize=2.0, label=label)
+                ax.errorbar(cycles, value_rc.mean(axis=0), error_c, fmt="o-", label=f"{preparation}, {amplitude:g}")
                 ax.set(xscale="log", xlabel="cycles or taps", ylabel=name.replace("_", " "))
     axes[0, 0].legend()
     figure.savefig(out / "preparations.png", dpi=150)

@@ -4,7 +4,6 @@ python recordings/spectra/contacts.py --particles 1024 --packings 16 [--dimensio
 """
 
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,28 +17,27 @@ BUCKLERS, OTHERS, GAPS = 0.17462, 0.42311, -0.41269
 SMALL_FORCE, SMALL_GAP, CLOSED = 0.1, 1e-2, 1e-10
 
 
-def touch(dimension: int, particles: int, seed: int) -> dict[str, Any]:
+def touch(dimension: int, particles: int, seed: int) -> dict[str, float | np.ndarray]:
     """Return forces [mean force] and gaps [contact distance] of a hard packing, if it has one state of self stress."""
     given = {"sizes": pm.Bidisperse(ratio=1.4), "packing_fraction": {2: 0.87, 3: 0.68}[dimension], "seed": seed}
     scene = pm.Scene(pm.random_packing(particles, dimension=dimension, **given), (pm.Repulsion(),))
     found = pm.jam(scene, strain="isotropic", check=False)
-    hard = found.report.get("hard_packing")
-    if hard is None or found.report["hard_excess_contacts"] != 0:
+    if found.report.get("hard_excess_contacts") != 0:
         return {"contacts": 0}
-    backbone, _ = pm.remove_rattlers(hard, gap_tolerance=CLOSED)
+    backbone, _ = pm.remove_rattlers(found.report["hard_packing"], gap_tolerance=CLOSED)
     near = pm.find_contacts(backbone, gap_tolerance=0.1)
     gap = near.gap_c / near.contact_distance_c
     contacts = near.select(gap <= CLOSED)
     stress = pm.states_of_self_stress(backbone, contacts=contacts)
-    force_c = stress.force_ck[:, 0] / stress.force_ck[:, 0].mean()
+    force_c = stress.force_ck[:, 0]
     buckler_n = contacts.count_n() == dimension + 1
     return {
         "contacts": len(contacts),
         "isostatic_contacts": dimension * (backbone.particles - 1) + 1,
         "bucklers": int(buckler_n.sum()),
         "jamming_packing_fraction": found.report["jamming_packing_fraction"],
-        "force_imbalance": float(stress.residual / abs(stress.force_ck[:, 0].mean())),
-        "force_c": force_c,
+        "force_imbalance": float(stress.residual / abs(force_c.mean())),
+        "force_c": force_c / force_c.mean(),
         "on_buckler_c": buckler_n[contacts.i_c] | buckler_n[contacts.j_c],
         "gap_p": gap[gap > CLOSED],
     }
@@ -63,13 +61,12 @@ def main(
         share = np.arange(1, len(value) + 1) / len(value)
         (line,) = ax.loglog(value, share, label=words)
         x = np.geomspace(1e-4 * small, small, 20)
-        at_small = np.interp(small, value, share)
-        ax.loglog(x, at_small * (x / small) ** (1.0 + theory), ":", color=line.get_color(), label=f"{1 + theory:.3f}")
+        law = np.interp(small, value, share) * (x / small) ** (1.0 + theory)
+        ax.loglog(x, law, ":", color=line.get_color(), label=f"{1 + theory:.3f}")
         exponent, error, count = pm.small_value_exponent(parts, small)
         print(f"{words}: {exponent:.3f} +- {error:.3f} from {count} values, mean field {theory:g}")
-    left.set(xlabel="contact force over its mean", ylabel="share of smaller forces")
-    right.set(xlabel="gap over contact distance", ylabel="share of smaller gaps")
-    for ax in (left, right):
+    for ax, words in ((left, "contact force over its mean"), (right, "gap over contact distance")):
+        ax.set(xlabel=words, ylabel="share of smaller ones")
         ax.legend()
     figure.suptitle(f"{len(kept)} exact hard packings of N = {particles}, d = {dimension}")
     figure.savefig(out / f"{name}.png", dpi=150)

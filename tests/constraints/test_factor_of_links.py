@@ -5,7 +5,7 @@ import pytest
 
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.link_system import elimination_order, envelope
+from packmech.constraints.link_system import link_order, make_link_system
 from packmech.contacts.network import pair_contacts
 from packmech.linalg.block_system import gather
 
@@ -36,7 +36,7 @@ def products(pairs):
 @pytest.mark.parametrize("seed", range(8))
 def test_the_order_names_every_link_once_and_cluster_after_cluster(seed):
     packing = tangle(seed)
-    order = elimination_order(packing.links, packing.particles)
+    order = link_order(packing.links.i_l, packing.links.j_l, packing.particles)
     assert sorted(order) == list(range(len(packing.links)))
     assert (np.diff(packing.links.clusters(packing.particles)[packing.links.i_l][order]) >= 0).all()
 
@@ -44,15 +44,15 @@ def test_the_order_names_every_link_once_and_cluster_after_cluster(seed):
 @pytest.mark.parametrize("seed", range(8))
 def test_the_tables_of_the_envelope_hold_all_products_of_gradients(seed):
     packing = tangle(seed)
-    pairs, order = geometry(packing), elimination_order(packing.links, packing.particles)
-    table = envelope(packing.links, order, packing.particles)
+    pairs, table = geometry(packing), make_link_system(packing.links, *packing.position_nd.shape)
+    order = table.order_r
     filled, normal = 2.0 * np.eye(len(order)), pairs.normal_cd[order]
-    row, column = table["row_e"], table["column_e"]
-    np.add.at(filled, (row, column), table["sign_e"] * (normal[row] * normal[column]).sum(axis=1))
+    row, column = table.row_e, table.column_e
+    np.add.at(filled, (row, column), table.sign_e * (normal[row] * normal[column]).sum(axis=1))
     whole = products(pairs)[np.ix_(order, order)]
     assert np.abs(np.tril(whole) - filled).max() < 1e-14
-    assert (column >= table["first_r"][row]).all()
-    assert (table["slot_e"] == table["start_r"][row] + column - table["first_r"][row]).all()
+    assert (column >= table.first_r[row]).all()
+    assert (table.slot_e == table.start_r[row] + column - table.first_r[row]).all()
 
 
 @pytest.mark.parametrize("seed", range(8))

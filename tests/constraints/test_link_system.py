@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.link_system import make_link_system, project_link_positions, project_links, refill_links
+from packmech.constraints.link_system import make_link_system, project_links, record_link_positions, refill_links
 
 GOLDEN = pathlib.Path(__file__).parents[1] / "golden"
 
@@ -115,7 +115,7 @@ def test_relabelled_particles_get_the_same_projected_force(kind, seed):
 def test_positions_come_back_to_the_lengths(kind, dimension):
     position, links, lattice = clusters(kind, dimension, scatter=0.02)
     system = make_link_system(links, *position.shape, mean_diameter=1.0)
-    iterations, error, pivot = project_link_positions(system, position, lattice, 1e-13, 12)
+    iterations, error, pivot = record_link_positions(system, position, lattice, 1e-13, 12, np.empty(0))
     length = np.linalg.norm(links.vectors(position, lattice), axis=1)
     assert iterations < 12 and pivot > 0.0 and error < 1e-13
     assert (np.abs(length - links.length_l) / np.maximum(links.length_l, 1.0)).max() < 1.1e-13
@@ -126,7 +126,7 @@ def test_one_step_back_to_the_lengths_is_the_shortest():
     before = position.copy()
     error = np.linalg.norm(links.vectors(position, lattice), axis=1) - links.length_l
     shortest = np.linalg.lstsq(dense_jacobian(links, position, lattice).T, error, rcond=None)[0]
-    project_link_positions(make_link_system(links, *position.shape), position, lattice, 0.0, 1)
+    record_link_positions(make_link_system(links, *position.shape), position, lattice, 0.0, 1, np.empty(0))
     assert np.abs((before - position).ravel() - shortest).max() < 1e-13
 
 
@@ -192,7 +192,7 @@ def test_a_nearly_straight_chain_comes_back_to_its_lengths_nearby(dimension, rea
     before = position + shove * rng.normal(size=position.shape)
     position = before.copy()
     system = make_link_system(links, *position.shape, mean_diameter=1.0)
-    _, error, _ = project_link_positions(system, position, lattice, 1e-13, 40)
+    _, error, _ = record_link_positions(system, position, lattice, 1e-13, 40, np.empty(0))
     # coordinates of 300 are rounded by 5.7e-14, on each axis and at both ends
     assert error < 4e-13
     assert np.abs(position - before).max() < 10.0 * shove
@@ -220,8 +220,8 @@ def test_no_way_back_ever_raises_the_errors(shove, seed, dimension):
     position, links, lattice, _ = straightened(dimension, beads=12)
     position = position + shove * np.random.default_rng(seed).normal(size=position.shape)
     system = make_link_system(links, *position.shape, mean_diameter=1.0)
-    before = project_link_positions(system, position, lattice, 1e-13, 0)[1]
-    _, error, _ = project_link_positions(system, position, lattice, 1e-13, 20)
+    before = record_link_positions(system, position, lattice, 1e-13, 0, np.empty(0))[1]
+    _, error, _ = record_link_positions(system, position, lattice, 1e-13, 20, np.empty(0))
     length = np.linalg.norm(links.vectors(position, lattice), axis=1)
     assert error <= before and np.isfinite(position).all()
     assert np.abs(length - links.length_l).max() <= error * np.maximum(links.length_l, 1.0).max() * (1.0 + 1e-9) + 1e-13

@@ -63,12 +63,14 @@ def test_the_checker_passes(arguments):
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", pm.list_scenes())
 def test_the_checker_passes_for_every_shipped_scene(scene):
-    checked(gym.make("packmech_envs:packmech/Quench-v0", scene=scene, bonds="leave out", relax=20))
+    checked(
+        gym.make("packmech_envs:packmech/Quench-v0", scene=scene, bonds="leave out", friction="leave out", relax=20)
+    )
 
 
 def test_scenes_with_bonds_are_refused_unless_they_are_to_be_left_out():
     with pytest.raises(ValueError, match="scene must have no bonds here.*leave out"):
-        QuenchEnv("bulk")
+        QuenchEnv("bulk", friction="leave out")
 
 
 def test_observations_are_float64_and_named():
@@ -361,6 +363,7 @@ def test_a_step_before_the_first_reset_is_refused():
         ({"reward": 3.0}, "reward must be a QuenchReward"),
         ({"reward": QuenchReward(distance_weight=np.inf)}, "reward.distance_weight must be a finite number"),
         ({"bonds": "cut"}, "bonds must be one of"),
+        ({"friction": 0.5}, "friction must be one of"),
         ({"method": "fire"}, r"method must be Fire\(\), Fire2\(\) or DampedDynamics\(\)"),
         ({"render_mode": "svg"}, "render_mode must be one of"),
     ],
@@ -381,7 +384,9 @@ def test_options_come_by_name_or_in_a_record_and_an_unknown_one_is_answered_with
     assert QuenchEnv(discs(), task=QuenchTask(relax=5), step_budget=7).task == task
     batch = gym.make_vec("packmech_envs:packmech/Quench-v0", num_envs=2, scene=discs(), task=task)
     assert batch.unwrapped.task == task
-    with pytest.raises(TypeError, match="'relaxed' is no option of QuenchTask, which has bonds, relax, .*, reward"):
+    with pytest.raises(
+        TypeError, match="'relaxed' is no option of QuenchTask, which has bonds, friction, relax, .*, reward"
+    ):
         gym.make("packmech_envs:packmech/Quench-v0", relaxed=5)
     with pytest.raises(TypeError, match="task must be a QuenchTask, got 'jam'"):
         QuenchVectorEnv(2, discs(), task="jam")

@@ -33,7 +33,7 @@ def test_every_shipped_scene_can_be_sheared_with_bonds_in_place_of_links_and_que
     for name in pm.list_scenes():
         scene = scene_of(name)
         assert shearable(scene, links="bonds").packing.links is None
-        quenched = quenchable(scene, bonds="leave out")
+        quenched = quenchable(scene, bonds="leave out", friction="leave out")
         assert quenched.packing == scene.packing
         assert all(isinstance(one, pm.Repulsion) for one in quenched.effects)
 
@@ -42,11 +42,18 @@ def test_links_and_bonds_are_refused_unless_what_to_do_is_said():
     with pytest.raises(ValueError, match='no rigid links here, got 150; links="bonds" makes'):
         shearable(scene_of("fifty-trimers-2d"))
     with pytest.raises(ValueError, match=r'no bonds here.*effects\[4\]; bonds="leave out"'):
-        quenchable(scene_of("microgel"))
+        quenchable(scene_of("microgel"), friction="leave out")
     with pytest.raises(ValueError, match="links must be one of 'refuse', 'bonds', got 'keep'"):
         shearable(scene_of("triangular"), links="keep")
     with pytest.raises(ValueError, match="bonds must be one of 'refuse', 'leave out', got True"):
         quenchable(scene_of("triangular"), bonds=True)
+
+
+def test_friction_is_refused_where_no_time_passes_unless_it_is_to_be_left_out():
+    with pytest.raises(ValueError, match=r"no friction here, whose tangential springs .*pm.settle"):
+        quenchable(scene_of("rough-discs"))
+    smooth = scene_of("triangular").replace(effects=(pm.Repulsion(), pm.Friction(0.0), pm.ContactDamping(0.3)))
+    assert quenchable(smooth).effects == (pm.Repulsion(),)
 
 
 @pytest.mark.parametrize("effect", [pm.Gravity(0.0, -1.0), pm.Walls(1, 0.0, 5.0)])

@@ -50,8 +50,9 @@ def test_ends_of_episodes_are_told_as_learners_ask_for_them():
 
 
 @pytest.mark.slow
-def test_an_agent_learns_to_jam():
+def test_an_agent_learns_to_jam(monkeypatch):
     pytest.importorskip("stable_baselines3")
+    monkeypatch.syspath_prepend(SCRIPT.parent)
     loader = importlib.util.spec_from_file_location("learning", SCRIPT)
     learning = importlib.util.module_from_spec(loader)
     loader.loader.exec_module(learning)

@@ -2,6 +2,7 @@
 
 import ast
 import pathlib
+import tokenize
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -38,6 +39,7 @@ STUDIES = {
     "spectra/contacts": ({"particles": 32, "packings": 2}, "contacts-2d"),
     "cementing/cementing": ({"particles": (16,), "packings": 2, "orders": 1}, None),
 }
+BLANK = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 RECORDINGS = pathlib.Path(__file__).parents[2] / "recordings"
 matplotlib.use("agg")
 
@@ -189,16 +191,32 @@ def test_what_is_finished_is_not_run_again(script, ran, monkeypatch):
     assert (folder / "contacts.csv").read_bytes() == before
 
 
-def test_studies_use_public_names_only():
+def scripts():
     if not RECORDINGS.exists():
         pytest.skip("no recordings here")
-    scripts = sorted(RECORDINGS.glob("*/*.py"))
-    assert len(scripts) > 30
-    for path in scripts:
+    found = sorted(RECORDINGS.rglob("*.py"))
+    assert len(found) > 40
+    return found
+
+
+def test_studies_use_public_names_only():
+    for path in scripts():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
-                assert not (node.module or "").startswith("packmech"), path
+                assert not f"{node.module}.".startswith("packmech."), path
             elif isinstance(node, ast.Import):
                 assert not [one.name for one in node.names if one.name.startswith("packmech.")], path
             elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "pm":
                 assert node.attr in pm.__all__, f"{path}: pm.{node.attr}"
+
+
+def test_studies_are_short():
+    """Fewer than 60 lines with code each, docstrings, comments and blanks not counted."""
+    for path in scripts():
+        text = path.read_text()
+        words = list(tokenize.generate_tokens(iter(text.splitlines(keepends=True)).__next__))
+        lines = {row for one in words if one.type not in BLANK for row in range(one.start[0], one.end[0] + 1)}
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node) is not None:
+                lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+        assert len(lines) < 60, f"{path}: {len(lines)}"

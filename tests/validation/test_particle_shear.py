@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.dynamics.material import hertz_force, layer_force
 from packmech.validation import particle_shear as ps
 from packmech.validation.particle_shear import material as constants
 from packmech.validation.particle_shear.text_file import COLUMNS, HEADINGS
@@ -185,29 +184,6 @@ def test_discs_of_another_cell_than_the_experiments_are_refused():
     discs = ps.prepared_discs(ps.ParticleShear(particles=20, width=250.0), seed=1, steps=2)
     with pytest.raises(ValueError, match="start must be in the experiment's cell of 500 by 500, got one of 250 by 500"):
         ps.ParticleShear(particles=20).run(discs)
-
-
-def test_hertz_force_is_that_of_two_equal_spheres():
-    # 4/3 E* sqrt(R*) dx^(3/2) with E* = E / (2 (1 - nu^2)) and R* = R/2
-    modulus, radius = 8000.0 / (2.0 * (1.0 - 0.3**2)), 10.0 / 2.0
-    expected = 4.0 / 3.0 * modulus * math.sqrt(radius) * 2.0**1.5
-    assert hertz_force(2.0, 8000.0, 10.0, poisson_ratio=0.3) == pytest.approx(expected, rel=1e-14)
-
-
-def test_force_laws_are_ordered_as_in_the_documentations_figure():
-    # E = 8 kPa, r = 10 um; the Hertz force is per layer, in N/m as the others
-    for overlap, largest in ((2.0, "linear"), (19.0, "divergent")):
-        stiffness = constants.contact_stiffness(8000.0)
-        forces = {
-            "linear": -ps.normal_force(ps.Material(stiffness), 20.0 - overlap, 20.0),
-            "divergent": -ps.normal_force(ps.Material(stiffness, divergence=1.0), 20.0 - overlap, 20.0),
-            "hertz": layer_force(overlap, 8000.0, 10.0) * 1e6,
-        }
-        assert forces["divergent"] >= forces["linear"]
-        if largest == "divergent":
-            assert forces["divergent"] > forces["hertz"] > forces["linear"]
-        else:
-            assert forces["hertz"] < 2.0 * forces["linear"]
 
 
 def test_time_step_follows_the_packages_thresholds():

@@ -7,21 +7,10 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import along_links, project_rows
+from packmech.constraints.compiled_links import along_links
 from packmech.jit.compiled import kernel
 from packmech.minimize.first_order.line_search import copy_to, dot, line_search, longest, read_places
-from packmech.minimize.passes.kernels import (
-    FLOOR,
-    RUNNING,
-    STALLED,
-    Goal,
-    clear,
-    force_pass,
-    judge,
-    project_forces,
-    survey,
-)
-from packmech.minimize.passes.pair_list import follow, is_stale
+from packmech.minimize.passes.kernels import FLOOR, RUNNING, STALLED, Goal, clear, followed, judge, net_forces, survey
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -73,11 +62,9 @@ def conjugate_gradient_steps(
     direction_f = velocity_nd.reshape(force_nd.size)
     start_f = vector_kf[0]
     before_f = vector_kf[1]
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+    sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:

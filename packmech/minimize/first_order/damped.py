@@ -7,11 +7,10 @@ import math
 from typing import Any, NamedTuple
 
 from packmech.check import positive
-from packmech.constraints.compiled_links import project_rows, speeds
+from packmech.constraints.compiled_links import speeds
 from packmech.effects import ContactDamping
 from packmech.jit.compiled import compiled_form, device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
-from packmech.minimize.passes.pair_list import follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, judge, move_pass, net_forces, survey
 from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows
 from packmech.minimize.passes.single_rows import RowsHeld
 from packmech.minimize.program import Program, Progress
@@ -102,8 +101,7 @@ def _choose_without_laws(effects: Any) -> Any:
 def _resist(dashpots, axes, row, space, pairs, dt, velocity_nd, product_nd):
     """Set the product to v + dt (b R^T R / m) v, within what links admit; return v times it."""
     clear(product_nd)
-    sums = force_pass(dashpots, axes, row, product_nd, velocity_nd, pairs)
-    project_forces(space.links, axes, product_nd, velocity_nd, sums)
+    net_forces(dashpots, axes, row, product_nd, velocity_nd, space, pairs)
     power = 0.0
     for i in range(row.shape[0]):
         for a in range(len(axes)):
@@ -156,13 +154,11 @@ def damped_steps(
     left_nd = vector_kf[0].reshape(force_nd.shape)
     way_nd = vector_kf[1].reshape(force_nd.shape)
     product_nd = vector_kf[2].reshape(force_nd.shape)
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
     step = 0
     while True:
-        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness
@@ -192,10 +188,8 @@ def damped_steps(
         reach = dt * math.sqrt(fastest2)
         keep = largest_step / reach if reach > largest_step else 1.0
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, 0.0, dt)
-        moved = dt * math.sqrt(fastest2) + project_rows(space.links, axes, row, space)
+        pairs = followed(axes, row, space, pairs, dt * math.sqrt(fastest2))
         speeds(space.links, axes, velocity_nd, speed2, fastest2)
-        if is_stale(pairs, moved):
-            pairs = follow(axes, row, space, pairs)
         number[_STEP] += 1.0
         step += 1
     return status, pairs

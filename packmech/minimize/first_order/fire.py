@@ -11,10 +11,10 @@ import math
 from typing import Any, NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import project_rows, speeds
+from packmech.constraints.compiled_links import speeds
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, force_pass, move_pass, project_forces, survey
-from packmech.minimize.passes.pair_list import DISPLACED, follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, move_pass, net_forces, survey
+from packmech.minimize.passes.pair_list import DISPLACED
 from packmech.minimize.passes.strains import judge_all, move_box, pull_box, with_rates
 from packmech.minimize.program import Program, Progress
 
@@ -162,12 +162,10 @@ def fire_steps(
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
     while True:
-        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
         now = int(number[_STEP]) + step
         found = sums
         sums = pull_box(strains, effects, axes, row, space, pairs, found)
@@ -206,11 +204,9 @@ def fire_steps(
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
         space = move_box(strains, axes, row, space, pairs, keep, push, dt)
-        moved = dt * math.sqrt(fastest2) + project_rows(space.links, axes, row, space)
+        pairs = followed(axes, row, space, pairs, dt * math.sqrt(fastest2))
         speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         speed2, fastest2 = with_rates(strains, speed2, fastest2)
-        if is_stale(pairs, moved):
-            pairs = follow(axes, row, space, pairs)
     number[_DT] = dt
     number[_ALPHA] = alpha
     number[_DOWNHILL] = downhill

@@ -7,10 +7,8 @@ import math
 from typing import NamedTuple
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, force_pass, judge, move_pass, project_forces, survey
-from packmech.minimize.passes.pair_list import follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, judge, move_pass, net_forces, survey
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -53,14 +51,12 @@ def gradient_descent_steps(
     effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
     clear(velocity_nd)
     step = 0
     while True:
-        sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-        sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness
@@ -70,8 +66,7 @@ def gradient_descent_steps(
         push = settings.step / number[_STIFFNESS]
         push = min(push, largest_step / math.sqrt(sums.largest))
         _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
-        if is_stale(pairs, math.sqrt(fastest2) + project_rows(space.links, axes, row, space)):
-            pairs = follow(axes, row, space, pairs)
+        pairs = followed(axes, row, space, pairs, math.sqrt(fastest2))
         number[_STEP] += 1.0
         step += 1
     return status, pairs

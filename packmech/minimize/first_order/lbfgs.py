@@ -9,21 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.check import integer, positive, real
-from packmech.constraints.compiled_links import along_links, project_rows
+from packmech.constraints.compiled_links import along_links
 from packmech.jit.compiled import device, kernel
 from packmech.minimize.first_order.line_search import add_to, copy_to, dot, line_search, longest, read_places
-from packmech.minimize.passes.kernels import (
-    FLOOR,
-    RUNNING,
-    STALLED,
-    Goal,
-    clear,
-    force_pass,
-    judge,
-    project_forces,
-    survey,
-)
-from packmech.minimize.passes.pair_list import follow, is_stale
+from packmech.minimize.passes.kernels import FLOOR, RUNNING, STALLED, Goal, clear, followed, judge, net_forces, survey
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number, followed by 1 / (s.y) of each remembered step
@@ -102,11 +91,9 @@ def lbfgs_steps(
     before_f = vector_kf[1]
     step_kf = vector_kf[2 : 2 + memory]
     change_kf = vector_kf[2 + memory :]
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+    sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:

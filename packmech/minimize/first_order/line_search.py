@@ -13,7 +13,7 @@ import numpy as np
 
 from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import device, inner_kernel
-from packmech.minimize.passes.kernels import Sums, clear, force_pass, project_forces
+from packmech.minimize.passes.kernels import Sums, clear, net_forces
 from packmech.minimize.passes.pair_list import PairList, follow, is_stale
 
 _TRIALS = 40
@@ -59,8 +59,7 @@ def line_search(
         if is_stale(pairs, abs(length - last) * fastest + back + fixed):
             pairs = follow(axes, row, space, pairs)
         clear(force_nd)
-        sums = force_pass(effects, axes, row, force_nd, direction_nd, pairs)
-        sums = project_forces(space.links, axes, force_nd, direction_nd, sums)
+        sums = net_forces(effects, axes, row, force_nd, direction_nd, space, pairs)
         evaluations += 1
         last = length
         here = sums.power

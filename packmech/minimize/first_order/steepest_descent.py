@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.check import positive, real
-from packmech.constraints.compiled_links import project_rows
 from packmech.jit.compiled import device, inner_kernel, kernel
 from packmech.minimize.first_order.line_search import copy_to, longest, read_places
-from packmech.minimize.passes.kernels import RUNNING, STALLED, Goal, clear, force_pass, judge, project_forces, survey
-from packmech.minimize.passes.pair_list import follow, is_stale
+from packmech.minimize.passes.kernels import RUNNING, STALLED, Goal, clear, followed, judge, net_forces, survey
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -81,11 +79,9 @@ def _start_at(axes, row, start_f, velocity_nd, dt):
 def _force_at(effects, axes, row, force_nd, velocity_nd, space, pairs, start_f, dt, moved):
     """Move the rows by dt times the velocities from the start and take the forces there; return sums and pair list."""
     _start_at(axes, row, start_f, velocity_nd, dt)
-    if is_stale(pairs, moved + dt * longest(axes, velocity_nd) + project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, moved + dt * longest(axes, velocity_nd))
     clear(force_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    return project_forces(space.links, axes, force_nd, velocity_nd, sums), pairs
+    return net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs), pairs
 
 
 @kernel
@@ -96,12 +92,10 @@ def descent_steps(
     force_f = force_nd.reshape(force_nd.size)
     velocity_f = velocity_nd.reshape(force_nd.size)
     start_f, first_f, second_f, third_f = vector_kf[0], vector_kf[1], vector_kf[2], vector_kf[3]
-    if is_stale(pairs, project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
+    pairs = followed(axes, row, space, pairs, 0.0)
     clear(force_nd)
     clear(velocity_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+    sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:

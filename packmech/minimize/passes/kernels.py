@@ -9,20 +9,19 @@ and a tuple `axes` as long as the dimension, so that a plane does not pay for th
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import CompiledLinks, add_tensions, projected, refresh
+from packmech.constraints.compiled_links import CompiledLinks, add_tensions, project_rows, projected, refresh
 from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, kernel
+from packmech.jit.compiled import device, inlined, inner_kernel, kernel
 from packmech.minimize.passes.pair_list import BLOCK, follow, is_stale, pair_at
 from packmech.minimize.passes.shape_rows import (
     flat_spin,
-    has_shapes,
     keep_turned,
     shape_touch,
     shapes_of,
@@ -105,25 +104,6 @@ def _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, squ
     return abs(first), 1
 
 
-def _push_pair(
-    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: int, j: int,
-    dx: float, dy: float, dz: float, square: float, sigma: float,
-) -> Any:  # fmt: skip
-    push = _push_shapes if has_shapes(effects) else _push_round
-    return push(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
-
-
-@compiled_form(_push_pair, inline=True)
-def _choose_push_pair(
-    effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, i: Any, j: Any,
-    dx: Any, dy: Any, dz: Any, square: Any, sigma: Any,
-) -> Any:  # fmt: skip
-    push = _push_shapes if has_shapes(effects) else _push_round
-    return lambda effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma: push(
-        effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma
-    )
-
-
 @device
 def _slope(effects, rho, sigma, rate):
     first = 0.0
@@ -143,15 +123,16 @@ def _law(effects, rho, sigma):
 
 
 @inlined
-def _push_shapes(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
-    """Add forces and torques of a pair of shapes whose surrounding discs overlap; return their size and number.
+def _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Add forces and torques of a pair whose surrounding discs or spheres overlap; return their size and number.
 
     Torques go to the rows of the turns, where `turn_rows` makes forces of them.
     """
+    if shapes is None:
+        return _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
         dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
-    shapes = shapes_of(effects)
     n = shapes.radius_n.shape[0]
     total = 0.0
     touching = 0
@@ -198,7 +179,8 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     shift_kd = pairs.shift_kd
     n = pairs.anchor_nd.shape[0]
-    keep_turned(effects, row)
+    shapes = shapes_of(effects)
+    keep_turned(shapes, row)
     total = 0.0
     touching = 0
     power = 0.0
@@ -217,7 +199,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
             square += dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
-            more, one = _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+            more, one = _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
             total += more
             touching += one
     i_p = pairs.i_p
@@ -235,11 +217,13 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 square += dz * dz
             sigma = row[i, 3] + row[j, 3]
             if square < sigma * sigma:
-                more, one = _push_pair(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+                more, one = _push_pair(
+                    shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma
+                )
                 total += more
                 touching += one
         # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
-        more, pushed = push_rows(effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
+        more, pushed = push_rows(shapes, effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
         total += more
         touching += pushed
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
@@ -253,7 +237,7 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
                 power += fz * velocity_nd[i, 2]
             whole += own
             largest = max(largest, own)
-    more, square, own = turn_rows(effects, axes, row, force_nd, velocity_nd)
+    more, square, own = turn_rows(shapes, axes, row, force_nd, velocity_nd)
     return Sums(total, touching, power + more, whole + square, max(largest, own))
 
 
@@ -264,6 +248,21 @@ def project_forces(links, axes, force_nd, velocity_nd, sums):
         return sums
     power, square, largest = projected(links, axes, force_nd, velocity_nd)
     return Sums(sums.total, sums.touching, power, square, largest)
+
+
+@inlined
+def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs):
+    """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left."""
+    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    return project_forces(space.links, axes, force_nd, velocity_nd, sums)
+
+
+@inlined
+def followed(axes, row, space, pairs, moved):
+    """Bring rows back onto their links after none moved farther than `moved`; return pairs that are valid there."""
+    if is_stale(pairs, moved + project_rows(space.links, axes, row, space)):
+        pairs = follow(axes, row, space, pairs)
+    return pairs
 
 
 @inner_kernel
@@ -333,9 +332,10 @@ def _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
 
 
 @device
-def _survey_shapes(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
-    """Do the same for all contacts of two shapes; return their energy, the largest overlap, and their number."""
-    shapes = shapes_of(effects)
+def _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+    """Do the same for all contacts of two particles; return their energy, the largest overlap, and their number."""
+    if shapes is None:
+        return _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
     if square == 0.0:
         dx = 1e-9 * sigma
     energy = deepest = 0.0
@@ -363,62 +363,31 @@ def _survey_shapes(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial
     return energy, deepest, contacts
 
 
-def _survey_pair(
-    effects: Any, i: int, j: int, dx: float, dy: float, dz: float, square: float, sigma: float,
-    stiffness_n: Any, virial: Any,
-) -> Any:  # fmt: skip
-    own = _survey_shapes if has_shapes(effects) else _survey_round
-    return own(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
-
-
-@compiled_form(_survey_pair)
-def _choose_survey_pair(
-    effects: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any, square: Any, sigma: Any, stiffness_n: Any, virial: Any
-) -> Any:
-    return _survey_shapes if has_shapes(effects) else _survey_round
-
-
 @device
-def _round_contacts(effects, i, j, dx, dy, dz):
-    return 1
-
-
-@device
-def _shape_contacts(effects, i, j, dx, dy, dz):
-    shapes = shapes_of(effects)
-    if dx * dx + dy * dy + dz * dz == 0.0:
-        dx = 1e-9 * (shapes.radius_n[i] + shapes.radius_n[j])
+def contacts_of(shapes, row, i, j, sx, sy, sz):
+    """Return in how many places two rows touch at an image, whose shift is given."""
+    dx = row[j, 0] - row[i, 0] + sx
+    dy = row[j, 1] - row[i, 1] + sy
+    dz = row[j, 2] - row[i, 2] + sz
+    sigma = row[i, 3] + row[j, 3]
+    square = dx * dx + dy * dy + dz * dz
+    if square >= sigma * sigma:
+        return 0
+    if shapes is None:
+        return 1
+    if square == 0.0:
+        dx = 1e-9 * sigma
     number = 0
     for k in range(touches(shapes, i, j)):
         number += shape_touch(shapes, i, j, k, dx, dy, dz, shapes.dimension).touching
     return number
 
 
-def _contacts_at(effects: Any, i: int, j: int, dx: float, dy: float, dz: float) -> Any:
-    return (_shape_contacts if has_shapes(effects) else _round_contacts)(effects, i, j, dx, dy, dz)
-
-
-@compiled_form(_contacts_at)
-def _choose_contacts_at(effects: Any, i: Any, j: Any, dx: Any, dy: Any, dz: Any) -> Any:
-    return _shape_contacts if has_shapes(effects) else _round_contacts
-
-
-@device
-def contacts_of(effects, row, i, j, sx, sy, sz):
-    """Return in how many places two rows touch at an image, whose shift is given."""
-    dx = row[j, 0] - row[i, 0] + sx
-    dy = row[j, 1] - row[i, 1] + sy
-    dz = row[j, 2] - row[i, 2] + sz
-    sigma = row[i, 3] + row[j, 3]
-    if dx * dx + dy * dy + dz * dz >= sigma * sigma:
-        return 0
-    return _contacts_at(effects, i, j, dx, dy, dz)
-
-
 @inner_kernel
 def survey(effects, row, pairs):
     """Return the Survey of the touching pairs, without what links bear."""
-    keep_turned(effects, row)
+    shapes = shapes_of(effects)
+    keep_turned(shapes, row)
     stiffness_n = np.zeros(row.shape[0])
     energy = 0.0
     virial = np.zeros((3, 3))
@@ -432,14 +401,14 @@ def survey(effects, row, pairs):
         square = dx * dx + dy * dy + dz * dz
         sigma = row[i, 3] + row[j, 3]
         if square < sigma * sigma:
-            own, overlap, count = _survey_pair(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
+            own, overlap, count = _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
             energy += own
             deepest = max(deepest, overlap)
             contacts += count
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
-    more, stiffness = survey_rows(effects, row, stiffness_n)
+    more, stiffness = survey_rows(shapes, effects, row, stiffness_n)
     energy += more
     for i in range(row.shape[0]):
         stiffness = max(stiffness, stiffness_n[i])

@@ -105,19 +105,17 @@ def _kind(one: Any) -> Any:
     return getattr(one, "instance_class", type(one))
 
 
-def has_shapes(effects: Any) -> bool:
-    """Return whether a tuple of effects, or numba's type of one, holds shapes."""
-    return any(_kind(one) in (ShapeRows, BeadRows) for one in effects)
-
-
 def shapes_of(effects: Any) -> Any:
-    """Return the shapes among the effects."""
-    return next(one for one in effects if isinstance(one, ShapeRows | BeadRows))
+    """Return the shapes among the effects; None where there are none."""
+    return next((one for one in effects if isinstance(one, ShapeRows | BeadRows)), None)
 
 
 @compiled_form(shapes_of)
 def _choose_shapes_of(effects: Any) -> Any:
-    place = next(k for k, one in enumerate(effects) if _kind(one) in (ShapeRows, BeadRows))
+    places = [k for k, one in enumerate(effects) if _kind(one) in (ShapeRows, BeadRows)]
+    if not places:
+        return lambda effects: None
+    place = places[0]
     return lambda effects: effects[place]
 
 
@@ -188,17 +186,11 @@ def _choose_keep_turned(shapes: Any, row: Any) -> Any:
     return lambda shapes, row: own(shapes, row)
 
 
-def keep_turned(effects: Any, row: Any) -> None:
-    """Keep the shapes as the rows turn them, for the pass that follows."""
-    if has_shapes(effects):
-        _keep_turned(shapes_of(effects), row)
-
-
-@compiled_form(keep_turned)
-def _choose_keep_shapes(effects: Any, row: Any) -> Any:
-    if has_shapes(effects):
-        return lambda effects, row: _keep_turned(shapes_of(effects), row)
-    return lambda effects, row: None
+@device
+def keep_turned(shapes, row):
+    """Keep the shapes, if there are any, as the rows turn them, for the pass that follows."""
+    if shapes is not None:
+        _keep_turned(shapes, row)
 
 
 @inlined
@@ -413,24 +405,19 @@ def _turn_bodies(shapes, axes, row, force_nd, velocity_nd):
     return power, whole, largest
 
 
-def _turner(effects: Any) -> Any:
-    beads = any(_kind(one) is BeadRows for one in effects)
-    return _turn_bodies if beads else _turn_directors
+def _turn(shapes: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> Any:
+    own = _turn_bodies if _kind(shapes) is BeadRows else _turn_directors
+    return own(shapes, axes, row, force_nd, velocity_nd)
 
 
-def turn_rows(effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> tuple[float, float, float]:
+@compiled_form(_turn)
+def _choose_turn(shapes: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> Any:
+    return _turn_bodies if _kind(shapes) is BeadRows else _turn_directors
+
+
+@device
+def turn_rows(shapes, axes, row, force_nd, velocity_nd):
     """Make forces on turns of the torques in their rows; return F.v, F.F, and the square of the largest."""
-    if has_shapes(effects):
-        power, whole, largest = _turner(effects)(shapes_of(effects), axes, row, force_nd, velocity_nd)
-        return power, whole, largest
-    return 0.0, 0.0, 0.0
-
-
-@compiled_form(turn_rows)
-def _choose_turn_rows(effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> Any:
-    own = _turner(effects)
-    if has_shapes(effects):
-        return lambda effects, axes, row, force_nd, velocity_nd: own(
-            shapes_of(effects), axes, row, force_nd, velocity_nd
-        )
-    return lambda effects, axes, row, force_nd, velocity_nd: (0.0, 0.0, 0.0)
+    if shapes is None:
+        return 0.0, 0.0, 0.0
+    return _turn(shapes, axes, row, force_nd, velocity_nd)

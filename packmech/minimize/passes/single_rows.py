@@ -14,8 +14,8 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
-from packmech.jit.compiled import compiled_form, device
-from packmech.minimize.passes.shape_rows import has_shapes, shapes_of
+from packmech.jit.compiled import compiled_form, device, inlined
+from packmech.minimize.passes.bond_rows import RowsBonded, push_bonded, survey_bonded
 from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
 
@@ -60,48 +60,24 @@ def acting_on_rows(scene: Scene, order_n: NDArray[np.int64]) -> tuple[Any, ...]:
     return tuple(rows)
 
 
-@device
-def _push(rows, axes, row, force_nd, low, high):
-    total = 0.0
-    pushed = 0
-    for i in range(low, high):
-        fx = fy = fz = 0.0
-        for one in literal_unroll(rows.single):
-            x, y, z = body_force(one, row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, rows.mass_n[i], row[i, 3])
-            fx += x
-            fy += y
-            fz += z
-            square = x * x + y * y + z * z
-            if square != 0.0 and not rows.held_n[i]:
-                total += math.sqrt(square)
-                pushed += 1
-        force_nd[i, 0] += fx
-        force_nd[i, 1] += fy
-        if len(axes) == 3:
-            force_nd[i, 2] += fz
-    return total, pushed
+@inlined
+def _pushed(one, shapes, row, i, mass):
+    """Return the force and the torque of one effect on a particle at rest."""
+    if shapes is None:
+        x, y, z = body_force(one, row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, mass, row[i, 3])
+        return x, y, z, 0.0, 0.0, 0.0
+    return push_on_shape(one, shapes, i, Motion(row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), mass)
 
 
 @device
-def _hold(rows, axes, row, force_nd, low, high):
-    for i in range(low, high):
-        if rows.held_n[i]:
-            for a in range(len(axes)):
-                force_nd[i, a] = 0.0
-    return 0.0, 0
-
-
-@device
-def _push_shapes(rows, shapes, axes, row, force_nd, low, high):
-    n = shapes.radius_n.shape[0]
+def _push(one, shapes, axes, row, force_nd, low, high):
     total = 0.0
     pushed = 0
     for i in range(low, high):
         fx = fy = fz = 0.0
         tx = ty = tz = 0.0
-        motion = Motion(row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        for one in literal_unroll(rows.single):
-            px, py, pz, qx, qy, qz = push_on_shape(one, shapes, i, motion, rows.mass_n[i])
+        for acting in literal_unroll(one.single):
+            px, py, pz, qx, qy, qz = _pushed(acting, shapes, row, i, one.mass_n[i])
             fx += px
             fy += py
             fz += pz
@@ -109,121 +85,122 @@ def _push_shapes(rows, shapes, axes, row, force_nd, low, high):
             ty += qy
             tz += qz
             square = px * px + py * py + pz * pz
-            if square != 0.0 and not rows.held_n[i]:
+            if square != 0.0 and not one.held_n[i]:
                 total += math.sqrt(square)
                 pushed += 1
         force_nd[i, 0] += fx
         force_nd[i, 1] += fy
         if len(axes) == 3:
             force_nd[i, 2] += fz
+        _turn(shapes, axes, force_nd, i, tx, ty, tz)
+    return total, pushed
+
+
+@device
+def _turn(shapes, axes, force_nd, i, tx, ty, tz):
+    """Add a torque to the row of a particle's turn, if it has one."""
+    if shapes is not None:
+        n = shapes.radius_n.shape[0]
+        if len(axes) == 3:
             force_nd[n + i, 0] += tx
             force_nd[n + i, 1] += ty
             force_nd[n + i, 2] += tz
         else:
             force_nd[n + i, 0] += tz
-    return total, pushed
 
 
 @device
-def _hold_shapes(rows, shapes, axes, row, force_nd, low, high):
-    n = shapes.radius_n.shape[0]
+def _hold(one, shapes, axes, row, force_nd, low, high):
+    n = one.held_n.shape[0]
     for i in range(low, high):
-        if rows.held_n[i]:
-            for a in range(len(axes)):
-                force_nd[i, a] = 0.0
-                force_nd[n + i, a] = 0.0
+        if one.held_n[i]:
+            for k in range(i, row.shape[0], n):
+                for a in range(len(axes)):
+                    force_nd[k, a] = 0.0
     return 0.0, 0
 
 
-def _push_rows(
-    one: Any, effects: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any
-) -> tuple[float, int]:  # fmt: skip
-    """Add what one record does; `effects` hold the shapes, if there are any."""
+@device
+def _leave(one, shapes, axes, row, force_nd, low, high):
+    return 0.0, 0
+
+
+def _push_rows(one: Any, shapes: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> tuple[float, int]:
+    """Add what one record does to particles with these shapes, None for discs and spheres."""
     raise NotImplementedError("rows are pushed in compiled loops")
 
 
 @compiled_form(_push_rows)
-def _choose_push_rows(one: Any, effects: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
-    kind = getattr(one, "instance_class", None)
-    if kind not in (RowsPushed, RowsHeld):
-        return lambda one, effects, axes, row, force_nd, low, high: (0.0, 0)
-    if has_shapes(effects):
-        act = _push_shapes if kind is RowsPushed else _hold_shapes
-        return lambda one, effects, axes, row, force_nd, low, high: act(
-            one, shapes_of(effects), axes, row, force_nd, low, high
-        )
-    on_discs = _push if kind is RowsPushed else _hold
-    return lambda one, effects, axes, row, force_nd, low, high: on_discs(one, axes, row, force_nd, low, high)
+def _choose_push_rows(one: Any, shapes: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
+    kind: Any = getattr(one, "instance_class", None)
+    return {RowsPushed: _push, RowsHeld: _hold, RowsBonded: push_bonded}.get(kind, _leave)
 
 
 @device
-def push_rows(effects, axes, row, force_nd, low, high):
+def push_rows(shapes, effects, axes, row, force_nd, low, high):
     """Add what acts on single rows to their forces, none on those that are held; return its total and how many."""
     total = 0.0
     pushed = 0
     for one in literal_unroll(effects):
-        more, count = _push_rows(one, effects, axes, row, force_nd, low, high)
+        more, count = _push_rows(one, shapes, axes, row, force_nd, low, high)
         total += more
         pushed += count
     return total, pushed
 
 
-@device
-def _survey_pushed(rows, row, stiffness_n):
-    energy = 0.0
-    for i in range(row.shape[0]):
-        x, y, z, mass, radius = row[i, 0], row[i, 1], row[i, 2], rows.mass_n[i], row[i, 3]
-        for one in literal_unroll(rows.single):
-            energy += body_energy(one, x, y, z, mass, radius)
-            xx, yy, zz, yz, xz, xy = body_second(one, x, y, z, mass, radius)
-            stiffness_n[i] += max(abs(xx), abs(yy), abs(zz)) + abs(yz) + abs(xz) + abs(xy)
-    return energy, rows.stiffness
+@inlined
+def _energy(one, shapes, row, i, mass):
+    """Return the energy of a particle under one effect, and a bound of its stiffness."""
+    x, y, z, radius = row[i, 0], row[i, 1], row[i, 2], row[i, 3]
+    if shapes is None:
+        xx, yy, zz, yz, xz, xy = body_second(one, x, y, z, mass, radius)
+        stiffness = max(abs(xx), abs(yy), abs(zz)) + abs(yz) + abs(xz) + abs(xy)
+        return body_energy(one, x, y, z, mass, radius), stiffness
+    return energy_of_shape(one, shapes, i, x, y, z, mass)
 
 
 @device
-def _survey_pushed_shapes(rows, shapes, row, stiffness_n):
+def _survey_pushed(one, shapes, row, stiffness_n):
     energy = 0.0
-    for i in range(shapes.radius_n.shape[0]):
-        x, y, z = row[i, 0], row[i, 1], row[i, 2]
-        for one in literal_unroll(rows.single):
-            own, stiffness = energy_of_shape(one, shapes, i, x, y, z, rows.mass_n[i])
+    for i in range(one.mass_n.shape[0]):
+        for acting in literal_unroll(one.single):
+            own, stiffness = _energy(acting, shapes, row, i, one.mass_n[i])
             energy += own
             stiffness_n[i] += stiffness
-    return energy, rows.stiffness
+    return energy, one.stiffness
 
 
 @device
-def _survey_held(rows, row, stiffness_n):
-    for i in range(rows.held_n.shape[0]):
-        if rows.held_n[i]:
+def _survey_held(one, shapes, row, stiffness_n):
+    for i in range(one.held_n.shape[0]):
+        if one.held_n[i]:
             stiffness_n[i] = 0.0
     return 0.0, 0.0
 
 
-def _survey_rows(one: Any, effects: Any, row: Any, stiffness_n: Any) -> tuple[float, float]:
-    """Return what one record does; `effects` hold the shapes, if there are any."""
+@device
+def _survey_none(one, shapes, row, stiffness_n):
+    return 0.0, 0.0
+
+
+def _survey_rows(one: Any, shapes: Any, row: Any, stiffness_n: Any) -> tuple[float, float]:
+    """Return what one record does to particles with these shapes, None for discs and spheres."""
     raise NotImplementedError("rows are looked at in compiled loops")
 
 
 @compiled_form(_survey_rows)
-def _choose_survey_rows(one: Any, effects: Any, row: Any, stiffness_n: Any) -> Any:
-    kind = getattr(one, "instance_class", None)
-    if kind is RowsPushed and has_shapes(effects):
-        return lambda one, effects, row, stiffness_n: _survey_pushed_shapes(one, shapes_of(effects), row, stiffness_n)
-    if kind is RowsPushed:
-        return lambda one, effects, row, stiffness_n: _survey_pushed(one, row, stiffness_n)
-    if kind is RowsHeld:
-        return lambda one, effects, row, stiffness_n: _survey_held(one, row, stiffness_n)
-    return lambda one, effects, row, stiffness_n: (0.0, 0.0)
+def _choose_survey_rows(one: Any, shapes: Any, row: Any, stiffness_n: Any) -> Any:
+    kind: Any = getattr(one, "instance_class", None)
+    return {RowsPushed: _survey_pushed, RowsHeld: _survey_held, RowsBonded: survey_bonded}.get(kind, _survey_none)
 
 
 @device
-def survey_rows(effects, row, stiffness_n):
+def survey_rows(shapes, effects, row, stiffness_n):
     """Return the energies of what acts on single rows and a stiffness of contacts; add its own to stiffness_n."""
     energy = 0.0
     stiffness = 0.0
     for one in literal_unroll(effects):
-        more, least = _survey_rows(one, effects, row, stiffness_n)
+        more, least = _survey_rows(one, shapes, row, stiffness_n)
         energy += more
         stiffness = max(stiffness, least)
     return energy, stiffness
