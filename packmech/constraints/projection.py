@@ -218,7 +218,7 @@ def project_force(
     method = "householder" if method == "clusters" else method
     with single_thread():
         basis = constraint_basis(packing, strain, method=method, strain_scale=scale)
-        position, stretch = link_rows(packing)
+        position, stretch = link_rows(ConstraintFactor(packing))
         found = _by_basis(basis, stretch / scale, force, pull, scale, strain)
     left, strain_left, *_ = found
     rate = np.abs(position.T @ left.ravel() + stretch.T @ strain_left / scale).max(initial=0.0)
