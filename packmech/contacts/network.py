@@ -163,11 +163,6 @@ class Contacts:
         """The (C,) sizes of a force of a contact over du/dr: ones."""
         return np.ones(len(self))
 
-    def distance_change(self, start: Contacts) -> NDArray[np.float64]:
-        """Return the (C,) changes of the distances of the same pairs since the start, from those of their vectors."""
-        change = self.vector_cd - start.vector_cd
-        return distance_change(start.vector_cd, change)[0]
-
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)
