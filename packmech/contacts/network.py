@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -160,8 +160,32 @@ class Contacts:
 
     @property
     def push_c(self) -> NDArray[np.float64]:
-        """The (C,) sizes of a force of a contact over du/dr: ones."""
+        """The (C,) sizes of a force of a contact over du/drho: 1."""
         return np.ones(len(self))
+
+    @property
+    def turn_nkt(self) -> NDArray[np.float64]:
+        """The (N, 0, t) rotations that coordinates of turns make: discs and spheres have none."""
+        return np.zeros((self.particles, 0, 1 if self.dimension == 2 else 3))
+
+    @property
+    def pairs(self) -> Candidates:
+        """The pairs, as `pair_contacts` takes them."""
+        return Candidates(self.i_c, self.j_c, self.image_cd)
+
+    def at(self, packing: Packing) -> Contacts:
+        """Return the same pairs where another packing of the same particles is, touching or not."""
+        return pair_contacts(packing, *self.pairs)
+
+    def among(self, kept_n: NDArray[np.bool_]) -> Contacts:
+        """Return the contacts both of whose particles are among the (N,) named ones."""
+        return self.select(kept_n[self.i_c] & kept_n[self.j_c])
+
+    def numbered(self, number_n: NDArray[np.int64], packing: Packing) -> Contacts:
+        """Return the contacts between the particles of another packing, by their new numbers."""
+        return replace(
+            self, i_c=number_n[self.i_c], j_c=number_n[self.j_c], particles=int(number_n.max(initial=-1)) + 1
+        )
 
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.packing import Packing
+
+Pairs = Candidates | Contacts | ShapeContacts
 
 
 def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
@@ -37,8 +42,32 @@ def measure_pairs(packing: Packing, pairs: Candidates, *, second: bool = False) 
     return pair_contacts(packing, *pairs) if packing.shapes is None else shape_contacts(packing, pairs, second=second)
 
 
-def list_pairs(contacts: Contacts | ShapeContacts) -> Candidates:
+def list_pairs(pairs: Pairs) -> Candidates:
     """Return the pairs of sites, as `measure_pairs` takes them: particles, or the beads of bodies."""
-    if isinstance(contacts, ShapeContacts):
-        return contacts.pairs
-    return Candidates(contacts.i_c, contacts.j_c, contacts.image_cd)
+    return pairs if isinstance(pairs, Candidates) else pairs.pairs
+
+
+def pair_names(pairs: Pairs) -> list[tuple[int, ...]]:
+    """Return pairs of sites as (i, j, image)."""
+    return [tuple(row) for row in np.column_stack(list_pairs(pairs)).tolist()]
+
+
+def are_among(some: Pairs, others: Pairs) -> NDArray[np.bool_]:
+    """Return which of some pairs are among others, by sites and images."""
+    return np.isin(_keys(some), _keys(others))
+
+
+def places_among(some: Pairs, others: Pairs) -> NDArray[np.int64]:
+    """Return where pairs, all of them listed, are among others."""
+    key = _keys(others)
+    order = np.argsort(key)
+    return np.asarray(order[np.searchsorted(key[order], _keys(some))])
+
+
+def _keys(pairs: Pairs) -> NDArray[np.int64]:
+    """Return a number for each pair of sites and its image."""
+    sites = list_pairs(pairs)
+    key = np.asarray(sites.i_c * (1 << 24) + sites.j_c)
+    for column in sites.image_cd.T:
+        key = key * 401 + column + 200
+    return key

@@ -8,6 +8,7 @@ the rotations of i and of j, angles in a plane and rotation vectors in space.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,8 +50,8 @@ class ShapeContacts:
         9 in space.
     curvature_cxx
         (C, X, X) second derivatives of the distance; none where they were not asked for.
-    shapes
-        The shapes, as they are turned.
+    radius_n, shapes
+        (N,) radii of the particles [length], and their shapes, as they are turned.
 
     """
 
@@ -66,6 +67,7 @@ class ShapeContacts:
     site_j_c: NDArray[np.int64]
     particles: int
     dimension: int
+    radius_n: NDArray[np.float64]
     shapes: Shapes
 
     def __len__(self) -> int:
@@ -86,10 +88,24 @@ class ShapeContacts:
         """The (C,) sizes of a force of a contact over du/drho [1]."""
         return np.asarray(np.sqrt((self.slope_cx[:, : self.dimension] ** 2).sum(axis=1)))
 
+    @functools.cached_property
+    def turn_nkt(self) -> NDArray[np.float64]:
+        """The (N, K, t) rotations that one length of each coordinate of turns makes."""
+        # a network of no particles keeps the shapes of its packing
+        return self.shapes.turn_basis(self.radius_n)[: self.particles]
+
     @property
     def pairs(self) -> Candidates:
         """The pairs of sites, as `shape_contacts` takes them."""
         return Candidates(self.site_i_c, self.site_j_c, self.image_cd)
+
+    def at(self, packing: Packing) -> ShapeContacts:
+        """Return the same pairs of sites where another packing of the same particles is, touching or not."""
+        return shape_contacts(packing, self.pairs)
+
+    def among(self, kept_n: NDArray[np.bool_]) -> ShapeContacts:
+        """Return the contacts both of whose particles are among the (N,) named ones."""
+        return self.select(kept_n[self.i_c] & kept_n[self.j_c])
 
     def select(self, keep_c: ArrayLike) -> ShapeContacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
@@ -108,25 +124,13 @@ class ShapeContacts:
         site_i = self.site_i_c - start[self.i_c] + now[i]
         site_j = self.site_j_c - start[self.j_c] + now[j]
         return replace(
-            self, i_c=i, j_c=j, site_i_c=site_i, site_j_c=site_j, particles=packing.particles, shapes=packing.shapes
-        )
+            self, i_c=i, j_c=j, site_i_c=site_i, site_j_c=site_j,
+            particles=int(number_n.max(initial=-1)) + 1, radius_n=packing.radius_n, shapes=packing.shapes,
+        )  # fmt: skip
 
     def count_n(self) -> NDArray[np.int64]:
         """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
         return np.bincount(np.concatenate([self.i_c, self.j_c]), minlength=self.particles)
-
-    def gather(self, weight_c: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (N, d) and (N, t) sums of the slopes times weights: along positions and along rotations."""
-        d, pull = self.dimension, weight_c[:, None] * self.slope_cx
-        turns = (pull.shape[1] - d) // 2
-        return self._sum(-pull[:, :d], pull[:, :d]), self._sum(pull[:, d : d + turns], pull[:, d + turns :])
-
-    def _sum(self, on_i_ck: NDArray[np.float64], on_j_ck: NDArray[np.float64]) -> NDArray[np.float64]:
-        net = np.empty((self.particles, on_i_ck.shape[1]))
-        for k in range(on_i_ck.shape[1]):
-            net[:, k] = np.bincount(self.i_c, on_i_ck[:, k], self.particles)
-            net[:, k] += np.bincount(self.j_c, on_j_ck[:, k], self.particles)
-        return net
 
     def distance_change(self, start: ShapeContacts) -> NDArray[np.float64]:
         """Return the (C,) changes of the distances of the same pairs since the start.
@@ -142,35 +146,15 @@ class ShapeContacts:
         return np.where(np.abs(scaled).max(axis=1) < _SMALL, along, self.distance_c - start.distance_c)
 
 
-def slopes_of_ends(contacts: ShapeContacts, turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (2, C, q) slopes of the distances along the coordinates of i and of j: positions, turns as lengths."""
-    d, t = contacts.dimension, turn_nkt.shape[2]
-    ends = []
-    for place, n, sign in ((d, contacts.i_c, -1.0), (d + t, contacts.j_c, 1.0)):
-        turned = np.einsum("ckt,ct->ck", turn_nkt[n], contacts.slope_cx[:, place : place + t])
-        ends.append(np.hstack([sign * contacts.slope_cx[:, :d], turned]))
-    return np.array(ends)
-
-
-def bead_positions(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (B, d) places and (B,) radii of the beads of a packing of rigid bodies."""
-    shapes = packing.shapes
-    assert isinstance(shapes, Beads)
-    place = packing.position_nd[shapes.particle_b] + shapes.arms(packing.radius_n)
-    return place, shapes.bead_radius(packing.radius_n)
-
-
 def candidate_shapes(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
     """Return the pairs of sites that touch when shapes, or beads, are grown by scale and skin, and perhaps some more.
 
     Sites are particles, in whose surrounding discs or spheres their shapes are, or beads of different bodies.
     """
-    shapes = packing.shapes
-    assert shapes is not None
-    if not isinstance(shapes, Beads):
-        return candidate_pairs(packing.position_nd, shapes.reach(packing.radius_n), packing.box, scale=scale, skin=skin)
-    found = candidate_pairs(*bead_positions(packing), packing.box, scale=scale, skin=skin)
-    owner = shapes.particle_b
+    bodies, radius = packing.bodies, packing.radius_n
+    owner, reach = bodies.particle_b, np.maximum(*bodies.semi_axes(radius))
+    place = packing.position_nd[owner] + bodies.arms(radius)
+    found = candidate_pairs(place, reach, packing.box, scale=scale, skin=skin)
     i, j = owner[found.i_c], owner[found.j_c]
     other = (i != j) | found.image_cd.any(axis=1)
     order = np.flatnonzero(other)[np.lexsort((j[other], i[other]))]
@@ -197,7 +181,7 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
     """
     shapes = packing.shapes
     assert shapes is not None
-    owner = shapes.particle_b if isinstance(shapes, Beads) else np.arange(packing.particles)
+    owner = shapes.particle_b
     i, j = owner[pairs.i_c], owner[pairs.j_c]
     vector = packing.position_nd[j] - packing.position_nd[i] + pairs.image_cd @ packing.box.lattice_dd.T
     if isinstance(shapes, Beads):
@@ -219,7 +203,7 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
         curvature = found.second_pxx * sigma[: len(found.second_pxx), None, None]
     return ShapeContacts(
         i, j, pairs.image_cd, vector, distance, sigma, first, curvature, pairs.i_c, pairs.j_c,
-        packing.particles, packing.dimension, shapes,
+        packing.particles, packing.dimension, packing.radius_n, shapes,
     )  # fmt: skip
 
 

@@ -68,9 +68,8 @@ class Spans:
         dt: float,
         velocity_nd: NDArray[np.float64] | None = None,
         spin_nk: NDArray[np.float64] | None = None,
-        threads: int = 1,
     ) -> None:
-        self.scene, self.dt, self.steps, self.threads = scene, dt, 0, threads
+        self.scene, self.dt, self.steps = scene, dt, 0
         self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
         self.spin_nk = spin_nk
         self._limits: tuple[Condition, ...] = ()
@@ -124,6 +123,16 @@ class Spans:
         return float(self.row[POTENTIAL] + self.row[TANGENTIAL])
 
     @property
+    def pressure(self) -> float:
+        """Pressure, -trace/d of the stress [energy/length^d]."""
+        return -float(np.trace(self.stress_dd)) / len(self.stress_dd)
+
+    def shear_stress(self, axes: tuple[int, int]) -> float:
+        """Return the component of the stress along two axes, its mean with the transposed one [energy/length^d]."""
+        a, b = axes
+        return 0.5 * float(self.stress_dd[a, b] + self.stress_dd[b, a])
+
+    @property
     def residual(self) -> float:
         """Largest net force over the mean contact force [1]; nan where nothing touches."""
         mean = self.row[TOTAL] / self.row[CONTACTS] if self.row[CONTACTS] else 0.0
@@ -167,7 +176,6 @@ class Spans:
             spin_nk=self.spin_nk,
             profile=Ramp(0.0, size, 0.0, math.inf),
             direction_dd=rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
-            threads=self.threads,
         )
 
     def _look(self, engine: Engine) -> None:

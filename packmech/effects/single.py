@@ -247,7 +247,7 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
     Parameters
     ----------
     scene
-        A scene whose packing has shapes.
+        The scene; one of discs or spheres has nothing that is unknown.
     single
         Whether the call knows effects on single particles.
 
@@ -258,7 +258,7 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
 
     """
     shapes = scene.packing.shapes
-    for k, one in enumerate(scene.effects):
+    for k, one in enumerate(scene.effects if shapes is not None else ()):
         kind = type(one)
         alone = hasattr(kind, "body_energy") or hasattr(one, "particles")
         own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
@@ -270,7 +270,7 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
 
 
 def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Walls, float, WallTouches]]:
-    """Return what touches each wall of a packing with shapes: place of the effect, effect, side (1 below), touches."""
+    """Return what touches each wall: place of the effect among all, effect, side (1 below), touches."""
     place = None
     found = []
     for k, one in enumerate(effects):
@@ -283,7 +283,7 @@ def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Wa
 
 
 def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
-    """Return what effects on single particles make of a packing with shapes: walls turn them, all else does not.
+    """Return what effects on single particles make of a packing: walls turn those with shapes, all else does not.
 
     Parameters
     ----------

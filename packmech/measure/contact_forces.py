@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
-from packmech.contacts.friction_cones import FrictionCones
-from packmech.effects import Bonds, contact_terms, held_particles, single_terms, total_push
+from packmech.contacts.rattlers import rough_ends_of
+from packmech.contacts.shape_contacts import touching_pairs
+from packmech.effects import Bonds, acts_on_single, contact_terms, held_particles, single_terms, total_push
 from packmech.honors import honors
 from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
+from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.measure.shaped import shape_forces
 from packmech.measure.stress import force_balance, sum_forces
-from packmech.measure.walls import rattlers_of_scene
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force
@@ -144,11 +145,14 @@ class ContactForces:
         is the rule of `find_rattlers`, for the force-bearing contacts. Particles that are held never rattle; those with
         a weight do where they touch nothing.
         """
-        bearing, mu = self.contacts.select(self.bearing_c), _coefficient(self.scene)
-        cones = None
+        packing, bearing, mu = self.scene.packing, self.contacts.select(self.bearing_c), _coefficient(self.scene)
+        rough = None
         if mu > 0.0:
-            cones = FrictionCones(mu, bearing.distance_c / bearing.contact_distance_c)
-        return rattlers_of_scene(self.scene.packing, bearing, self.scene.effects, cones)
+            share = packing.radius_n[bearing.i_c] / bearing.contact_distance_c
+            arm_i = share[:, None] * bearing.vector_cd
+            spins = np.eye(1 if packing.dimension == 2 else 3) / packing.radius_n[:, None, None]
+            rough = rough_ends_of(bearing, np.stack([arm_i, arm_i - bearing.vector_cd]), spins)
+        return rattlers_among(packing, bearing, self.scene.effects, rough=rough, friction=mu)
 
     @property
     def spinning_n(self) -> NDArray[np.bool_]:
@@ -303,3 +307,18 @@ def torques(scene: Scene) -> NDArray[np.float64]:
         # tangential springs of bonds are slack, and bonded pairs have none of friction
         found = contact_forces(scene.without(Bonds)).torque_nk
     return found[:, 0] if found.shape[1] == 1 else found
+
+
+def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
+    """Return (N,) which particles of a scene at rest rattle: by friction, weights, walls and links, too.
+
+    With links, particles that move apart from the backbone; where something acts on single particles beside links,
+    clusters that can be moved as a whole.
+    """
+    packing, effects = scene.packing, scene.effects
+    if packing.links is not None and not acts_on_single(effects):
+        return find_rattling_clusters(packing).rattling_n
+    if packing.links is None and (packing.tangential is not None or friction_of(scene) is not None):
+        unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
+        return contact_forces(scene.replace(effects=unbonded)).rattlers_n
+    return rattlers_among(packing, touching_pairs(packing, None), effects)

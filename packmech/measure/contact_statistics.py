@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.measure.contact_forces import contact_forces
-from packmech.measure.counting import find_rattlers
+from packmech.measure.rattlers import find_rattlers
 from packmech.measure.shaped import shape_forces
 from packmech.packing import Packing, no_tangential
 from packmech.scene import Scene
@@ -115,12 +115,11 @@ def contact_statistics(
     no_tangential("packing", packing)
     number = integer("bins", bins, at_least=1)
     one_of("rattlers", rattlers, ("remove", "keep"))
-    find = find_contacts if packing.shapes is None else find_shape_contacts
-    contacts: Contacts | ShapeContacts = find(packing, gap_tolerance=gap_tolerance)
+    contacts = touching_pairs(packing, gap_tolerance)
     loose = np.zeros(packing.particles, dtype=bool)
     if rattlers == "remove":
         loose = find_rattlers(packing, gap_tolerance=gap_tolerance)
-        contacts = contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c])
+        contacts = contacts.among(~loose)
     d, normal = packing.dimension, _normals(contacts)
     if d == 2:
         angle = np.mod(np.arctan2(normal[:, 1], normal[:, 0]), np.pi)

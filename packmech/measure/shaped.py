@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.elements import sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import (
     ContactTerms,
@@ -47,7 +48,12 @@ class ShapeForces:
     def _net(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the net forces and torques, none on what is held."""
         d = self.contacts.dimension
-        force, torque = (-one for one in self.contacts.gather(self.terms.first_c))
+        one = self.contacts
+        # rotations in place of turns
+        t = 1 if d == 2 else 3
+        rotation_nkt = np.broadcast_to(np.eye(t), (one.particles, t, t))
+        slope = sum_slopes(one.i_c, one.j_c, self.terms.first_c[:, None] * one.slope_cx, rotation_nkt, d)
+        force, torque = -slope[:, :d], -slope[:, d:]
         if self.bonded is not None:
             force = force + self.bonded.forces()
         if self.single is not None:

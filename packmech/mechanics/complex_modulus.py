@@ -276,16 +276,15 @@ def complex_modulus(
     direction = _direction(mode, axes, d)
     moving = np.ones(n, dtype=bool) if held_n is None else ~particle_mask("held_n", held_n, n)
     drag = _drag(scene)
-    if packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
-        refuse_tangential_bonds(scene.effects, packing.shapes)
+    refuse_unknown_to_shapes(scene)
+    refuse_tangential_bonds(scene.effects, packing.shapes)
     bonds = bonds_of(scene.effects)
     touching, bonded = _touching(scene), bonded_pairs(scene.effects, packing)
     found = [touching] if bonds is None or bonded is None else [touching, _bonded(bonds, bonded)]
     if not any(len(one.pairs) for one in found):
         raise ValueError("scene must have contacts or bonds, got none")
     turning = any(isinstance(one, Friction | Bonds) for one in scene.effects) and packing.shapes is None
-    turn = spin_turns(packing) if turning else None
+    turn = spin_turns(packing) if turning else packing.turn_nkt
     network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
     springs, dashpots = zip(*(one.elements(packing, turning) for one in found), strict=True)
@@ -313,8 +312,8 @@ def complex_modulus(
     overall: NDArray[np.complex128] = 0.5 * (contact + np.swapaxes(contact, 1, 2))
     motion = np.array(answers)
     rotation = np.einsum("fnk,nkt->fnt", motion[..., d:], turn)
-    if packing.shapes is not None:
-        overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
+    # of discs and spheres, whose second moments are the same along all axes, this is none
+    overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
     if mode == "isotropic":
         modulus = np.trace(overall, axis1=1, axis2=2) / d
     else:
@@ -325,7 +324,7 @@ def complex_modulus(
         stress_fdd=overall,
         contact_stress_fdd=contact,
         displacement_fnd=np.ascontiguousarray(motion[..., :d]),
-        rotation_fnk=rotation,
+        rotation_fnk=rotation if turn.shape[1] else rotation[..., :0],
         residual=max(errors),
         rest=rest,
         seconds=time.process_time() - began,

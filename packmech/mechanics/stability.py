@@ -20,7 +20,7 @@ from packmech.constraints.redundancy import workable_links
 from packmech.effects import held_particles, lacking_second
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
-from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve, operator_of, rows_on
+from packmech.mechanics.linked_systems import SOFT, FreeOperator, Operator, Solve, operator_of, rows_on
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.system import assembled_system
 from packmech.scene import Scene
@@ -177,17 +177,12 @@ def _unknown(scene: Scene) -> str:
 
 
 def _stiffest(operator: Operator) -> float:
-    return float(np.abs(_matrix(operator).diagonal()).max(initial=0.0))
+    return float(np.abs(operator.matrix.diagonal()).max(initial=0.0))
 
 
 def _row_sum(operator: Operator) -> float:
     """Return a bound on every curvature."""
-    return float(np.asarray(abs(_matrix(operator)).sum(axis=1)).max(initial=0.0))
-
-
-def _matrix(operator: Operator) -> Any:
-    assert isinstance(operator, FreeOperator | LinkedOperator)
-    return operator.matrix
+    return float(np.asarray(abs(operator.matrix).sum(axis=1)).max(initial=0.0))
 
 
 def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
@@ -204,7 +199,8 @@ def _whole(scene: Scene) -> Network:
     """Return all particles with their contacts, but for those between held ones."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
-    if packing.links is not None and (packing.links.i_l != packing.links.j_l).all():
+    links = packing.rigid_links
+    if len(links) and (links.i_l != links.j_l).all():
         # refuses links that hold to second order only, whose forces are not determined
         network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))
     held = held_particles(effects, packing.particles)

@@ -18,7 +18,7 @@ from packmech.effects import acts_on_single
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure.contact_forces import contact_forces
+from packmech.measure.contact_forces import contact_forces, rattlers_in
 from packmech.measure.counting import packing_fraction
 from packmech.measure.friction import friction_of
 from packmech.measure.stress import energy, force_balance, pressure, stress_tensor
@@ -27,7 +27,6 @@ from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
 from packmech.mechanics.network import contact_network
 from packmech.mechanics.quartic import quartic_modes
-from packmech.mechanics.rattling import rattlers_in
 from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.elements import Elements, elements_of, sum_ends
 from packmech.contacts.network import Candidates, Contacts, distance_change
 from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
 from packmech.effects import contact_terms, held_particles, single_effects, single_terms, total_push
 from packmech.linalg.factor import factor_saddle, factorize
-from packmech.mechanics.assembly import assemble, slopes_of
+from packmech.mechanics.assembly import assemble
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
@@ -293,7 +293,7 @@ class SoftNetwork:
         packing, one = self.packing, self.contacts
         self.turn_nkt = packing.turn_nkt
         bearing = [Elements(one.i_c, one.j_c, one.vector_cd, self.first_c[:, None] * one.slope_cx, _NO_STIFFNESS)]
-        self.uphill_nd = slopes_of(bearing[0], self.turn_nkt)
+        self.uphill_nd = sum_ends(one, self.first_c)
         self.single = single_terms(self.units.effects, packing) if self.acting else None
         if self.single is not None:
             self.uphill_nd -= self.single.force_nd
@@ -450,9 +450,7 @@ class SoftNetwork:
         if self.volume is not None and strain.any():
             factor = (self.volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
-        shapes = packing.shapes
-        if shapes is not None:
-            shapes = shapes.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
+        shapes = packing.bodies.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
         moved = packing.replace(position_nd=position, box=box, shapes=shapes)
         return moved if self.links is None else self.links.projected(moved)
 

@@ -347,14 +347,10 @@ def _kicked(packing: Packing, size: float) -> Packing:
 
     Their mean is taken off: particles that all move alike leave no saddle.
     """
-    shapes, d = packing.shapes, packing.dimension
-    turns = 0 if shapes is None else shapes.turn_basis(packing.radius_n).shape[1]
+    d, turns = packing.dimension, packing.turn_nkt.shape[1]
     kick = size * np.random.default_rng(packing.particles).standard_normal((packing.particles, d + turns))
-    moved = packing.replace(position_nd=packing.position_nd + kick[:, :d] - kick[:, :d].mean(axis=0))
-    if shapes is None:
-        return moved
-    turn = np.einsum("nk,nkt->nt", kick[:, d:], shapes.turn_basis(packing.radius_n))
-    return moved.replace(shapes=shapes.turned(turn))
+    kick[:, :d] -= kick[:, :d].mean(axis=0)
+    return packing.moved(kick)
 
 
 def _overlap(network: SoftNetwork) -> float:
