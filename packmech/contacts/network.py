@@ -206,11 +206,6 @@ class Contacts:
     def _share(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(radius_n[self.i_c] / (radius_n[self.i_c] + radius_n[self.j_c]))
 
-    def distance_change(self, start: Contacts) -> NDArray[np.float64]:
-        """Return the (C,) changes of the distances of the same pairs since the start, from those of their vectors."""
-        change = self.vector_cd - start.vector_cd
-        return distance_change(start.vector_cd, change)[0]
-
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)

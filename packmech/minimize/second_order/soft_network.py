@@ -241,14 +241,6 @@ class SoftNetwork:
         """Return the pairs of the list, touching or not, as they are in a packing."""
         return measure_pairs(packing, self.pairs)
 
-    def energy_change(self, near: Any) -> float:
-        """Return the energy less that of the packing whose pairs of the list are given."""
-        now, sigma = self.near(self.packing), near.contact_distance_c
-        either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
-        now, near = now.select(either), near.select(either)
-        exact = now.distance_change(near)
-        return energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
-
     def growth_to(self, other: Packing) -> float:
         """Return the enthalpy of a packing nearby, whose pairs are those of the list, less that of this one.
 
@@ -263,9 +255,11 @@ class SoftNetwork:
             change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
             own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
         else:
-            self.packing = other
-            own = self.energy_change(near)
-            self.packing = packing
+            now, sigma = self.near(other), near.contact_distance_c
+            either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
+            now, near = now.select(either), near.select(either)
+            exact = now.distance_change(near)
+            own = energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
         return own + self._pressing(packing.box, stretched)
 
     def _pressing(self, box: Box, stretched_dd: Array) -> float:
@@ -360,19 +354,6 @@ class SoftNetwork:
         self.first_c, self.second_c = self.units.terms(contacts, closing=True)
         self.first_c = np.where(np.abs(self.first_c) > least, self.first_c, 0.0)
         self.balance()
-
-    def work(self, before: Box) -> float:
-        """Return the work against the load on the way from a box to that of the packing; none where volume is held.
-
-        A load that is no pressure does it on small strains from where each step begins: it has no potential.
-        """
-        if self.volume is not None:
-            return 0.0
-        work = self.pressure * (self.packing.box.volume - before.volume)
-        if self.rest_dd is None:
-            return work
-        strain_dd = self.packing.box.lattice_dd @ before.inverse_dd - np.eye(self.packing.dimension)
-        return work + self.pressure * before.volume * float((self.rest_dd * strain_dd).sum())
 
     def coupled(self, basis_kdd: NDArray[np.float64], regularization: float) -> Coupled:
         """Return the factored second derivatives of the enthalpy by positions and turns, and those with strains.
@@ -469,7 +450,7 @@ class SoftNetwork:
         if self.volume is not None and strain.any():
             factor = (self.volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
-        shapes = packing.bodies.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], self.turn_nkt))
+        shapes = packing.bodies.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
         moved = packing.replace(position_nd=position, box=box, shapes=shapes)
         return moved if self.links is None else self.links.projected(moved)
 
