@@ -165,8 +165,8 @@ class Contacts:
 
     @property
     def turn_nkt(self) -> NDArray[np.float64]:
-        """The (N, 0, t) rotations that coordinates of turns make: discs and spheres have none."""
-        return np.zeros((self.particles, 0, 1 if self.dimension == 2 else 3))
+        """The (N, 0, 0) rotations that coordinates of turns make: discs and spheres have none."""
+        return np.zeros((self.particles, 0, 0))
 
     @property
     def pairs(self) -> Candidates:
