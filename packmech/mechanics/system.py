@@ -228,13 +228,12 @@ def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArr
     if not acts_on_single(effects):
         return None
     d, turn, index = network.dimension, network.turn_nkt, network.index_n
-    count, turns, rotations = turn.shape
     terms = shaped_terms(effects, packing)
-    change = np.zeros((count, d + turns, d + rotations))
-    change[:, :d, :d] = np.eye(d)
-    change[:, d:, d:] = turn
     second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
     second[:, :d, :d] += _differences(effects, packing)[index]
+    change = np.zeros((len(turn), d + turn.shape[1], second.shape[1]))
+    change[:, :d, :d] = np.eye(d)
+    change[:, d:, d : d + turn.shape[2]] = turn
     return np.asarray(change @ second @ change.transpose(0, 2, 1))
 
 
